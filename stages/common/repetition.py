@@ -55,8 +55,9 @@ def repetition(
 ) -> tuple[float, tuple[int, int]]:
     """Excess of the result's long-range autocorrelation over the exemplar's.
 
-    The largest excess over the exemplar's autocorrelation near the same offset, or where the exemplar is too small,
-    over its 99.5 percentile; as a share of the largest excess possible, 1 minus the exemplar's. ``valid``: pixels
+    The largest excess over the exemplar's autocorrelation near the same offset. Where the exemplar is too small, it
+    is that over its 99.5 percentile, or over what holds in the outer half of the offsets of the same row or column,
+    as along straight lines; as a share of the largest excess possible, 1 minus the exemplar's. ``valid``: pixels
     of either that count; None is all.
 
     Returns
@@ -78,8 +79,12 @@ def repetition(
     correlation = autocorrelation(exemplar, known, valid[0])
     far = _far(known, _MIN_OFFSET / step)
     expected = np.full((2 * reach[0] + 1, 2 * reach[1] + 1), max(float(np.quantile(correlation[far], 0.995)), 0.0))
-    middle = np.s_[reach[0] - known[0] : reach[0] + known[0] + 1, reach[1] - known[1] : reach[1] + known[1] + 1]
-    expected[middle] = np.maximum(cv2.dilate(correlation, np.ones((5, 5), np.uint8)), 0)
+    correlation = np.maximum(cv2.dilate(correlation, np.ones((5, 5), np.uint8)), 0)
+    rows, columns = (slice(most - own, most + own + 1) for most, own in zip(reach, known, strict=True))
+    # What straight lines correlate along themselves does not end where the exemplar does.
+    expected[:, columns] = np.maximum(expected[:, columns], correlation[: known[0] // 2 + 1].min(axis=0))
+    expected[rows] = np.maximum(expected[rows], correlation[:, : known[1] // 2 + 1].min(axis=1)[:, None])
+    expected[rows, columns] = correlation
     excess = (autocorrelation(result, reach, valid[1]) - expected) / np.maximum(1 - expected, _MIN_ROOM)
     excess[~_far(reach, _MIN_OFFSET / step)] = 0
     row, column = np.unravel_index(int(np.argmax(excess)), excess.shape)
