@@ -3,6 +3,8 @@
 import numba
 import numpy as np
 
+from texloom.stages.kernels.core.inner import inner
+
 
 @numba.njit(cache=True, nogil=True)
 def cheapest_path(errors, path):
@@ -42,14 +44,14 @@ def cheapest_path(errors, path):
         path[y] = at
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _between(errors, row, column, other_row, other_column):
     """Cost of a cut between two neighbours."""
     one, other = errors[row, column], errors[other_row, other_column]
     return 0.0 if one < 0 or other < 0 else np.float64(one) + np.float64(other)
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _push(queue, corners, length, cost, corner):
     """Add to a binary heap; its new length."""
     at = length
@@ -63,7 +65,7 @@ def _push(queue, corners, length, cost, corner):
     return length + 1
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _pop(queue, corners, length):
     """Take the least off a binary heap, which its last entry then replaces; its new length."""
     length -= 1
@@ -81,18 +83,26 @@ def _pop(queue, corners, length):
     return length
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _spread(errors, core, gate, target, limit, cost, came):
-    """The first end, or ``target``, of cheapest paths from where ``cost`` is finite; -1 beyond ``limit``."""
+    """The first end of cheapest paths from below the core, or from ``target`` back to it; -1 beyond ``limit``.
+
+    ``cost`` and ``came`` tell of each corner what it took to come there, and in which step.
+    """
     top, bottom, left, right = core
     rows, columns = errors.shape
     width = columns + 1
     queue = np.empty(4 * cost.size, np.float64)
     corners = np.empty(4 * cost.size, np.int64)
-    length = 0
+    length = np.int64(0)  # a literal would have a type of its own, for which `_push` and `_pop` are compiled again
+    for i in range(rows + 1):
+        for j in range(width):
+            cost[i, j], came[i, j] = np.inf, 4
     for i in range(bottom, rows):
-        if cost[i, gate + 1] < limit:
-            length = _push(queue, corners, length, cost[i, gate + 1], i * width + gate + 1)
+        if target < 0 or i == target:
+            cost[i, gate + 1] = _between(errors, i - 1, gate, i, gate)
+            if cost[i, gate + 1] < limit:
+                length = _push(queue, corners, length, cost[i, gate + 1], i * width + gate + 1)
     while length:
         known, corner = queue[0], corners[0]
         length = _pop(queue, corners, length)
@@ -123,7 +133,7 @@ def _spread(errors, core, gate, target, limit, cost, came):
     return -1
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _trace(came, end, gate, steps):
     """Mark the pixels to whose left the path to ``end`` goes up or down; whether it began where it ends."""
     steps[:] = False
@@ -153,20 +163,14 @@ def cheapest_loop(errors, core, limit, inside):
     core : (top, bottom, left, right), the rows and columns of a rectangle off the outermost line
     inside : (m, n) bool; of no use where the cost is infinite
     """
-    _, bottom, left, right = core
+    _, _, left, right = core
     rows, columns = errors.shape
     gate = (left + right - 1) // 2  # the pixels below the core through whose left and right borders a loop closes
-    cost = np.full((rows + 1, columns + 1), np.inf)
-    came = np.full((rows + 1, columns + 1), 4, np.uint8)
-    for i in range(bottom, rows):
-        cost[i, gate + 1] = _between(errors, i - 1, gate, i, gate)
-    end = _spread(errors, core, gate, -1, limit, cost, came)
+    cost, came = np.empty((rows + 1, columns + 1)), np.empty((rows + 1, columns + 1), np.uint8)
+    end = _spread(errors, core, gate, np.int64(-1), limit, cost, came)
     if end < 0:
         return np.inf
     if not _trace(came, end, gate, inside):
-        cost[:] = np.inf
-        came[:] = 4
-        cost[end, gate + 1] = _between(errors, end - 1, gate, end, gate)
         if _spread(errors, core, gate, end, limit, cost, came) < 0:
             return np.inf
         _trace(came, end, gate, inside)

@@ -1,0 +1,6 @@
+"""How kernels are compiled that only other kernels call."""
+
+import numba
+
+inner = numba.njit(cache=True, nogil=True, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+"""decorator of a kernel that Python does not call, which compiles in less time"""
