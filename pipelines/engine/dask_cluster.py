@@ -5,7 +5,6 @@ see the store under the same path. Tasks are those of `texloom.pipelines.engine.
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import functools
 import logging
 from typing import Any
@@ -92,22 +91,15 @@ class DaskExecutor:
     def submit(self, task: InFlight) -> None:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
         with signals.deferred():
-            if self._cluster is None and (error := pool.check_sources(task, in_process=False)) is not None:
-                task.end(Outcome(error=error))
-                return
-            cluster = self._started()
-            task.tell_started()
-            number = next(pool.numbers)
-            pool.in_flight[number] = task
-            payload = pool.Payload(
-                number=number,
-                spec=task.spec.to_json(),
-                store=str(self._run.store.root),
-                threads=cluster.hosts or task.threads,
-                channel=dataclasses.asdict(cluster.receiver.channel),
-                identity=self._run.store.identity(),
+            payload = pool.hand_over(
+                task, self._run.store, self._start, self._cluster is None, in_process=False, identified=True
             )
-            future = cluster.client.submit(pool.compute_once, payload, key=f"{task.step.name}-{number}", pure=False)
+            if payload is None:
+                return
+            number = payload.number
+            future = self._started().client.submit(
+                pool.compute_once, payload, key=f"{task.step.name}-{number}", pure=False
+            )
             self._futures[number] = future
             future.add_done_callback(lambda future: task.end(self._outcome(future, task, number)))
 
@@ -123,6 +115,10 @@ class DaskExecutor:
             self._run.store.create()
             self._cluster = DaskCluster(self._run, self._workers)
         return self._cluster
+
+    def _start(self) -> pool.Workers:
+        cluster = self._started()
+        return pool.Workers(cluster.receiver, cluster.hosts)
 
     def _outcome(self, future: Any, task: InFlight, number: int) -> Outcome:
         pool.in_flight.pop(number, None)

@@ -22,14 +22,14 @@ from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from texloom.pipelines.engine import signals
 from texloom.pipelines.engine.events import Event, Listener, Note, StepProgress
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import InFlight, Outcome
 from texloom.pipelines.engine.task import Inputs, TaskSpec, check_same, run_task
-from texloom.pipelines.engine.worker_progress import Channel, DatagramReceiver, ProgressSender
+from texloom.pipelines.engine.worker_progress import Channel, DaskReceiver, DatagramReceiver, ProgressSender
 from texloom.pipelines.engine.workers import worker_count
 from texloom.pipelines.errors import format_error, is_resource_error, one_line
 from texloom.pipelines.media.sources import SourceError
@@ -100,27 +100,19 @@ class PoolExecutor:
     def submit(self, task: InFlight) -> None:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
         with signals.deferred():
+            is_first = self._pool is None and not self._is_broken
             if self._is_broken:
                 self._leave()
-            elif self._pool is None and (error := check_sources(task, self.in_process)) is not None:
-                task.end(Outcome(error=error))
+            payload = hand_over(task, self.store, self._start, is_first, self.in_process)
+            if payload is None:
                 return
-            pool = self._started()
-            task.tell_started()
-            number = next(numbers)
-            in_flight[number] = task
-            payload = Payload(
-                number=number,
-                spec="" if self.in_process else task.spec.to_json(),
-                store=str(self.store.root),
-                threads=task.threads,
-                channel=None if self._receiver is None else dataclasses.asdict(self._receiver.channel),
-            )
+            number = payload.number
             work: Callable[..., Any] = compute_once
             if self.in_process:
                 work = functools.partial(contextvars.copy_context().run, work)
             try:
-                future = pool.submit(work, payload)
+                assert self._pool is not None
+                future = self._pool.submit(work, payload)
             except BrokenProcessPool:  # a worker was killed a moment ago
                 self._is_broken = True
                 in_flight.pop(number)
@@ -135,7 +127,7 @@ class PoolExecutor:
         with signals.deferred():
             self._leave()
 
-    def _started(self) -> Executor:
+    def _start(self) -> Workers:
         if self._pool is None:
             self.store.create()
             self._children = {child.pid or 0 for child in multiprocessing.active_children()}
@@ -145,7 +137,7 @@ class PoolExecutor:
                 spawn = multiprocessing.get_context("spawn")
                 self._pool = ProcessPoolExecutor(self.workers, spawn, init_process)
                 self._receiver = DatagramReceiver(tell_progress)
-        return self._pool
+        return Workers(self._receiver)
 
     def _leave(self) -> None:
         if self._pool is not None:
@@ -185,16 +177,53 @@ def lost() -> Outcome:
     return Outcome(error=OSError("its worker was killed"), is_lost=True)
 
 
-def check_sources(task: InFlight, in_process: bool) -> Exception | None:
-    """What is wrong with the sources of the first task, found before anything is written."""
-    scope = task.inputs.scope
-    try:
-        scope.values()
-    except Exception as error:
-        return error
-    if not in_process:  # the workers decode them
-        scope.forget_values()
-    return None
+class Workers(NamedTuple):
+    """What the tasks for some workers have in common."""
+
+    receiver: DatagramReceiver | DaskReceiver | None
+    """of their progress; none for threads of this process"""
+    hosts: Mapping[str, int] = {}
+    """how many steps share each machine, where those are not of this one"""
+
+
+def hand_over(
+    task: InFlight,
+    store: Store,
+    start: Callable[[], Workers],
+    is_first: bool,
+    in_process: bool,
+    identified: bool = False,
+) -> Payload | None:
+    """Begin a task: what travels to a worker; None if the task has ended with what is wrong with its sources.
+
+    Parameters
+    ----------
+    start : starts the workers, if they are not. What they write is in the store that it has created.
+    is_first : the sources have to be checked, before anything is written.
+    in_process : the workers are threads of this process.
+    identified : the workers compare the store with this one, as its path may mean another folder there.
+    """
+    if is_first:
+        scope = task.inputs.scope
+        try:
+            scope.values()
+        except Exception as error:
+            task.end(Outcome(error=error))
+            return None
+        if not in_process:  # the workers decode them
+            scope.forget_values()
+    workers = start()
+    task.tell_started()
+    number = next(numbers)
+    in_flight[number] = task
+    return Payload(
+        number=number,
+        spec="" if in_process else task.spec.to_json(),
+        store=str(store.root),
+        threads=workers.hosts or task.threads,
+        channel=None if workers.receiver is None else dataclasses.asdict(workers.receiver.channel),
+        identity=store.identity() if identified else "",
+    )
 
 
 def end_work(in_process: bool, others: Collection[int]) -> None:

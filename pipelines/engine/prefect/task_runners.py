@@ -75,22 +75,13 @@ class TaskRunnerExecutor:
             self._submit(task)
 
     def _submit(self, task: InFlight) -> None:
+        is_first = self.runner is None and not self.broken
         if self.broken:
             self._leave()
-        elif self.runner is None and (error := pool.check_sources(task, self.in_process)) is not None:
-            task.end(Outcome(error=error))
+        payload = pool.hand_over(task, self.store, self._start, is_first, self.in_process)
+        if payload is None:
             return
-        self._start()
-        task.tell_started()
-        number = next(pool.numbers)
-        pool.in_flight[number] = task
-        payload = pool.Payload(
-            number=number,
-            spec="" if self.in_process else task.spec.to_json(),
-            store=str(self.store.root),
-            threads=(self.cluster.hosts if self.cluster is not None else {}) or task.threads,
-            channel=None if self.receiver is None else dataclasses.asdict(self.receiver.channel),
-        )
+        number = payload.number
         parameters = {
             "key": record_name(task.spec.parts.stage, task.spec.parts.key),
             "payload": dataclasses.asdict(payload),
@@ -138,9 +129,12 @@ class TaskRunnerExecutor:
             self.locks.discard(record_name(task.spec.parts.stage, task.spec.parts.key))
             return pool.failed(error)
 
-    def _start(self) -> None:
-        if self.runner is not None:
-            return
+    def _start(self) -> pool.Workers:
+        if self.runner is None:
+            self._start_runner()
+        return pool.Workers(self.receiver, {} if self.cluster is None else self.cluster.hosts)
+
+    def _start_runner(self) -> None:
         self.store.create()
         self.children = {child.pid or 0 for child in multiprocessing.active_children()}
         self.stack.enter_context(_environment({"PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "CRITICAL"}))
