@@ -248,6 +248,7 @@ def reconstruct(
     share, notes = 0.0, []
     if control is not None and target is not None:
         share = correlation(image, control, scale) if explained is None else explained
+        inputs = dataclasses.replace(inputs, explained=share)
         notes = _notes(share, scale.beyond(target), inputs.rare)
     for note in notes:
         _LOG.warning(note)

@@ -17,10 +17,12 @@ from texloom.stages.synthesis._kcoherence.discrete import (
     DiscreteSolver,
     Neighbourhoods,
     OrientedDiscreteSolver,
+    Sources,
 )
 from texloom.stages.synthesis._kcoherence.expected_use import expected_use
 from texloom.stages.synthesis._kcoherence.frames import Frames, at_scale, clipped, interpolated
 from texloom.stages.synthesis._kcoherence.known_control import extrapolated
+from texloom.stages.synthesis._kcoherence.reseed import reseeded
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 from texloom.stages.synthesis._patchmatch.scale import Rounds, Scale
@@ -51,6 +53,8 @@ class Inputs:
     """share of the target whose control the exemplar hardly has; see `extrapolated`"""
     margin: int = 0
     """px of its other end that follow each border of a toroidal exemplar; 0 of any other"""
+    explained: float = 0.0
+    """share of the texture's variance that control explains, 0..1"""
 
     @classmethod
     def of(
@@ -239,11 +243,20 @@ class PixelSolver(Solver):
         """Improve ``match`` in place, round by round."""
         solver = self._solver(scale)
         last = scale.level == len(self.scales)
-        source = np.ascontiguousarray(np.moveaxis(match, 0, 2))
+        source = self._begun(np.ascontiguousarray(np.moveaxis(match, 0, 2)), scale, random)
         for number in itertools.count():
             progress = solver(source, 0 if last else self.tries, last or number % 2 == 1, random)
             match[:] = np.moveaxis(source, 2, 0)
             yield progress
+
+    def _begun(self, source: Sources, scale: Scale, random: np.random.Generator) -> Sources:
+        """The sources that a scale begins with."""
+        if scale.level == 1:
+            return source
+        before = self.inputs.wanted(self.scales[scale.level - 2])
+        own, wanted = resize(self.inputs.control, *scale.exemplar), self.inputs.wanted(scale)
+        coarser = resize(before, *scale.target, bilinear=True)
+        return reseeded(source, own, wanted, coarser, self.inputs.explained, random)
 
     def _solver(self, scale: Scale) -> DiscreteSolver:
         exemplar, control = self._neighbourhoods(scale), self.inputs.wanted(scale)
@@ -279,6 +292,10 @@ class OrientedSolver(PixelSolver):
     def from_pixels(self, start: Correspondence, scale: Scale) -> Match:
         """A correspondence of full size at a scale."""
         return at_scale(start, scale.factor, scale.patches, scale.places)
+
+    def _begun(self, source: Sources, scale: Scale, random: np.random.Generator) -> Sources:  # noqa: ARG002
+        """The sources that a scale begins with: as they are, since rotated pieces are not laid."""
+        return source
 
     def _laid(self, corner: np.ndarray, offset: np.ndarray, side: int, scale: Scale) -> Match:
         """Places at ``offset`` from the ``corner`` of a block that is rotated about its centre."""
