@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float32, Float64, Int16, Int32, Int64
 
 from texloom.stages.arrays import Channels
 from texloom.stages.common.components import components
-from texloom.stages.kernels.core.threads import run_all, spans
+from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.masks import count_excluded
 
 UNIT = 16
@@ -122,20 +122,13 @@ class Components:
         # A margin over the longest vector of the sample; longer vectors are shortened.
         longest = float(np.sqrt((((sample - mean) @ basis) ** 2).sum(axis=1).max()))
         unit = _MAX_LENGTH / max(1.25 * longest, 1.0)
-        return cls(size, channels, mean.astype(np.float32), (basis * unit).astype(np.float32), unit)
+        return cls(size, channels, mean.astype(np.float32), np.ascontiguousarray(basis * unit, np.float32), unit)
 
     def vectors(self, pixels: Int16[np.ndarray, "h wc"], step: int = 1) -> Int16[np.ndarray, "n 32"]:
         """The vectors of whole neighbourhoods at every ``step`` px down and across, row by row."""
-        windows = _windows(pixels, self.channels, self.size)[::step, ::step]
-        down, across = windows.shape[:2]
-        vectors = np.empty((down * across, DIMENSIONS), np.int16)
-
-        def project(first: int, last: int) -> None:
-            rows = windows[first:last].reshape(-1, self.mean.size)
-            vectors[first * across : last * across] = self.projected(rows)
-
-        run_all(project, spans(down, math.ceil(down * across / _BLOCK_SIZE)))
-        return vectors
+        down, across = places(pixels.shape[0], pixels.shape[1] // self.channels, self.size)
+        rows, columns = np.arange(0, down, step), np.arange(0, across, step)
+        return self._projected(pixels, (rows[:, None] * pixels.shape[1] + columns * self.channels).ravel())
 
     def vectors_at(
         self,
@@ -143,14 +136,24 @@ class Components:
         numbers: Int64[np.ndarray, "n"],  # type: ignore[name-defined]
     ) -> Int16[np.ndarray, "n 32"]:
         """The vectors of the whole neighbourhoods with these indices, row by row."""
-        windows = _windows(pixels, self.channels, self.size)
-        rows, columns = np.divmod(numbers, windows.shape[1])
-        return self.projected(windows[rows, columns].reshape(-1, self.mean.size))
+        rows, columns = np.divmod(numbers, pixels.shape[1] // self.channels - self.size + 1)
+        return self._projected(pixels, rows * pixels.shape[1] + columns * self.channels)
 
     def projected(self, rows: Int16[np.ndarray, "n values"]) -> Int16[np.ndarray, "n 32"]:
         """The vectors of neighbourhoods, one a row."""
-        values = product(rows.astype(np.float32), self.basis) - self.mean @ self.basis
-        length = np.sqrt((values**2).sum(axis=1, keepdims=True))
-        values *= np.minimum(1, _MAX_LENGTH / np.maximum(length, 1))
-        # Towards zero, so that rounding lengthens no vector.
-        return np.asarray(np.trunc(values), np.int16)
+        return self._projected(rows, np.arange(len(rows)) * self.mean.size, rows=1)
+
+    def _projected(
+        self, pixels: Int16[np.ndarray, "h wc"], starts: np.ndarray, rows: int | None = None
+    ) -> Int16[np.ndarray, "n 32"]:
+        """The vectors of the neighbourhoods of ``rows`` rows that begin at these flat indices of ``pixels``."""
+        from texloom.stages.kernels.core.projection import project_windows
+
+        rows = self.size if rows is None else rows
+        vectors = np.empty((len(starts), DIMENSIONS), np.int16)
+        image = pixels.astype(np.float32)
+        offset = self.mean @ self.basis
+        run = self.mean.size // rows
+        fixed = (image, starts, rows, run, self.basis, offset, np.float32(_MAX_LENGTH), vectors)
+        run_spans(project_windows, fixed, len(starts), math.ceil(len(starts) / _BLOCK_SIZE))
+        return vectors
