@@ -9,11 +9,10 @@ from pydantic import Field
 
 from texloom.stages.analysis.tsvq import Leaf, Nodes, balanced
 from texloom.stages.common.neighbourhoods import Components, fixed_point
+from texloom.stages.common.similarity_sets import similarity_sets
 from texloom.stages.declare import Params, stage
-from texloom.stages.kernels.core.threads import run_all, run_spans
 
 _CLUSTER_SIZE = 48  # maximum size of the clusters in which sets are initially searched
-_PIECES = 16
 
 Candidates: TypeAlias = Int32[np.ndarray, "p q k"]
 """for every whole neighbourhood, by its top-left pixel, the most similar ones, itself first and the nearest next; a
@@ -73,26 +72,16 @@ def similar_places(
     vectors: Int16[np.ndarray, "n 32"], nodes: Nodes, leaf: Leaf, min_separation: int, params: KCoherenceParams
 ) -> Candidates:
     """The similarity sets of ``vectors``, one a neighbourhood; members are ``min_separation`` px apart or more."""
-    from texloom.stages.kernels.compaction.tree import HALF
-    from texloom.stages.kernels.kcoherence.candidates import cluster_candidates, propagate_candidates
-
-    down, across = leaf.shape
-    min_separation = max(1, min_separation)
-    halves = np.ascontiguousarray(vectors).reshape(-1, HALF)
     cluster = _small_clusters(nodes, leaf.ravel())
     inside = np.flatnonzero(cluster >= 0)
     members = inside[np.argsort(cluster[inside], kind="stable")]
     sizes = np.bincount(cluster[inside], minlength=1)
     begin = np.concatenate([[0], np.cumsum(sizes)])
-    candidates = np.full((cluster.size, params.k), -1, np.int32)
-    distance = np.empty((cluster.size, params.k), np.int64)
-    shared = (halves, members, begin, across, min_separation, _CLUSTER_SIZE, candidates, distance)
-    run_all(cluster_candidates, [(*shared, *span) for span in balanced(sizes)])
-    for _ in range(params.rounds):
-        known = candidates.copy()
-        fixed = (halves, down, across, min_separation, known, candidates, distance)
-        run_spans(propagate_candidates, fixed, down, _PIECES)
-    return candidates.reshape(down, across, params.k)
+    separation = max(1, min_separation)
+    sets = similarity_sets(
+        vectors, leaf.shape, members, begin, balanced(sizes), params.k, separation, _CLUSTER_SIZE, params.rounds
+    )
+    return sets.reshape(*leaf.shape, params.k)
 
 
 def _small_clusters(nodes: Nodes, leaf: np.ndarray) -> np.ndarray:

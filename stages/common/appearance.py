@@ -11,7 +11,9 @@ from jaxtyping import Float32, Int16, Int32
 
 from texloom.stages.arrays import Mask
 from texloom.stages.common.components import components
-from texloom.stages.kernels.core.threads import run_spans
+from texloom.stages.common.neighbourhoods import DIMENSIONS
+from texloom.stages.common.similarity_sets import similarity_sets
+from texloom.stages.kernels.core.threads import run_spans, spans
 
 COMPONENTS = 8
 """dimensions of an appearance vector, and of a projected neighbourhood"""
@@ -168,32 +170,22 @@ def similar_places(vectors: Appearance, complete: Mask, step: int, k: int, min_s
 
 def similar_sets(vectors: Appearance, complete: Mask, k: int, min_separation: int) -> Int32[np.ndarray, "places k"]:
     """Similarity sets of the complete places; the sets of others hold only themselves."""
-    from texloom.stages.kernels.compaction.tree import HALF
-    from texloom.stages.kernels.kcoherence.candidates import cluster_candidates, propagate_candidates
-
     height, width = complete.shape
     places = np.arange(height * width, dtype=np.int32)
-    candidates = np.repeat(places[:, None], max(2, k), axis=1)
-    if k > 1:
-        wide = np.zeros((height * width, 2 * HALF), np.int16)
-        wide[:, :COMPONENTS] = vectors.reshape(-1, COMPONENTS)
-        outside = ~complete.ravel()
-        wide[outside] = 0
-        wide[outside, COMPONENTS] = FAR
-        halves = wide.reshape(-1, HALF)
-        inside = places[~outside]
-        members, begin = _clusters(vectors.reshape(-1, COMPONENTS)[inside])
-        distance = np.full(candidates.shape, 2**62, np.int64)
-        candidates[:, 1:] = -1
-        distance[:, 0] = 0
-        members = inside[members].astype(np.int64)
-        shared = (halves, members, begin, width, max(1, min_separation), _CLUSTER_SIZE, candidates, distance)
-        run_spans(cluster_candidates, shared, begin.size - 1, _PIECES)
-        for _ in range(_ROUNDS):
-            fixed = (halves, height, width, max(1, min_separation), candidates.copy(), candidates, distance)
-            run_spans(propagate_candidates, fixed, height, _PIECES)
-        candidates = np.where((candidates < 0) | outside[candidates], places[:, None], candidates)
-    return np.ascontiguousarray(candidates[:, :k], np.int32)
+    if k == 1:
+        return places[:, None]
+    wide = np.zeros((height * width, DIMENSIONS), np.int16)
+    wide[:, :COMPONENTS] = vectors.reshape(-1, COMPONENTS)
+    outside = ~complete.ravel()
+    wide[outside] = 0
+    wide[outside, COMPONENTS] = FAR
+    inside = places[~outside]
+    members, begin = _clusters(vectors.reshape(-1, COMPONENTS)[inside])
+    sets = similarity_sets(
+        wide, (height, width), inside[members].astype(np.int64), begin, spans(begin.size - 1, _PIECES),
+        k, max(1, min_separation), _CLUSTER_SIZE, _ROUNDS, places[outside],
+    )  # fmt: skip
+    return np.where((sets < 0) | outside[sets], places[:, None], sets)
 
 
 def _clusters(vectors: Int16[np.ndarray, "n 8"]) -> tuple[np.ndarray, np.ndarray]:

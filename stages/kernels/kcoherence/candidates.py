@@ -1,6 +1,7 @@
 """Candidate sets of k-coherence: for every neighbourhood of a texture the most similar others.
 
-Places are numbered row by row. Vectors are held as in `texloom.stages.kernels.compaction.tree`.
+Places are numbered row by row. Members of sets are row << bits | column, where a column takes so many ``bits``: how
+far two are apart needs no division then. Vectors are held as in `texloom.stages.kernels.compaction.tree`.
 """
 
 import numba
@@ -9,88 +10,89 @@ import numpy as np
 from texloom.stages.kernels.compaction.tree import HALF, vector_distance
 from texloom.stages.kernels.patchmatch.search import cross_step
 
-_NONE = 2**62  # distance of an empty entry
+NONE = 2**31 - 1
+"""distance of an empty entry"""
 
 
-@numba.njit(cache=True, nogil=True)
-def _holds(candidates, place):
-    """Whether a set has ``place``."""
-    held = False
-    for other in candidates:
-        held |= other == place
-    return held
-
-
-@numba.njit(cache=True, nogil=True)
-def _insert(candidates, distance, place, d, across, min_separation):
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def _insert(candidates, distance, place, d, bits, min_separation):
     """Add ``place``, nearer than the last of a set that is sorted by distance, unless a better one is too close.
 
     Too close is less than ``min_separation`` px away; worse entries that close are removed. The first entry is the
     place itself and stays.
     """
+    mask = (np.int64(1) << bits) - 1
+    row, column = place >> bits, place & mask
     most = candidates.size
-    row, column = place // across, place % across
-    for i in range(most):
-        if candidates[i] < 0:
-            break
-        close = max(abs(candidates[i] // across - row), abs(candidates[i] % across - column)) < min_separation
-        if (close or candidates[i] == place) and (i == 0 or distance[i] <= d):
+    at = 0
+    while distance[at] <= d:  # not the last
+        other = np.int64(candidates[at])
+        if max(abs((other >> bits) - row), abs((other & mask) - column)) < min_separation:
             return
-    kept = 1
-    for i in range(1, most):
-        other = candidates[i]
-        if other < 0:
-            break
-        if max(abs(other // across - row), abs(other % across - column)) >= min_separation:
-            candidates[kept], distance[kept] = other, distance[i]
-            kept += 1
-    at = min(kept, most - 1)
-    while at > 1 and distance[at - 1] > d:
-        candidates[at], distance[at] = candidates[at - 1], distance[at - 1]
-        at -= 1
-    candidates[at], distance[at] = place, d
-    for i in range(kept + 1, most):
-        candidates[i], distance[i] = -1, _NONE
+        at += 1
+    last, last_distance = place, d
+    for i in range(at, most):
+        other, other_distance = np.int64(candidates[i]), np.int64(distance[i])
+        if other >= 0 and max(abs((other >> bits) - row), abs((other & mask) - column)) < min_separation:
+            continue
+        candidates[at], distance[at] = last, last_distance
+        last, last_distance = other, other_distance
+        at += 1
+    while at < most:
+        candidates[at], distance[at] = last, last_distance
+        last, last_distance = -1, NONE
+        at += 1
 
 
 @numba.njit(cache=True, nogil=True)
-def cluster_candidates(vectors, members, begin, across, min_separation, most, candidates, distance, first, last):
+def cluster_candidates(
+    vectors, members, begin, across, bits, min_separation, most, candidates, distance, first, last
+):
     """Fill the sets of the members of clusters ``first`` to ``last`` from their own cluster.
 
     Parameters
     ----------
-    vectors : (2 n, 16) int16
-    members : (n,) int64, places, those of a cluster side by side
-    begin : (clusters + 1,) int64, where each cluster begins in ``members``
+    vectors : (2 n, HALF) int16
+    members : (m,) int64, places by cluster
+    begin : (clusters + 1,) int64, where each begins in ``members``
     across : int, places in a row
+    bits : int, of a column
     min_separation : int, least distance of two entries along a row or a column, px
     most : int, members looked at, evenly spaced
-    candidates, distance : (n, k) int32 and int64, output; -1 where there is none
+    candidates, distance : (n, k) int32, output; -1 where there is none
     """
     largest = 0
     for cluster in range(first, last):
         largest = max(largest, begin[cluster + 1] - begin[cluster])
     held = np.empty((2 * largest, HALF), np.int16)  # side by side they are read several times as fast
+    packed = np.empty(largest, np.int64)
+    distances = np.empty(most, np.int32)
     for cluster in range(first, last):
         low, count = begin[cluster], begin[cluster + 1] - begin[cluster]
         for i in range(count):
+            place = members[low + i]
+            packed[i] = (place // across) << bits | place % across
             for half in range(2):
-                held[2 * i + half] = vectors[2 * members[low + i] + half]
+                for k in range(HALF):
+                    held[2 * i + half, k] = vectors[2 * place + half, k]
         step = max(1, (count + most - 1) // most)
         for i in range(count):
-            place = members[low + i]
-            own, own_distance = candidates[place], distance[place]
-            own[:] = -1
-            own_distance[:] = _NONE
-            own[0], own_distance[0] = place, 0
-            for j in range(i % step, count, step):
-                d = vector_distance(held, i, held, j)
-                if d < own_distance[own.size - 1]:
-                    _insert(own, own_distance, np.int32(members[low + j]), d, across, min_separation)
+            own, own_distance = candidates[members[low + i]], distance[members[low + i]]
+            for entry in range(own.size):
+                own[entry], own_distance[entry] = -1, NONE
+            own[0], own_distance[0] = packed[i], 0
+            start, others = i % step, 0
+            for j in range(start, count, step):  # no branch depends on a distance here, which is twice as fast
+                distances[others] = vector_distance(held, i, held, j)
+                others += 1
+            for j in range(others):
+                if distances[j] < own_distance[own.size - 1]:
+                    d = np.int64(distances[j])
+                    _insert(own, own_distance, packed[start + j * step], d, bits, min_separation)
 
 
 @numba.njit(cache=True, nogil=True)
-def propagate_candidates(vectors, down, across, min_separation, known, candidates, distance, first, last):
+def propagate_candidates(vectors, down, across, bits, min_separation, known, candidates, distance, first, last):
     """Improve the sets of the places of rows ``first`` to ``last`` by the shifted candidates of their neighbours.
 
     Parameters
@@ -98,28 +100,32 @@ def propagate_candidates(vectors, down, across, min_separation, known, candidate
     known : (down * across, k) int32, the sets as they were; empty where there is no neighbourhood
     candidates, distance : the same, changed in place
     """
+    mask = (np.int64(1) << bits) - 1
+    most = known.shape[1]
+    packed, others = np.empty(4 * most, np.int64), np.empty(4 * most, np.int64)
+    distances = np.empty(4 * most, np.int64)
     for row in range(first, last):
         for column in range(across):
             place = row * across + column
-            own, own_distance = candidates[place], distance[place]
-            if own[0] < 0:
+            if known[place, 0] < 0:
                 continue
+            count = (
+                0  # as in `cluster_candidates`, no branch depends on what is found before all distances are known
+            )
             for side in range(4):
                 dy, dx = cross_step(side)
                 if row + dy < 0 or row + dy >= down or column + dx < 0 or column + dx >= across:
                     continue
-                neighbour = known[place + dy * across + dx]
-                for i in range(1, neighbour.size):
-                    candidate = neighbour[i]
-                    if candidate < 0:
-                        break
-                    other = candidate - dy * across - dx
-                    if other < 0 or other >= down * across:
-                        continue
-                    if dx != 0 and not 0 <= candidate % across - dx < across:
-                        continue
-                    if _holds(own, other):
-                        continue
-                    d = vector_distance(vectors, place, vectors, other)
-                    if d < own_distance[own.size - 1] and known[other, 0] >= 0:
-                        _insert(own, own_distance, np.int32(other), d, across, min_separation)
+                for i in range(1, most):
+                    candidate = np.int64(known[place + dy * across + dx, i])
+                    to_row, to_column = (candidate >> bits) - dy, (candidate & mask) - dx
+                    packed[count], others[count] = to_row << bits | to_column, to_row * across + to_column
+                    count += (
+                        (candidate >= 0) & (to_row >= 0) & (to_row < down) & (to_column >= 0) & (to_column < across)
+                    )
+            for i in range(count):
+                distances[i] = vector_distance(vectors, place, vectors, others[i])
+            own, own_distance = candidates[place], distance[place]
+            for i in range(count):
+                if distances[i] < own_distance[most - 1] and known[others[i], 0] >= 0:
+                    _insert(own, own_distance, packed[i], distances[i], bits, min_separation)
