@@ -201,12 +201,12 @@ def cut(nodes: Nodes, clusters: int) -> np.ndarray:
 
 def largest_distance(vectors: Int16[np.ndarray, "n 32"]) -> float:
     """Approximate largest distance between two vectors; at least half of the true one."""
-    # Integer vectors no longer than 2047: squared distances are exact in single precision.
-    values = vectors.astype(np.float32)
-    at, largest = 0, -1.0
+    from texloom.stages.kernels.compaction.tree import HALF, farthest_vector
+
+    halves = np.ascontiguousarray(vectors).reshape(-1, HALF)
+    at, largest = 0, -1
     while True:
-        squares = ((values - values[at]) ** 2).sum(axis=1)
-        at = int(squares.argmax())
-        if squares[at] <= largest:
+        at, squared = farthest_vector(halves, at)
+        if squared <= largest:
             return math.sqrt(largest)
-        largest = float(squares[at])
+        largest = squared

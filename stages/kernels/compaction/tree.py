@@ -21,6 +21,17 @@ def vector_distance(vectors, number, others, other):
 
 
 @numba.njit(cache=True, nogil=True)
+def farthest_vector(vectors, number):
+    """Number of the vector farthest from a given one, the first of equals, and their squared distance, int64."""
+    at, largest = 0, np.int64(-1)
+    for other in range(vectors.shape[0] // 2):
+        d = vector_distance(vectors, number, vectors, other)
+        if d > largest:
+            at, largest = other, d
+    return at, largest
+
+
+@numba.njit(cache=True, nogil=True)
 def split_nodes(vectors, order, scratch, begin, count, bound, steps, means, medoid, distortion, left, first, last):
     """Split the nodes ``first`` to ``last`` in two by k-means [Wei2000]_.
 
