@@ -98,8 +98,8 @@ def control_features(
     colors = scale.of_texture(texture)
     planes, explained = [colors], 0.0
     if control is not None:
-        explained = correlation(texture, control, scale)
         planes.append(scale.of_control(control, texture.height, texture.width))
+        explained = correlation(colors, planes[1])
     for weight, (blur, window) in ((params.detail, _DETAIL), (params.contrast, _CONTRAST)):
         if weight:
             planes.append(weight * _strength(colors, blur, window))

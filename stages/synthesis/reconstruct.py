@@ -247,7 +247,9 @@ def reconstruct(
     inputs = Inputs.of(image, control, target, scale, size, use, toroidal)
     share, notes = 0.0, []
     if control is not None and target is not None:
-        share = correlation(image, control, scale) if explained is None else explained
+        if explained is None:
+            explained = correlation(scale.of_texture(image), scale.of_control(control, *shape))
+        share = explained
         inputs = dataclasses.replace(inputs, explained=share)
         notes = _notes(share, scale.beyond(target), inputs.rare)
     for note in notes:
