@@ -84,7 +84,7 @@ def product(
     return result
 
 
-def _windows(pixels: Int16[np.ndarray, "h wc"], channels: int, size: int) -> np.ndarray:
+def windows(pixels: Int16[np.ndarray, "h wc"], channels: int, size: int) -> np.ndarray:
     """All whole neighbourhoods, (places down, places across, size, size * channels), a view."""
     height, width = pixels.shape[0], pixels.shape[1] // channels
     down, across = places(height, width, size)
@@ -110,9 +110,9 @@ class Components:
     @classmethod
     def of(cls, pixels: Int16[np.ndarray, "h wc"], channels: int, size: int) -> "Components":
         """Compute them from neighbourhoods sampled evenly."""
-        windows = _windows(pixels, channels, size)
-        step = max(1, math.ceil(math.sqrt(windows.shape[0] * windows.shape[1] / _SAMPLE_SIZE)))
-        sample = windows[::step, ::step].reshape(-1, size * size * channels).astype(np.float64)
+        every = windows(pixels, channels, size)
+        step = max(1, math.ceil(math.sqrt(every.shape[0] * every.shape[1] / _SAMPLE_SIZE)))
+        sample = every[::step, ::step].reshape(-1, size * size * channels).astype(np.float64)
         return cls.of_sample(sample, channels, size)
 
     @classmethod

@@ -298,6 +298,15 @@ def _pixel_cost(features, objective, source, y, x, row, column, limit):
     return cost
 
 
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def _is_among(tried, count, candidate):
+    """Whether one of the first ``count`` of ``tried`` is ``candidate``, all int64; without branches."""
+    found = False
+    for i in range(count):
+        found |= tried[i] == candidate
+    return found
+
+
 @numba.njit(cache=True, nogil=True)
 def choose_pixels(texture, objective, active, source):
     """Set the source of each active compaction pixel in turn to the candidate of least cost.
@@ -318,12 +327,14 @@ def choose_pixels(texture, objective, active, source):
     middle = size // 2
     down, across = candidates.shape[0], candidates.shape[1]
     height, width = inside.shape
+    tried = np.empty(9 * candidates.shape[2], np.int64)  # neighbours from one place have the same candidates
     for y in range(source.shape[1]):
         for x in range(source.shape[2]):
             if not active[y, x]:
                 continue
             active[y, x] = False
             best, best_row, best_column = np.float32(np.inf), source[0, y, x], source[1, y, x]
+            count = 0
             for neighbour in range(9):
                 dy, dx = square_step(neighbour)  # the pixel itself first, so that it stays where nothing is better
                 v, u = wrap_index(y + dy, source.shape[1], wrap), wrap_index(x + dx, source.shape[2], wrap)
@@ -338,10 +349,13 @@ def choose_pixels(texture, objective, active, source):
                         if candidate < 0:
                             break
                         row, column = candidate // across + middle - dy, candidate % across + middle - dx
-                    if row == best_row and column == best_column and best < np.inf:
-                        continue
                     if row < 0 or row >= height or column < 0 or column >= width or not inside[row, column]:
                         continue
+                    candidate = np.int64(row) * width + column
+                    if _is_among(tried, count, candidate):
+                        continue
+                    tried[count] = candidate
+                    count += 1
                     cost = _pixel_cost(features, objective, source, y, x, row, column, best)
                     if cost < best:
                         best, best_row, best_column = cost, row, column

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float32, Int16
 
-from texloom.stages.common.neighbourhoods import DIMENSIONS, UNIT, Components, fixed_point, places, whole
+from texloom.stages.common.neighbourhoods import DIMENSIONS, UNIT, Components, fixed_point, places, whole, windows
 from texloom.stages.synthesis.inverse.level import Level, nearest
 
 
@@ -133,14 +133,11 @@ class ExactEnergy:
         self, pixels: Int16[np.ndarray, "h wc"], numbers: np.ndarray, others: np.ndarray, matches: np.ndarray
     ) -> float:
         """From neighbourhoods of ``pixels`` to their matches in ``others``, both in fixed-point steps."""
-        (row, column), (other_row, other_column) = (
-            np.divmod(ordinals, values.shape[1] // self.channels - self.size + 1)
+        one, other = (
+            windows(values, self.channels, self.size)[
+                np.divmod(ordinals, values.shape[1] // self.channels - self.size + 1)
+            ]
             for ordinals, values in ((numbers, pixels), (matches, others))
         )
-        total = 0
-        for y in range(self.size):
-            for x in range(self.size * self.channels):
-                one = pixels[row + y, column * self.channels + x].astype(np.int64)
-                other = others[other_row + y, other_column * self.channels + x]
-                total += int(((one - other) ** 2).sum())
-        return total / (numbers.size * self.size**2 * UNIT**2)
+        difference = one.astype(np.int32) - other
+        return int(np.square(difference).sum(dtype=np.int64)) / (numbers.size * self.size**2 * UNIT**2)
