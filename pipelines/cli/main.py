@@ -48,6 +48,20 @@ class _WhichFlowError(Exception):
     """No flow is named."""
 
 
+class _Commands(click.Group):
+    """Commands, with a hint where a flow stands for one."""
+
+    def resolve_command(self, context: click.Context, args: list[str]) -> Any:
+        try:
+            return super().resolve_command(context, args)
+        except click.UsageError:
+            from texloom.pipelines.flow.shipped import shipped_flows
+
+            if args[0] not in shipped_flows():
+                raise
+            raise click.UsageError(f"{args[0]} is a flow: texloom run {args[0]}", context) from None
+
+
 class _Termination(KeyboardInterrupt):
     """SIGTERM: whatever ends by Ctrl-C ends by it in the same way."""
 
@@ -123,7 +137,7 @@ def _complain(text: str) -> None:
     click.echo(one_line(text.replace("\n", " ")), err=True)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="texloom")
 def texloom() -> None:
     """Make new textures from example textures; compute nothing twice.

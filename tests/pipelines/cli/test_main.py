@@ -231,6 +231,7 @@ def test_an_exemplar_smaller_than_a_patch(wrong: Path, empty: Path) -> None:
 
 WRONG_COMMANDS = {
     "rnu": "No such command 'rnu'. Did you mean 'run'?",
+    "quilting mine.png": "quilting is a flow: texloom run quilting",
     "run mine.png": "mine.png: is a picture, not a flow, as in: texloom run self_tuning mine.png",
     "run self_tunning": "self_tunning: no such flow; did you mean 'self_tuning'?",
     "run self_tuning --sett a.b=1": "No such option",
