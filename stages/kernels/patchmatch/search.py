@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
+from texloom.stages.kernels.core.inner import inner
 from texloom.stages.kernels.core.row_distance import two_row_distance
 
 _LONG_RUN = 4  # patches from which differences of pixels are computed once
@@ -119,15 +120,16 @@ def occurrence_penalty(counts, patch_size, penalty_per_use, penalty):
             penalty[y, x] = np.int64(np.rint(counts[y, x] * scale))
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _tents_down(values, sums, side):
     """Fill ``sums`` with the sums down the columns of ``values`` under tents of half width and height ``side``."""
     height, width = values.shape
     total = np.zeros(width, np.int64)
     above, below = np.zeros(width, np.int64), np.zeros(width, np.int64)
     for y in range(min(side, height)):
-        total += (side - y) * values[y]
-        below += values[y]
+        for x in range(width):
+            total[x] += (side - y) * values[y, x]
+            below[x] += values[y, x]
     # From row to row each value above counts once less, each below once more.
     for y in range(height):
         line = sums[y]
@@ -145,7 +147,7 @@ def _tents_down(values, sums, side):
             total[x] += below[x] - above[x]
 
 
-@numba.njit(cache=True, nogil=True)
+@inner
 def _tents_across(values, sums, side):
     """Fill ``sums`` with the sums of ``values`` under tents of half width and height ``side``."""
     width = values.size
@@ -160,7 +162,7 @@ def _tents_across(values, sums, side):
         total += below - above
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@inner(forceinline=True)
 def patch_distance(shape, target, target_row, target_column, exemplar, row, column, limit):
     """Sum of squared differences of two patches, int64; anything at or above ``limit`` once that is reached."""
     target_pitch, exemplar_pitch = np.uint64(target.shape[1]), np.uint64(exemplar.shape[1])
@@ -200,7 +202,7 @@ def match_distances(shape, target, exemplar, first, last):
     for y in range(first, last):
         x = 0
         while x < across:
-            r, c = row[y, x], column[y, x]
+            r, c = np.int64(row[y, x]), np.int64(column[y, x])
             n = 1
             while x + n < across and column[y, x + n] == c + n and row[y, x + n] == r:
                 n += 1
@@ -249,7 +251,7 @@ def square_step(number):
     return (number + 4) % 9 // 3 - 1, (number + 4) % 9 % 3 - 1
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _shifted_match(row, column, y, x, dy, dx, wrap):
     """The exemplar patch that continues the match of the target patch (dy, dx) beside; -1, -1 if there is none."""
     ny, nx = wrap_index(y + dy, row.shape[0], wrap), wrap_index(x + dx, row.shape[1], wrap)
@@ -258,7 +260,7 @@ def _shifted_match(row, column, y, x, dy, dx, wrap):
     return np.int64(row[ny, nx]) - dy, np.int64(column[ny, nx]) - dx
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _is_coherent(row, column, y, x, wrap):
     """Whether all four neighbours of a target patch propose the match that it has."""
     for side in range(4):
@@ -277,7 +279,7 @@ def _below(bits, count):
     return np.int64(np.uint32(bits) % np.uint32(count))
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _random_near(penalty, row, column, radius, limit, key, position, counter):
     """A random patch around another whose penalty is within ``limit``, in at most `_DRAWS` draws; else -1, -1."""
     low_row, high_row = max(0, row - radius), min(penalty.shape[0] - 1, row + radius)
@@ -334,9 +336,9 @@ def sweep(shape, target, exemplar, scan, first, last):
             limit = max(exemplar.penalty_limit, penalty[best_row, best_column] - 1)
             for attempt in range(-2, tries + scan.fill_tries):
                 if attempt == -2:
-                    r, c = _shifted_match(row, column, y, x, -step, 0, wrap)
+                    r, c = _shifted_match(row, column, y, x, -step, np.int64(0), wrap)
                 elif attempt == -1:
-                    r, c = _shifted_match(row, column, y, x, 0, -step, wrap)
+                    r, c = _shifted_match(row, column, y, x, np.int64(0), -step, wrap)
                 elif attempt < tries:
                     counter = attempt * _DRAWS
                     r, c = _random_near(

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 
+from texloom.stages.kernels.core.inner import inner
 from texloom.stages.kernels.patchmatch.search import wrap_index
 
 
@@ -144,7 +145,7 @@ def weighted_values(exemplar, bins, excess, table, first, last):
             entry[channels] = weight
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@inner(forceinline=True)
 def _bin(value, low, step, count):
     """Histogram bin of a value; the first and the last hold what lies beyond."""
     return np.int64(min(max((np.float32(value) - low) / step, np.float32(0)), np.float32(count - 1)))
@@ -163,7 +164,11 @@ def count_bins(values, lows, widths, counts):
 @numba.njit(cache=True, nogil=True)
 def surplus(counts, wanted):
     """How far ``counts`` exceed ``wanted``, both (channels, bins), float32; 0 where they do not."""
-    return np.maximum(0.0, counts - wanted).astype(np.float32)
+    excess = np.empty(counts.shape, np.float32)
+    for c in range(counts.shape[0]):
+        for b in range(counts.shape[1]):
+            excess[c, b] = max(0.0, counts[c, b] - wanted[c, b])
+    return excess
 
 
 @numba.njit(cache=True, nogil=True)
@@ -179,7 +184,7 @@ def histogram_votes(votes, steps, lows, widths, rows, stops, target, counts, wan
     """
     start = 0
     for stop in stops:
-        weighted_values(exemplar, bins, surplus(counts, wanted), votes.exemplar, 0, exemplar.shape[0])
+        weighted_values(exemplar, bins, surplus(counts, wanted), votes.exemplar, np.int64(0), exemplar.shape[0])
         histogram_vote(votes, steps, lows, widths, rows[start:stop], target, counts)
         start = stop
 
