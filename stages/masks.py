@@ -39,6 +39,8 @@ def valid_pixels(image: Image) -> Mask | None:
 
 def nearest_valid(valid: Mask) -> Int32[np.ndarray, "2 h w"]:
     """Row and column of the valid pixel nearest to every pixel; at least one is valid."""
+    if valid.all():
+        return np.indices(valid.shape, np.int32)
     from scipy.ndimage import distance_transform_edt
 
     return np.asarray(distance_transform_edt(~valid, return_distances=False, return_indices=True), dtype=np.int32)

@@ -263,9 +263,9 @@ def _polynomial(coefficients: Float64[np.ndarray, "6"], shape: tuple[int, int]) 
 
 def _power(values: Float64[np.ndarray, "8 8"]) -> float:
     """Power of the lowest spatial frequencies relative to the next ones."""
-    from scipy import fft
+    import cv2
 
-    power = np.square(fft.dctn(values, norm="ortho"))
+    power = np.square(cv2.dct(values))
     frequency = np.hypot(*np.indices(power.shape))
     low = float(power[(frequency > 0) & (frequency <= _LOW)].mean())
     return low / max(float(power[(frequency > _LOW) & (frequency <= _NEXT)].mean()), 1e-12)

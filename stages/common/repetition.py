@@ -34,13 +34,13 @@ def autocorrelation(
 
 def _shifted_products(plane: np.ndarray, reach: tuple[int, int]) -> np.ndarray:
     """Sum of each pixel times the one at an offset, 0 outside, for offsets of up to ``reach``."""
-    from scipy import fft
+    import cv2
 
-    shape = tuple(fft.next_fast_len(side + most, real=True) for side, most in zip(plane.shape, reach, strict=True))
-    spectrum = fft.rfft2(plane, s=shape)
+    shape = tuple(cv2.getOptimalDFTSize(side + most) for side, most in zip(plane.shape, reach, strict=True))
+    spectrum = np.fft.rfft2(plane, s=shape)
     power = (spectrum.real**2 + spectrum.imag**2).astype(plane.dtype)
     rows, columns = (np.arange(-most, most + 1) % side for most, side in zip(reach, shape, strict=True))
-    return np.asarray(fft.irfft2(power, s=shape)[np.ix_(rows, columns)])
+    return np.asarray(np.fft.irfft2(power, s=shape)[np.ix_(rows, columns)])
 
 
 def _far(reach: tuple[int, int], near: float) -> Bool[np.ndarray, "p q"]:

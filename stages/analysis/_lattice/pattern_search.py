@@ -17,7 +17,7 @@ Known: TypeAlias = Bool[np.ndarray, "rows columns"]
 
 
 def autocorrelation_splines(plane: ScalarMap, valid: Mask | None) -> tuple[Correlation, Known]:
-    """Spline coefficients of the autocorrelation of a plane, (0, 0) at the centre, and where it is known.
+    """Cubic B-spline coefficients of the autocorrelation of a plane, (0, 0) at the centre, and where it is known.
 
     Shading at the scale of an eighth of the image is removed. Excluded pixels have no influence.
 
@@ -26,7 +26,6 @@ def autocorrelation_splines(plane: ScalarMap, valid: Mask | None) -> tuple[Corre
     valid : false for excluded pixels; none where all are valid.
     """
     import cv2
-    from scipy.ndimage import spline_filter
 
     weight = np.ones(plane.shape, np.float32) if valid is None else valid.astype(np.float32)
     sigma = min(weight.shape) / 8
@@ -40,7 +39,11 @@ def autocorrelation_splines(plane: ScalarMap, valid: Mask | None) -> tuple[Corre
     other = np.roll(energy[::-1, ::-1], 1, (0, 1))
     mean = product / np.sqrt(np.maximum(energy * other, 1e-12))
     known = overlap >= _MIN_OVERLAP * overlap[0, 0]
-    return spline_filter(np.fft.fftshift(np.where(known, mean, 0))), np.fft.fftshift(known)
+    # At whole pixels a spline is (1, 4, 1) / 6 of its coefficients along each axis.
+    down, across = ((2 + np.cos(2 * np.pi * np.fft.fftfreq(side))) / 3 for side in shape)
+    response = np.outer(down, across[: shape[1] // 2 + 1])
+    splines = np.fft.irfft2(np.fft.rfft2(np.where(known, mean, 0.0).astype(np.float64)) / response, shape)
+    return np.fft.fftshift(splines), np.fft.fftshift(known)
 
 
 def refined_generators(
@@ -59,13 +62,13 @@ def refined_generators(
     while reach <= _MAX_REPETITIONS:
         step = first_step * float(np.hypot(*best.T).min()) / reach
         points = _known_points(known, best, reach)
-        value = _mean(splines, points, best)
+        value = float(_means(splines, points, best[None])[0])
         while step * reach > _LAST_STEP:
-            moved = [_moved(best, direction, step) for direction in _DIRECTIONS]
-            values = [_mean(splines, points, candidate) for candidate in moved]
+            moved = np.stack([_moved(best, direction, step) for direction in _DIRECTIONS])
+            values = _means(splines, points, moved)
             index = int(np.argmax(values))
             if values[index] > value:
-                best, value = moved[index], values[index]
+                best, value = moved[index], float(values[index])
             else:
                 step /= 2
         reach *= 2
@@ -81,14 +84,20 @@ def _known_points(known: Known, generators: np.ndarray, reach: int) -> Int64[np.
     return np.asarray(steps[inside])
 
 
-def _mean(splines: Correlation, steps: Int64[np.ndarray, "n 2"], generators: np.ndarray) -> float:
-    """Mean correlation at some steps; -1 where there are none."""
-    from scipy.ndimage import map_coordinates
-
+def _means(
+    splines: Correlation, steps: Int64[np.ndarray, "n 2"], generators: Float64[np.ndarray, "m 2 2"]
+) -> np.ndarray:
+    """Mean correlation at some steps of each pair of generators; -1 where there are none."""
     if not len(steps):
-        return -1.0
-    positions = steps @ generators + np.array(splines.shape) // 2
-    return float(map_coordinates(splines, positions.T, prefilter=False).mean())
+        return np.full(len(generators), -1.0)
+    positions = (steps @ generators + np.array(splines.shape) // 2)[..., None]
+    first = np.floor(positions)
+    t = positions - first
+    weights = np.concatenate([(1 - t) ** 3, (3 * t - 6) * t**2 + 4, 3 * t * (1 + t - t**2) + 1, t**3], axis=3) / 6
+    rows, columns = np.moveaxis(first.astype(int) + np.arange(-1, 3), 2, 0)
+    values = splines[rows[..., None] % splines.shape[0], columns[..., None, :] % splines.shape[1]]
+    down, across = np.moveaxis(weights, 2, 0)
+    return np.asarray(np.einsum("mnij,mni,mnj->m", values, down, across)) / len(steps)
 
 
 def _moved(generators: np.ndarray, direction: tuple[int, int, int], step: float) -> np.ndarray:

@@ -30,7 +30,5 @@ def mean_repetition(image: Image, generators: Float64[np.ndarray, "2 2"]) -> Flo
 
 def phase_offset(one: Float64[np.ndarray, "m m"], other: Float64[np.ndarray, "m m"]) -> Float64[np.ndarray, "2"]:
     """The offset in cycles at which a repetition is most like another: ``one`` there is ``other`` here plus it."""
-    from scipy import fft
-
-    correlation = fft.irfft2(np.conj(fft.rfft2(one)) * fft.rfft2(other), s=one.shape)
+    correlation = np.fft.irfft2(np.conj(np.fft.rfft2(one)) * np.fft.rfft2(other), s=one.shape)
     return np.array(np.unravel_index(np.argmax(correlation), one.shape)) / _BINS

@@ -48,8 +48,6 @@ def mirror_symmetry(lightness: ScalarMap) -> float:
 
     Near 1 for a single ornament. Means of rows and columns are subtracted, since stripes are symmetric as well.
     """
-    from scipy import fft
-
     factor = min(1.0, _MIRROR_SIDE / max(lightness.shape))
     height, width = (max(1, round(side * factor)) for side in lightness.shape)
     plane = resize((lightness - lightness.mean())[..., None], height, width)[..., 0].astype(np.float64)
@@ -59,7 +57,7 @@ def mirror_symmetry(lightness: ScalarMap) -> float:
     size = (2 * height, 2 * width)
 
     def correlated(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        return np.asarray(fft.irfft2(fft.rfft2(first, size) * np.conj(fft.rfft2(second, size)), size))
+        return np.asarray(np.fft.irfft2(np.fft.rfft2(first, size) * np.conj(np.fft.rfft2(second, size)), size))
 
     inside = np.ones_like(plane)
     covered = correlated(inside, inside) >= _MIN_OVERLAP * plane.size

@@ -62,14 +62,12 @@ def _filters(side: int, scales: int) -> _Filters:
 
 def _picture(spectrum: np.ndarray, response: np.ndarray, side: int) -> np.ndarray:
     """A spectrum, filtered and transformed back, at a resolution of ``side`` px."""
-    from scipy import fft
-
     lowest = (np.s_[: side // 2], np.s_[-side // 2 :])  # frequencies of 0 or more, and below
     filtered = np.empty((*response.shape[:-2], side, side), spectrum.dtype)
     for rows, columns in itertools.product(lowest, lowest):
         place = (..., rows, columns)
         np.multiply(spectrum[place], response[place], out=filtered[place])
-    picture = np.asarray(fft.ifft2(filtered, overwrite_x=True))
+    picture = np.fft.ifft2(filtered, out=filtered)
     picture *= np.float32((side / spectrum.shape[-1]) ** 2)
     return picture
 
@@ -81,11 +79,9 @@ def _powers(values: np.ndarray) -> np.ndarray:
 
 def _correlations(planes: np.ndarray) -> np.ndarray:
     """Normalised autocorrelation of each plane at half of the offsets of a 7x7 square; the others are equal."""
-    from scipy import fft
-
     centred = planes - planes.mean(axis=(-2, -1), keepdims=True)
-    spectrum = fft.rfft2(centred)
-    sums = fft.irfft2(spectrum.real**2 + spectrum.imag**2, s=planes.shape[-2:])
+    spectrum = np.fft.rfft2(centred)
+    sums = np.fft.irfft2(spectrum.real**2 + spectrum.imag**2, s=planes.shape[-2:])
     offsets = np.arange(-_REACH, _REACH + 1)
     square = sums[..., offsets[:, None], offsets[None, :]].reshape(*planes.shape[:-2], -1)
     count = square.shape[-1] // 2
@@ -113,12 +109,10 @@ def _shape(values: np.ndarray) -> list[float]:
 
 
 def _window_statistics(tone: np.ndarray, colors: np.ndarray) -> Statistics:
-    from scipy import fft
-
     side = len(tone)
     scales = int(np.log2(side // 16))
     filters = _filters(side, scales)
-    spectrum = np.asarray(fft.fft2(tone - tone.mean()))
+    spectrum = np.fft.fft2(tone - tone.mean())
     sides = [side >> scale for scale in range(scales)]
     bands = [_picture(spectrum, filters.bands[k], sides[k]) for k in range(scales)]
     magnitudes = [np.abs(band) for band in bands]
