@@ -11,6 +11,8 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
+import texloom.stages.kernels.core.numba_loading  # noqa: F401
+
 DIMENSIONS = 32
 """vectors that windows are projected on"""
 

@@ -3,6 +3,7 @@
 import numba
 import numpy as np
 
+import texloom.stages.kernels.core.numba_loading  # noqa: F401
 from texloom.stages.kernels.core.threads import run_all, spans
 
 _PIECES = 64  # of work that threads share

@@ -12,6 +12,8 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
+import texloom.stages.kernels.core.numba_loading  # noqa: F401
+
 WIDTH = 8
 """values of a vector"""
 

@@ -1,1 +1,3 @@
 """Textures that are distorted in their picture."""
+
+import texloom.stages.kernels.core.numba_loading  # noqa: F401
