@@ -51,24 +51,27 @@ def copied_segments(match: Correspondence, made: Mask | None = None, copies: Mas
 
     None is all. For the continuity, neighbours count of which at least one was made.
     """
-    from skimage.measure import label
+    import cv2
 
     height, width = match.shape[:2]
     rows = match[..., 0].astype(np.int64) - np.arange(height)[:, None]
     columns = match[..., 1].astype(np.int64) - np.arange(width)[None, :]
-    displacement = (rows - rows.min()) * (int(columns.max()) - int(columns.min()) + 1) + columns - columns.min()
-    kept = [np.diff(displacement, axis=axis) == 0 for axis in (0, 1)]
-    if made is not None:
-        kept[0] = kept[0][made[1:] | made[:-1]]
-        kept[1] = kept[1][made[:, 1:] | made[:, :-1]]
-        displacement[~made] = -1
-    pixels = displacement.size if made is None else int(made.sum())
+    kept = [(np.diff(rows, axis=axis) == 0) & (np.diff(columns, axis=axis) == 0) for axis in (0, 1)]
+    # Pixels, and between them what joins them: OpenCV labels what is true, not what is equal.
+    joined = np.zeros((2 * height - 1, 2 * width - 1), np.uint8)
+    joined[::2, ::2] = True if made is None else made
     if copies is not None:
-        displacement[~copies] = -1
+        joined[::2, ::2] &= copies
+    counted = joined[::2, ::2]
+    joined[1::2, ::2] = kept[0] & counted[1:] & counted[:-1]
+    joined[::2, 1::2] = kept[1] & counted[:, 1:] & counted[:, :-1]
+    labels = cv2.connectedComponents(joined, connectivity=4)[1][::2, ::2]
+    if made is not None:
+        kept = [kept[0][made[1:] | made[:-1]], kept[1][made[:, 1:] | made[:, :-1]]]
     pairs = kept[0].size + kept[1].size
     return Segments(
-        np.bincount(label(displacement, background=-1, connectivity=1).ravel())[1:],
-        pixels,
+        np.bincount(labels.ravel())[1:],
+        height * width if made is None else int(made.sum()),
         float((kept[0].sum() + kept[1].sum()) / pairs) if pairs else 1.0,
     )
 
