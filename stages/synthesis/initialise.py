@@ -158,7 +158,7 @@ class _Blocks:
             share = _MAX_LATTICE_SHIFT if len(generators) == 2 else _MAX_COURSE_SHIFT
             self.max_shift = int(min(self.margin, _MIN_MARGIN, np.hypot(*generators.T).min() // share))
         if len(generators) < 2:
-            self.search = OverlapSearch(_means(features, np.zeros(2, np.int64), self.shape, self.square))
+            self.search = _with_squares(_means(features, np.zeros(2, np.int64), self.shape, self.square))
         self.guide_search, self.target_guide = None, None
         if guides is not None:
             self.guide_search = OverlapSearch(
@@ -223,7 +223,7 @@ class _Blocks:
         filled = _means(self.filled, target.top, target.size, self.square) == 1
         guide_errors = self._guide_errors(target)
         if filled.any():
-            errors = self.search.errors(_means(self.canvas, target.top, target.size, self.square), filled)
+            errors = _differences(*self.search, _means(self.canvas, target.top, target.size, self.square), filled)
         elif guide_errors is not None:
             errors = np.zeros_like(guide_errors)
         else:
@@ -344,18 +344,11 @@ class _Blocks:
         self, target: _Target, template: np.ndarray, filled: np.ndarray, source: np.ndarray
     ) -> tuple[float, np.ndarray]:
         """Mean squared difference to the synthesised region at the best shift of ``source``, and it shifted."""
-        import cv2
-
         square = self.alignment_square
         # Shifts are multiples of the square from `source`, so that one of them is 0.
         first = source - np.minimum(self.max_shift, source - target.before) // square * square
         last = source + np.minimum(self.max_shift, target.high - source) // square * square
-        window, squares = self._window(first - target.before, target.size + last - first)
-        # OpenCV's masked difference correlates the squares of each channel.
-        weights = filled.astype(np.float32)
-        weighted = template * weights[..., None]
-        errors = cv2.matchTemplate(squares, weights, cv2.TM_CCORR)
-        errors += (weighted * template).sum() - 2 * cv2.matchTemplate(window, weighted, cv2.TM_CCORR)
+        errors = _differences(*self._window(first - target.before, target.size + last - first), template, filled)
         if target.masked is not None:
             rows, columns = (
                 np.minimum(first[axis] + np.arange(errors.shape[axis]) * square, target.masked.shape[axis] - 1)
@@ -364,15 +357,14 @@ class _Blocks:
             masked = target.masked[np.ix_(rows, columns)]
             errors[masked > masked.min()] = np.inf
         shift = np.array(np.unravel_index(int(np.argmin(errors)), errors.shape))
-        return float(errors.min()) / float(filled.sum()), first + shift * square
+        return float(errors.min()), first + shift * square
 
     def _window(self, corner: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Part of the reduced exemplar, and the sums over the channels of its squares."""
         square = self.alignment_square
         phase = (int(corner[0]) % square, int(corner[1]) % square)
         if phase not in self._reduced:
-            means = _means(self.features, np.array(phase), self.shape - phase, square)
-            self._reduced[phase] = means, (means**2).sum(axis=2)
+            self._reduced[phase] = _with_squares(_means(self.features, np.array(phase), self.shape - phase, square))
         (top, left), (height, width) = corner // square, size // square
         place = np.s_[top : top + height, left : left + width]
         means, sums = self._reduced[phase]
@@ -407,6 +399,23 @@ def _means(planes: np.ndarray, corner: np.ndarray, size: np.ndarray, square: int
     height, width = (int(side) // square for side in size)
     region = planes[corner[0] :, corner[1] :][: height * square, : width * square]
     return np.asarray(cv2.resize(region, (width, height), interpolation=cv2.INTER_AREA))
+
+
+def _with_squares(planes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Planes, and the sums of their squares, as `_differences` takes them."""
+    return planes, (planes**2).sum(axis=2)
+
+
+def _differences(planes: np.ndarray, squares: np.ndarray, template: np.ndarray, filled: np.ndarray) -> np.ndarray:
+    """Mean squared difference of a template, where it is ``filled``, at every place of up to four planes."""
+    import cv2
+
+    # OpenCV's masked difference correlates the squares of each channel.
+    weights = filled.astype(np.float32)
+    weighted = template * weights[..., None]
+    errors = cv2.matchTemplate(squares, weights, cv2.TM_CCORR)
+    errors += (weighted * template).sum() - 2 * cv2.matchTemplate(planes, weighted, cv2.TM_CCORR)
+    return np.asarray(errors / weights.sum())
 
 
 def _plane_means(planes: np.ndarray, corner: np.ndarray, size: np.ndarray, square: int) -> np.ndarray:
