@@ -8,7 +8,7 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis._lattice.density import smoothed
-from texloom.stages.analysis.lattice import self_correlation, valid_lightness
+from texloom.stages.analysis.lattice import detail, self_correlation, valid_lightness
 from texloom.stages.arrays import Channels, Image, ScalarMap, Vectors
 from texloom.stages.declare import Params, stage
 
@@ -95,7 +95,7 @@ def autocorrelation(image: Image, params: AutocorrelationParams) -> Autocorrelat
     dominance times height, are ours.
     """
     lightness = valid_lightness(image)
-    return dominant_peaks(lightness, self_correlation(lightness), params)
+    return dominant_peaks(lightness, self_correlation(detail(lightness)), params)
 
 
 def dominant_peaks(

@@ -81,14 +81,13 @@ def courses(image: Image, params: CoursesParams) -> Courses:
     Ours.
     """
     lightness = valid_lightness(image)
-    return detected_courses(lightness, gradient_magnitude(lightness, valid_pixels(image)), params)
+    return detected_courses(unshaded(lightness, gradient_magnitude(lightness, valid_pixels(image))), params)
 
 
-def detected_courses(lightness: ScalarMap, gradients: ScalarMap, params: CoursesParams) -> Courses:
-    """The courses of an image of this lightness and gradient magnitude, see `courses`."""
+def detected_courses(planes: tuple[ScalarMap, ScalarMap], params: CoursesParams) -> Courses:
+    """The courses of an image with these `unshaded` planes, see `courses`."""
     none = np.zeros((0, 2), np.float32)
     best, confidence, worst = none, 0.0, 0.0
-    planes = unshaded(lightness, gradients)
     for plane in planes:
         candidate, likeness, least = _best_period(plane, params.min_length)
         if likeness > confidence:

@@ -177,13 +177,14 @@ def detail(plane: ScalarMap) -> ScalarMap:
     return np.asarray(fine - fine.mean())
 
 
-def self_correlation(lightness: ScalarMap) -> ScalarMap:
-    """Autocorrelation of ``lightness`` at every displacement up to half its sides; (0, 0) is the centre.
+def self_correlation(fine: ScalarMap) -> ScalarMap:
+    """Autocorrelation of a plane at every displacement up to half its sides; (0, 0) is the centre.
 
-    Shading is removed first, since it would raise all correlations.
+    Parameters
+    ----------
+    fine : without shading, which would raise all correlations, see `detail`.
     """
-    height, width = lightness.shape
-    fine = detail(lightness)
+    height, width = fine.shape
     shape = (2 * height, 2 * width)
     rows, columns = np.arange(height) - height // 2, np.arange(width) - width // 2
     overlap = np.outer(height - np.abs(rows), width - np.abs(columns))
@@ -368,7 +369,7 @@ def lattice(image: Image, density: ScalarMap, params: LatticeParams) -> Lattice:
     ----------
     [Kaspar2015]_ section 3.3; constants and the penalty for empty lattice points are from its authors' code.
     """
-    return lattice_of(self_correlation(valid_lightness(image)), density, params)
+    return lattice_of(self_correlation(detail(valid_lightness(image))), density, params)
 
 
 def lattice_of(

@@ -12,11 +12,12 @@ from texloom.stages.analysis._lattice.lines import line_period
 from texloom.stages.analysis._lattice.pattern_search import autocorrelation_splines, refined_generators
 from texloom.stages.analysis._lattice.shown import elements, mirror_symmetry, periods
 from texloom.stages.analysis.autocorrelation import AutocorrelationParams, dominant_peaks
-from texloom.stages.analysis.courses import CoursesParams, detected_courses, unshaded
+from texloom.stages.analysis.courses import CoursesParams, detected_courses
 from texloom.stages.analysis.lattice import (
     Lattice,
     LatticeParams,
     coarsened,
+    detail,
     gradient_magnitude,
     lattice_of,
     mean_around,
@@ -123,7 +124,8 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     gradients are ours.
     """
     lightness, valid = valid_lightness(image), valid_pixels(image)
-    correlation = self_correlation(lightness)
+    fine = detail(lightness)
+    correlation = self_correlation(fine)
     peaks = dominant_peaks(lightness, correlation, AutocorrelationParams()).density
     by_features = lattice_of(correlation, density, LatticeParams(min_length=params.min_length))
     by_correlation = lattice_of(correlation, peaks, _correlation_params(params))
@@ -131,8 +133,9 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     shown = 0.0
     if not len(selected.generators):
         gradients = gradient_magnitude(lightness, valid)
-        further = _further_lattice(lightness, gradients, correlation, params)
-        selected = further or _rows(lightness, gradients, params) or selected
+        planes = fine, detail(gradients)
+        further = _further_lattice(lightness, gradients, planes[1], correlation, params)
+        selected = further or _rows(planes, params) or selected
         shown = elements(gradients)
     if len(selected.generators) == 2:
         plane = lightness
@@ -180,13 +183,13 @@ def _warn_if_few(shown: float, cells: float, what: str) -> None:
         )
 
 
-def _rows(lightness: ScalarMap, gradients: ScalarMap, params: LatticeSelectionParams) -> LatticeSelection | None:
+def _rows(planes: tuple[ScalarMap, ScalarMap], params: LatticeSelectionParams) -> LatticeSelection | None:
     """The courses, or else the lines, if there are any and they are wanted."""
     if params.courses:
-        rows = detected_courses(lightness, gradients, CoursesParams(min_length=params.min_length))
+        rows = detected_courses(planes, CoursesParams(min_length=params.min_length))
         if len(rows.generators):
             return LatticeSelection(rows.generators, rows.best, rows.confidence, 0.0, "courses")
-    lines = line_period(unshaded(lightness, gradients)) if params.lines else None
+    lines = line_period(planes) if params.lines else None
     return None if lines is None else LatticeSelection(lines[0], lines[0], lines[1], 0.0, "lines")
 
 
@@ -195,7 +198,11 @@ def _correlation_params(params: LatticeSelectionParams) -> LatticeParams:
 
 
 def _further_lattice(
-    lightness: ScalarMap, gradients: ScalarMap, correlation: ScalarMap, params: LatticeSelectionParams
+    lightness: ScalarMap,
+    gradients: ScalarMap,
+    fine_gradients: ScalarMap,
+    correlation: ScalarMap,
+    params: LatticeSelectionParams,
 ) -> LatticeSelection | None:
     """The lattice by short offsets, else by gradients; none where neither is clear enough, see `_detected`."""
     if min(correlation.shape) < _MIN_SIDE:
@@ -205,7 +212,7 @@ def _further_lattice(
     candidate = _detected(lightness, short, correlation, params)
     if candidate is not None:
         return _selection(candidate.best, correlation, "short offsets")
-    of_gradients = self_correlation(gradients)
+    of_gradients = self_correlation(fine_gradients)
     candidate = _detected(gradients, of_gradients, of_gradients, params)
     if candidate is not None:
         return _selection(coarsened(candidate.best, correlation), of_gradients, "gradients")

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.synthetic import LATTICES, difference, picture, points, smooth_noise, stamped, tiled
-from texloom.stages.analysis.lattice import Lattice, LatticeParams, lattice, self_correlation, significance
+from texloom.stages.analysis.lattice import Lattice, LatticeParams, detail, lattice, self_correlation, significance
 from texloom.stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
 from texloom.stages.arrays import Image
 from texloom.stages.common.lattice_cells import reduced
@@ -162,7 +162,7 @@ def test_reduction_of_a_lattice_that_is_reduced() -> None:
 
 
 def clear(tone: np.ndarray, generators: np.ndarray) -> float:
-    return significance(self_correlation(tone.astype(np.float32)), generators)
+    return significance(self_correlation(detail(tone.astype(np.float32))), generators)
 
 
 @pytest.mark.parametrize("name", LATTICES)
