@@ -113,7 +113,7 @@ def _search(
         changed = 0
         for phase in (strips[0::2], strips[1::2]):
             swept = run_all(sweep, [(shape, target, own, scan, *span) for span in phase])
-            changed += sum(changes for changes, _ in swept)
+            changed += sum(len(moves) for moves, _ in swept)
         if changed <= _SETTLED * row.size:
             break
     return row, column, target.distance

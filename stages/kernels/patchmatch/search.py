@@ -98,6 +98,15 @@ def count_matches(row, column, counts):
 
 
 @numba.njit(cache=True, nogil=True)
+def count_moves(moves, counts):
+    """Update ``counts`` by what `sweep` returns."""
+    flat = counts.reshape(counts.size)
+    for k in range(moves.shape[0]):
+        flat[moves[k, 0]] -= 1
+        flat[moves[k, 1]] += 1
+
+
+@numba.njit(cache=True, nogil=True)
 def occurrence_penalty(counts, patch_size, penalty_per_use, penalty):
     """Fill ``penalty`` with the occurrence map's mean over each exemplar patch, times ``penalty_per_use``.
 
@@ -106,18 +115,30 @@ def occurrence_penalty(counts, patch_size, penalty_per_use, penalty):
 
     Parameters
     ----------
-    counts : (h, w) int64, see `count_matches`, h and w the exemplar's patches down and across; work space after.
+    counts : (h, w) int64, see `count_matches`, h and w the exemplar's patches down and across.
     penalty_per_use : float64, penalty of one use of every pixel of a patch.
     penalty : (h, w) int64, output.
     """
     height, width = counts.shape
+    sums = np.empty(width, np.int64)
     # A patch at distance (dy, dx) shares (patch_size - |dy|) * (patch_size - |dx|) pixels: two tents, one an axis.
     _tents_down(counts, penalty, patch_size)
     scale = penalty_per_use / patch_size**2
     for y in range(height):
-        _tents_across(penalty[y], counts[y], patch_size)
+        _tents_across(penalty[y], sums, patch_size)
         for x in range(width):
-            penalty[y, x] = np.int64(np.rint(counts[y, x] * scale))
+            penalty[y, x] = np.int64(np.rint(sums[x] * scale))
+
+
+@numba.njit(cache=True, nogil=True)
+def match_energy(row, column, distance, penalty, first, last):
+    """Sums of the distances and of the penalties of the matches of rows ``first`` to ``last``, int64."""
+    energy, penalised = np.int64(0), np.int64(0)
+    for y in range(first, last):
+        for x in range(row.shape[1]):
+            energy += distance[y, x]
+            penalised += penalty[row[y, x], column[y, x]]
+    return energy, penalised
 
 
 @inner
@@ -311,7 +332,8 @@ def sweep(shape, target, exemplar, scan, first, last):
 
     Returns
     -------
-    number of matches that changed, and of distances that were compared.
+    (n, 2) int64, number of the exemplar patch, row by row, that each changed match had before and has now; and the
+    number of distances that were compared.
     """
     row, column, distance, penalty = target.row, target.column, target.distance, exemplar.penalty
     features, exemplar_features, wrap = target.features, exemplar.features, scan.wrap
@@ -320,6 +342,7 @@ def sweep(shape, target, exemplar, scan, first, last):
     rows, columns = penalty.shape
     own_penalty = exemplar.own_penalty
     step, tries = 1 if scan.forward else -1, scan.radii.size
+    moves = np.empty(((last - first) * across, 2), np.int64)
     changed, compared = 0, 0
     for i in range(last - first):
         y = first + i if scan.forward else last - 1 - i
@@ -358,6 +381,8 @@ def sweep(shape, target, exemplar, scan, first, last):
                 if d + added < best_cost:
                     best_cost, best_distance, best_row, best_column = d + added, d, r, c
             if best_row != row[y, x] or best_column != column[y, x]:
+                moves[changed, 0] = np.int64(row[y, x]) * columns + column[y, x]
+                moves[changed, 1] = best_row * columns + best_column
                 row[y, x], column[y, x], distance[y, x] = best_row, best_column, best_distance
                 changed += 1
                 for side in range(4):
@@ -365,4 +390,4 @@ def sweep(shape, target, exemplar, scan, first, last):
                     ny, nx = wrap_index(y + dy, row.shape[0], wrap), wrap_index(x + dx, across, wrap)
                     if ny >= 0 and nx >= 0:
                         active[ny, nx] = True
-    return changed, compared
+    return moves[:changed], compared

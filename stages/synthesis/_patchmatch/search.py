@@ -117,12 +117,21 @@ class Search:
         -------
         energy per patch and the occurrence penalty in it, CIELAB units squared; share of changed matches.
         """
-        from texloom.stages.kernels.patchmatch.search import Exemplar, Scan, Target, match_distances, sweep
+        from texloom.stages.kernels.patchmatch.search import (
+            Exemplar,
+            Scan,
+            Target,
+            count_moves,
+            match_distances,
+            match_energy,
+            sweep,
+        )
 
         row, column = match
         own = Target(target, row, column, self.distance, self.active)
         used = (target, match, self.distance, self.active)
         run_bands(match_distances, (self.shape, own, self.exemplar), row.shape[0], used)
+        self._count(match)
         total = 0
         forward = bool(random.integers(2))
         for sweep_number in range(effort.sweeps):
@@ -130,7 +139,7 @@ class Search:
             key = random.integers(2**64, dtype=np.uint64)
             changed = 0
             for number, phase in enumerate(self.phases):
-                self._set_penalties(row, column)
+                self._set_penalties()
                 if number == 0:
                     unused = self._little_used() if fills else (np.zeros(1, np.int32),) * 2
                 exemplar = Exemplar(
@@ -139,27 +148,32 @@ class Search:
                 )  # fmt: skip
                 scan = Scan(forward, self.wrap, radii, fills if unused[0].size else 0, key)
                 calls = [(self.shape, own, exemplar, scan, *span) for span in phase]
-                for changes, distances in run_released(sweep, calls, used):
-                    changed += changes
+                for moves, distances in run_released(sweep, calls, used):
+                    count_moves(moves, self.counts)
+                    changed += len(moves)
                     self.compared += distances
             total += changed
             if changed <= effort.tolerance * row.size:
                 break
             forward = not forward
-        self._set_penalties(row, column)
-        penalty = energy = 0
-        for band in bands(row.shape[0], match, self.distance):
-            penalty += int(self.penalty[row[band], column[band]].sum())
-            energy += int(self.distance[band].sum())
+        self._set_penalties()
+        sums = run_bands(match_energy, (row, column, self.distance, self.penalty), row.shape[0], used)
+        energy, penalty = (sum(part) for part in zip(*sums, strict=True))
         patches = row.size * self.unit
         return (energy + penalty) / patches, penalty / patches, total / row.size
 
-    def _set_penalties(self, row: np.ndarray, column: np.ndarray) -> None:
-        from texloom.stages.kernels.patchmatch.search import count_matches, occurrence_penalty
+    def _count(self, match: Patches) -> None:
+        """Set `counts` to how often each exemplar patch is a match."""
+        from texloom.stages.kernels.patchmatch.search import count_matches
 
         self.counts[:] = 0
-        for band in bands(row.shape[0], row):
-            count_matches(row[band], column[band], self.counts)
+        for band in bands(match.shape[1], match):
+            count_matches(match[0, band], match[1, band], self.counts)
+
+    def _set_penalties(self) -> None:
+        """Set `penalty` by `counts`."""
+        from texloom.stages.kernels.patchmatch.search import occurrence_penalty
+
         occurrence_penalty(self.counts, self.shape.size, self.penalty_per_use, self.penalty)
         if self.expected is not None:
             np.rint(self.penalty / self.expected, out=self.penalty, casting="unsafe")

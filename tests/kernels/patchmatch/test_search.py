@@ -14,6 +14,7 @@ from texloom.stages.kernels.patchmatch.search import (
     Scan,
     Target,
     count_matches,
+    count_moves,
     match_distances,
     occurrence_penalty,
     random_bits,
@@ -63,8 +64,8 @@ class Problem:
         return PatchShape.of(self.size, self.channels), target, exemplar, scan
 
     def sweep(self, penalty: np.ndarray, own_penalty: int = 0, limit: int = 2**60, **how: Any) -> int:
-        """The compiled sweep over all rows."""
-        return sweep(*self.arguments(penalty, own_penalty, limit, **how), 0, len(self.match[0]))[0]
+        """The compiled sweep over all rows; the number of distances that it compares."""
+        return sweep(*self.arguments(penalty, own_penalty, limit, **how), 0, len(self.match[0]))[1]
 
 
 def test_random_bits_equal_whole_number_arithmetic(rng: np.random.Generator) -> None:
@@ -126,11 +127,18 @@ def test_sweep_equals_twin(size: int, channels: int, wrap: bool, rng: np.random.
         shape, target, exemplar, scan = problem.arguments(penalty, own_penalty, limit, **how)
         slow = target._replace(row=target.row.copy(), column=target.column.copy(), distance=target.distance.copy())
         span = (0, 7) if trial < 4 else (2, 6)
+        counts = np.zeros(problem.places, np.int64)
+        count_matches(*problem.match, counts)
         expected = naive.Sweep(shape, slow, exemplar, scan).run(*span)
         assert expected > 0
-        assert sweep(shape, target, exemplar, scan, *span)[0] == expected
-        for array, slow_array in zip(target[1:], slow[1:], strict=True):
+        moves, _ = sweep(shape, target, exemplar, scan, *span)
+        assert len(moves) == expected
+        for array, slow_array in zip(target[1:4], slow[1:4], strict=True):
             np.testing.assert_array_equal(array, slow_array)
+        count_moves(moves, counts)
+        after = np.zeros_like(counts)
+        count_matches(*problem.match, after)
+        np.testing.assert_array_equal(counts, after)
 
 
 @pytest.mark.parametrize(("wrap", "most"), [(False, 0), (True, 0), (True, 500)])
@@ -270,6 +278,20 @@ def test_a_match_moves_only_for_more_than_its_own_penalty(exemplar: np.ndarray, 
     assert (gain < 2 * step.penalty_per_use).any()  # so the own penalty decided
 
 
+def test_energy_is_that_of_the_matches_that_are_left(exemplar: np.ndarray, match: np.ndarray) -> None:
+    target = mean_vote(match, flat(exemplar), CHANNELS, window(SIZE), False)
+    again = search(exemplar, False, 10.0)
+    random = np.random.default_rng(1)
+    for _ in range(3):
+        energy, penalty, _ = again.step(target, match, EFFORT, random)
+        penalties = naive.occurrence_penalty(match, SIZE, PLACES, again.penalty_per_use)
+        np.testing.assert_array_equal(again.penalty, penalties)
+        distance = naive.distances(target, flat(exemplar), match, CHANNELS, SIZE).sum()
+        total = penalties[tuple(match)].sum()
+        assert penalty == pytest.approx(total / again.unit / match[0].size)
+        assert energy == pytest.approx((distance + total) / again.unit / match[0].size)
+
+
 def test_the_penalty_spreads_the_matches(exemplar: np.ndarray, match: np.ndarray) -> None:
     spread = []
     for occurrence in (0.0, 20.0):
@@ -285,7 +307,8 @@ def test_the_penalty_spreads_the_matches(exemplar: np.ndarray, match: np.ndarray
 def test_little_used_places_are_drawn_by_what_they_lack(exemplar: np.ndarray, match: np.ndarray) -> None:
     match[0] //= 2  # the lower half is unused
     probe = search(exemplar, False, 10.0)
-    probe._set_penalties(*match)
+    probe._count(match)
+    probe._set_penalties()
     rows, columns = probe._little_used()
     drawn = np.zeros(PLACES)
     np.add.at(drawn, (rows, columns), 1)
@@ -300,7 +323,11 @@ def test_the_most_different_features_have_the_right_distance(size: int, channels
     origin = np.zeros((2, 1, 1), np.int32)
     found = np.empty((1, 1), np.int64)
     match_distances(
-        PatchShape.of(size, channels), Target(white, *origin, found, np.ones((1, 1), np.bool_)), black, 0, 1
+        PatchShape.of(size, channels),
+        Target(white, *origin, found, np.ones((1, 1), np.bool_)),
+        black,
+        0,
+        1,
     )
     assert found[0, 0] == naive.patch_distance(white, black, channels, size, (0, 0), (0, 0))
 
