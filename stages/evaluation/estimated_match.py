@@ -82,6 +82,7 @@ def _search(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Row and column of the most similar exemplar patch of every patch, and their squared distances."""
     from texloom.stages.kernels.patchmatch.search import (
+        ALL_ACTIVE,
         Exemplar,
         PatchShape,
         Scan,
@@ -97,7 +98,9 @@ def _search(
     row, column = (part.astype(np.int32) for part in start)
     source = fixed_point(exemplar)
     shape = PatchShape.of(size, 3)
-    target = Target(fixed_point(image), row, column, np.empty(patches, np.int64), np.ones(patches, np.bool_))
+    target = Target(
+        fixed_point(image), row, column, np.empty(patches, np.int64), np.full(patches, ALL_ACTIVE, np.uint8)
+    )
     run_spans(match_distances, (shape, target, source), patches[0], 16)
     # every patch is free; masked ones cost more than any distance
     penalty = np.zeros(places, np.int64)
@@ -109,7 +112,7 @@ def _search(
     strips = spans(patches[0], max(1, patches[0] // _STRIP))
     radii = np.full(params.tries, max(places))
     for number in range(params.sweeps):
-        scan = Scan(number % 2 == 0, False, radii, 0, rng.integers(2**64, dtype=np.uint64))
+        scan = Scan(number % 2 == 0, False, radii, 0, rng.integers(2**64, dtype=np.uint64), True)
         changed = 0
         for phase in (strips[0::2], strips[1::2]):
             swept = run_all(sweep, [(shape, target, own, scan, *span) for span in phase])

@@ -15,6 +15,9 @@ from texloom.stages.kernels.core.row_distance import two_row_distance
 
 _LONG_RUN = 4  # patches from which differences of pixels are computed once
 _DRAWS = 5  # positions drawn for one random try until one passes the limit on the occurrence penalty
+_OPEN, _FORWARD, _BACKWARD = 1, 2, 4  # of `Target.active`
+ALL_ACTIVE = _OPEN | _FORWARD | _BACKWARD
+"""the flags of a target patch of which nothing is known"""
 
 
 class PatchShape(NamedTuple):
@@ -44,7 +47,8 @@ class Target(NamedTuple):
     distance: Any
     """(p, q) int64, of the matches"""
     active: Any
-    """(p, q) bool, false where all four neighbours are known to propose the match; all true is always correct"""
+    """(p, q) uint8, 0 where all four neighbours are known to propose the match; else 1, and 2 if a neighbour may
+    propose something new in a forward scan, 4 if in a backward scan"""
 
 
 class Exemplar(NamedTuple):
@@ -77,6 +81,9 @@ class Scan(NamedTuple):
     """tries at little used patches"""
     key: Any
     """uint64, of the random numbers"""
+    everywhere: bool
+    """all active patches are visited, as random tries need or a new target; else those to which a neighbour may
+    propose something new"""
 
 
 @numba.njit(cache=True, nogil=True, inline="always")
@@ -319,9 +326,10 @@ def sweep(shape, target, exemplar, scan, first, last):
     """One scan of PatchMatch over the target patches of rows ``first`` to ``last``.
 
     Propagation from the two neighbours behind, then random search around the match, then tries at little used
-    patches. A patch whose four neighbours all agree with it is left alone. Random search rejects what costs more
-    than the limit and no less than the match at the start of the visit: the paper leaves open whether the best
-    match so far is meant instead.
+    patches. A patch whose four neighbours all agree with it is left alone, and where the scan does not go
+    ``everywhere``, one whose neighbours behind propose what they have proposed before. Random search rejects what
+    costs more than the limit and no less than the match at the start of the visit: the paper leaves open whether
+    the best match so far is meant instead.
 
     Parameters
     ----------
@@ -342,17 +350,20 @@ def sweep(shape, target, exemplar, scan, first, last):
     rows, columns = penalty.shape
     own_penalty = exemplar.own_penalty
     step, tries = 1 if scan.forward else -1, scan.radii.size
+    due, other = (_FORWARD, _BACKWARD) if scan.forward else (_BACKWARD, _FORWARD)
     moves = np.empty(((last - first) * across, 2), np.int64)
     changed, compared = 0, 0
     for i in range(last - first):
         y = first + i if scan.forward else last - 1 - i
         for j in range(across):
             x = j if scan.forward else across - 1 - j
-            if not active[y, x]:
+            state = active[y, x]
+            if not (state if scan.everywhere else state & due):
                 continue
             if _is_coherent(row, column, y, x, wrap):
-                active[y, x] = False
+                active[y, x] = 0
                 continue
+            active[y, x] = _OPEN | other if scan.everywhere else state & ~due
             patch = y * across + x
             best_row, best_column, best_distance = np.int64(row[y, x]), np.int64(column[y, x]), distance[y, x]
             best_cost = best_distance + penalty[best_row, best_column]
@@ -389,5 +400,6 @@ def sweep(shape, target, exemplar, scan, first, last):
                     dy, dx = cross_step(side)
                     ny, nx = wrap_index(y + dy, row.shape[0], wrap), wrap_index(x + dx, across, wrap)
                     if ny >= 0 and nx >= 0:
-                        active[ny, nx] = True
+                        # Those above and to the left propagate from here when a scan goes backward.
+                        active[ny, nx] |= _OPEN | (_BACKWARD if side < 2 else _FORWARD)
     return moves[:changed], compared

@@ -4,7 +4,7 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int16, Int64
+from jaxtyping import Float32, Int16, Int64, UInt8
 
 from texloom.stages.common.neighbourhoods import UNIT
 from texloom.stages.kernels.core.threads import spans
@@ -79,7 +79,7 @@ class Search:
         allowed: Allowed | None = None,
         expected: Float32[np.ndarray, "p q"] | None = None,
     ):
-        from texloom.stages.kernels.patchmatch.search import PatchShape
+        from texloom.stages.kernels.patchmatch.search import ALL_ACTIVE, PatchShape
 
         self.shape = PatchShape.of(patch_size, channels)
         self.exemplar = exemplar
@@ -100,8 +100,8 @@ class Search:
         self.counts: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
         self.penalty: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
         self.distance: Int64[np.ndarray, "p q"] = empty(patches, np.int64)
-        self.active: Bool[np.ndarray, "p q"] = empty(patches, np.bool_)
-        self.active[:] = True
+        self.active: UInt8[np.ndarray, "p q"] = empty(patches, np.uint8)
+        self.active[:] = ALL_ACTIVE
         pieces = max(1, patches[0] // (2 * _STRIP)) * 2 if patches[0] >= 2 * _STRIP else 1
         strips = spans(patches[0], pieces)
         # Strips of one parity are searched together while those between them do not change. Their number is even,
@@ -137,6 +137,8 @@ class Search:
         for sweep_number in range(effort.sweeps):
             radii, fills = effort.radii(sweep_number, max(self.counts.shape)), effort.fills(sweep_number)
             key = random.integers(2**64, dtype=np.uint64)
+            # Where little used places are tried, penalties change so much that what was refused may be taken.
+            everywhere = sweep_number == 0 or radii.size > 0 or effort.fill_tries > 0
             changed = 0
             for number, phase in enumerate(self.phases):
                 self._set_penalties()
@@ -146,7 +148,7 @@ class Search:
                     self.exemplar, self.penalty, np.int64(round(self.penalty_per_use)),
                     np.int64(self.penalty_limit), *unused,
                 )  # fmt: skip
-                scan = Scan(forward, self.wrap, radii, fills if unused[0].size else 0, key)
+                scan = Scan(forward, self.wrap, radii, fills if unused[0].size else 0, key, everywhere)
                 calls = [(self.shape, own, exemplar, scan, *span) for span in phase]
                 for moves, distances in run_released(sweep, calls, used):
                     count_moves(moves, self.counts)

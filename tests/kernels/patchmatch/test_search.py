@@ -9,6 +9,7 @@ from tests.kernels.patchmatch import naive
 from tests.kernels.patchmatch.conftest import CHANNELS, PATCHES, PLACES, SIZE, flat, outcomes
 from texloom.stages.common.neighbourhoods import UNIT, fixed_point
 from texloom.stages.kernels.patchmatch.search import (
+    ALL_ACTIVE,
     Exemplar,
     PatchShape,
     Scan,
@@ -49,18 +50,19 @@ class Problem:
         self.match[0, :4, :4] = np.arange(4)[:, None] + 1
         self.match[1, :4, :4] = np.arange(4)[None, :] + 2
         self.distance = naive.distances(self.target, self.exemplar, self.match, channels, size)
-        self.active = np.ones((down, across), np.bool_)
+        self.active = np.full((down, across), ALL_ACTIVE, np.uint8)
         self.unused = np.stack([rng.integers(0, n, 20) for n in self.places]).astype(np.int32)
 
     def arguments(
         self, penalty: np.ndarray, own_penalty: int = 0, limit: int = 2**60, *,
         forward: bool = True, radius: int = 9, tries: int = 3, fill_tries: int = 2, key: int = 1,
+        everywhere: bool = True,
     ) -> tuple[PatchShape, Target, Exemplar, Scan]:  # fmt: skip
         """What a sweep takes; it changes the problem in place."""
         target = Target(self.target, *self.match, self.distance, self.active)
         exemplar = Exemplar(self.exemplar, penalty, np.int64(own_penalty), np.int64(limit), *self.unused)
         radii = np.maximum(1, radius // np.arange(1, tries + 1))
-        scan = Scan(forward, self.wrap, radii, fill_tries, np.uint64(key))
+        scan = Scan(forward, self.wrap, radii, fill_tries, np.uint64(key), everywhere)
         return PatchShape.of(self.size, self.channels), target, exemplar, scan
 
     def sweep(self, penalty: np.ndarray, own_penalty: int = 0, limit: int = 2**60, **how: Any) -> int:
@@ -139,6 +141,21 @@ def test_sweep_equals_twin(size: int, channels: int, wrap: bool, rng: np.random.
         after = np.zeros_like(counts)
         count_matches(*problem.match, after)
         np.testing.assert_array_equal(counts, after)
+
+
+@pytest.mark.parametrize("wrap", [False, True])
+def test_sweeps_that_try_only_what_is_new_find_the_same(wrap: bool, rng: np.random.Generator) -> None:
+    """At fixed penalties, what was refused once is refused again."""
+    penalty = rng.integers(0, 300, (9, 8))
+    first, other = (Problem(3, 3, wrap, np.random.default_rng(5), down=30, across=20) for _ in range(2))
+    compared = [0, 0]
+    for number in range(6):
+        how = {"own_penalty": 30, "forward": number % 2 == 0, "tries": 0, "fill_tries": 0}
+        compared[0] += first.sweep(penalty, **how)
+        compared[1] += other.sweep(penalty, **how, everywhere=number == 0)
+        np.testing.assert_array_equal(other.match, first.match)
+        np.testing.assert_array_equal(other.distance, first.distance)
+    assert compared[1] < 0.7 * compared[0]
 
 
 @pytest.mark.parametrize(("wrap", "most"), [(False, 0), (True, 0), (True, 500)])
@@ -324,7 +341,7 @@ def test_the_most_different_features_have_the_right_distance(size: int, channels
     found = np.empty((1, 1), np.int64)
     match_distances(
         PatchShape.of(size, channels),
-        Target(white, *origin, found, np.ones((1, 1), np.bool_)),
+        Target(white, *origin, found, np.full((1, 1), ALL_ACTIVE, np.uint8)),
         black,
         0,
         1,
