@@ -127,6 +127,10 @@ def metrics(
     summary is the mean score of each axis: fidelity, detail, variety, structure, wrap. No axis replaces another:
     a blurred result may be faithful, and a verbatim tiling is faithful and sharp.
 
+    Of completeness, the nearest of each patch of the exemplar is sought among the patches of the result that show
+    a part of it by ``match``, and among 65,536 others. Without ``match``, a large result has a larger distance than
+    a small one.
+
     Joints are where neighbouring pixels come from pixels that are no neighbours. In each cell of the result (at
     most 2048) the joint of the largest jump is measured: the squared distance of the 7x7 patch there, samples 1, 2
     and 4 px apart, to the nearest patch of the exemplar, over the mean distance of the exemplar's patches to those

@@ -181,6 +181,37 @@ def test_excluded_pixels_are_no_part_of_the_texture() -> None:
         ), name
 
 
+def test_an_exemplar_that_is_all_there_is_complete() -> None:
+    """Of a large result only some rows are searched; the source map tells where each patch was copied to."""
+    exemplar = encoded(tinted("gravel")[:96, :96])
+    match = np.tile(grid(96, 96), (4, 4, 1))
+    result = copied(exemplar, match)
+    assert measure(exemplar, result)["completeness"]["value"] > 0
+    assert measure(exemplar, result, match=match)["completeness"]["value"] == 0
+
+
+@pytest.mark.parametrize("step", [1, 4])
+def test_copies_of_patches_are_found_by_a_sample_in_its_place(step: int) -> None:
+    rng = np.random.default_rng(11)
+    match = rng.integers(0, 40, (64, 70, 2)).astype(np.uint32)
+    match[10:42, 20:60] = grid(40, 40)[5:37]
+    reach = (_patch_distance.SIDE - 1) * step
+    whole = rng.uniform(size=(64 - reach, 70 - reach)) < 0.8
+    patches = np.column_stack([rng.permutation(40 - reach)[:9], rng.permutation(40 - reach)[:9]])
+    found = {
+        (int(number), *map(int, corner))
+        for part in _patches.copied_patches(match, 40, step, whole, patches)
+        for number, corner in zip(*part, strict=True)
+    }
+    expected = set()
+    for number, corner in enumerate(patches):
+        for offset in ((0, 0), (0, reach), (reach, 0), (reach, reach), (reach // 2, reach // 2)):
+            for place in np.argwhere((match == corner + offset).all(axis=2)) - offset:
+                if (place >= 0).all() and (place < whole.shape).all() and whole[*place]:
+                    expected.add((number, *map(int, place)))
+    assert found == expected
+
+
 def test_too_much_mask_is_reported() -> None:
     values = tinted("gravel")[:128, :128]
     few = np.zeros((128, 128), bool)

@@ -1,13 +1,17 @@
 """Measures of patches: sliced Wasserstein distance and nearest neighbours."""
 
-from typing import NamedTuple
+import functools
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from jaxtyping import Float32, Int64
 
+from texloom.stages.arrays import Correspondence
 from texloom.stages.common.patch_distance import (
     SIDE,
     Patches,
+    Places,
     Whole,
     nearest_rows,
     principal_directions,
@@ -31,6 +35,9 @@ from texloom.stages.evaluation._measures.task import GIVEN, Task
 _PATCHES = 8192  # of the sliced distance; their sampling noise is a fifth of the distance between two crops
 _PROJECTIONS = 64
 _MAX_INDEXED = 1 << 16  # patches
+
+Copies: TypeAlias = Iterator[tuple[np.ndarray, Places]]
+"""numbers of patches, and the corners of others that may be alike"""
 
 
 def projected(picture: Picture, levels: int = 4) -> list[Float32[np.ndarray, "q p"]]:
@@ -116,18 +123,57 @@ def index_patches(
     return PatchIndex(patches, rows, components, with_squares(counted), None if whole is None else whole[rows])
 
 
-def nearest_distance(queries: PatchIndex, targets: PatchIndex, count: int = 256) -> float:
+def nearest_distance(
+    queries: PatchIndex,
+    targets: PatchIndex,
+    count: int = 256,
+    copies: Callable[[Places], Copies] | None = None,
+) -> float:
     """Mean squared distance of ``count`` random patches of ``queries`` to their nearest patches of ``targets``.
 
     The nearest indexed patch is that by principal components; its distance is exact, in squared CIELAB units, mean
-    over samples and sum over channels.
+    over samples and sum over channels. ``copies`` names patches of the targets to compare as well, see
+    `copied_patches`.
     """
     places = np.random.default_rng(4).permutation(_counted(queries))
     rows, columns = np.divmod(places[:count], queries.components.shape[1])
     nearest = nearest_rows(targets.searched, queries.components[rows, columns])
     row, column = np.divmod(_counted(targets)[nearest], targets.components.shape[1])
-    ours, theirs = queries.patches.at(queries.rows[rows], columns), targets.patches.at(targets.rows[row], column)
-    return float(((ours - theirs) ** 2).sum(axis=1).mean(dtype=np.float64)) / SIDE**2
+    rows = queries.rows[rows]
+    ours = queries.patches.at(rows, columns)
+    distances = ((ours - targets.patches.at(targets.rows[row], column)) ** 2).sum(axis=1)
+    for number, corners in copies(np.column_stack([rows, columns])) if copies else ():
+        tried = ((ours[number] - targets.patches.at(*corners.T)) ** 2).sum(axis=1)
+        np.minimum.at(distances, number, tried)
+    return float(distances.mean(dtype=np.float64)) / SIDE**2
+
+
+def copied_patches(match: Correspondence, width: int, step: int, whole: Whole | None, patches: Places) -> Copies:
+    """Where the result shows the middle or a corner of some patches of the exemplar, by the source map ``match``.
+
+    For each of these five samples: numbers of the patches, and the corners of the result's patches that show the
+    sample in the same place; of very many some are left out. ``patches``: corners in the exemplar, ``width`` px
+    wide, of patches of samples ``step`` px apart; ``whole``: patches of the result that count, None where all do.
+    """
+    reach = (SIDE - 1) * step
+    offsets = [(reach // 2, reach // 2), (0, 0), (0, reach), (reach, 0), (reach, reach)]
+    samples = [(patches + offset) @ (width, 1) for offset in offsets]
+    sources = match[..., 0] * np.uint32(width) + match[..., 1]
+    last = max(int(sources.max()), int(np.max(samples)))
+    shown = np.zeros(last + 1, bool)
+    shown[np.concatenate(samples)] = True
+    places = np.argwhere(shown[sources])
+    places = places[:: 1 + len(places) // _MAX_INDEXED]
+    of_places = sources[places[:, 0], places[:, 1]]
+    for offset, of_patches in zip(offsets, samples, strict=True):
+        number = np.full(last + 1, -1)
+        number[of_patches] = np.arange(len(of_patches))
+        numbers = number[of_places]
+        corners = places - offset
+        counted = (numbers >= 0) & (corners >= 0).all(axis=1) & (corners + reach < match.shape[:2]).all(axis=1)
+        if whole is not None:
+            counted[counted] = whole[*corners[counted].T]
+        yield numbers[counted], corners[counted]
 
 
 def _counted(index: PatchIndex) -> np.ndarray:
@@ -170,10 +216,13 @@ def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
             index_patches(one, directions, whole=whole) for one, whole in zip(patches, wholes, strict=False)
         )
         shuffled = index_patches(patches[2], directions, 8192)
+        copies = None
+        if task.match is not None:
+            copies = functools.partial(copied_patches, task.match, task.source_shape[1], step, wholes[1])
         rows.append(
             [
                 nearest_distance(result, exemplar),
-                nearest_distance(exemplar, result),
+                nearest_distance(exemplar, result, copies=copies),
                 nearest_distance(shuffled, exemplar, 128),
                 # a plain picture's distance
                 float(channel_variances(labs[0] if counted is None else labs[0][counted]).sum()),
