@@ -36,6 +36,7 @@ from texloom.stages.synthesis._patchmatch.vote import HistogramVote, mean_vote, 
 _MIN_CELL = 8  # px between lattice lines at the first scale; smaller cells would not be resolved
 _PHASE_SHARE = 0.8  # of the scales, coarsest first, at which the lattice is enforced; finer ones preserve it
 _FILL_SHARE = 0.4  # of the scales, coarsest first, at which little used places are tried
+_LINES = 0.5  # of `regularity` for straight lines at uneven distances; the full one leads to few of their pieces
 _TRIED_SCALES = 3  # the coarsest ones, after which one of several starts is chosen
 
 _OURS = {
@@ -131,7 +132,8 @@ class OptimiseParams(Params):
     tolerance: float = Field(0.0, ge=0, lt=1)
     """a scale ends early when an iteration changes no more than this share of the patches"""
     regularity: float = Field(0.0, ge=0, le=100)
-    """weight of the lattice phase, CIELAB units: a phase error of half a cell counts as twice this difference"""
+    """weight of the lattice phase, CIELAB units: a phase error of half a cell counts as twice this difference; of
+    half the period of straight lines at uneven distances, as once"""
     period: Size | None = None
     """height and width of the parts of a tileable result that each contain whole cells of the lattice, as the tiles
     of an atlas do, px; null: all of it"""
@@ -267,12 +269,13 @@ class _Optimisation:
         weight: float,
         guides: Guides | None,
         phase: LatticePhase | None,
+        regularity: float,
         fixed: FixedPixels | None,
         params: OptimiseParams,
     ):
         self.image = without_usable(fill_excluded(image))
         self.compared = PatchFeatures(
-            self.image, valid_pixels(image), guidance, weight, params.weights, guides, phase, params.regularity,
+            self.image, valid_pixels(image), guidance, weight, params.weights, guides, phase, regularity,
             params.patch_size, None if fixed is None else fixed.shown,
         )  # fmt: skip
         self.fixed = fixed
@@ -423,15 +426,17 @@ def optimise(
     sides = image.height, image.width
     image, start = border.around_image(image), border.moved(start)
     guidance = None if guidance is None else border.around(guidance)
-    phase = None
-    if generators is not None and len(generators) and params.regularity > 0:
+    phase, regularity = None, params.regularity
+    if generators is not None and len(generators) and regularity > 0:
+        if len(generators) == 1 and (2 * np.abs(generators[0]) >= sides).any():
+            regularity *= _LINES
         phase = LatticePhase(generators, start, wrap, None if given is None else keep, params.period)
     margin = 0 if wrap else params.patch_size - 1
     full = (height + 2 * margin, width + 2 * margin)
     usable = valid_pixels(image)
     fixed = None if keep is None else FixedPixels(keep, start, margin, given)
     scales = _plan((image.height, image.width), full, generators if phase else None, usable, params)
-    optimisation = _Optimisation(image, guidance, weight, guides, phase, fixed, params)
+    optimisation = _Optimisation(image, guidance, weight, guides, phase, regularity, fixed, params)
     match, done = _run(optimisation, scales, start, full, rng, checkpoints)
 
     made = optimisation.picture(match, scales[-1], margin)

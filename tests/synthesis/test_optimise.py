@@ -14,6 +14,7 @@ from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, find_stage
 from texloom.stages.normals import rounding
 from texloom.stages.progress import Progress, listening
+from texloom.stages.synthesis import optimise as optimise_module
 from texloom.stages.synthesis.initialise import InitialiseParams, initialise
 from texloom.stages.synthesis.optimise import PRESETS, Optimised, OptimiseParams, OptimiseScale, optimise
 
@@ -371,6 +372,19 @@ def test_results_keep_a_lattice(rng: np.random.Generator) -> None:
         return float(np.mean(irregular))
 
     assert irregularity(generators) < min(0.08, 0.6 * irregularity(None))
+
+
+@pytest.mark.parametrize(("period", "weight"), [(50.0, 32.0), (20.0, 64.0)])
+def test_lines_at_uneven_distances_are_kept_with_half_the_weight(
+    period: float, weight: float, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of half a side or more is the period of such lines only; that of courses is shorter."""
+    image = picture(smooth_noise((60, 90, 3), 1.5, rng))
+    generators = np.array([[0, period]], np.float32)
+    start = initialise(image, InitialiseParams(size=(70, 100)), np.random.default_rng(2), None, generators).match
+    made = run(image, start, preset="fast", regularity=64.0, generators=generators)
+    monkeypatch.setattr(optimise_module, "_LINES", 1.0)
+    assert_same(made, run(image, start, preset="fast", regularity=weight, generators=generators))
 
 
 @pytest.mark.parametrize(("width", "cells"), [(70, 4), (108, 5)])
