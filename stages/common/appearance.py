@@ -11,9 +11,9 @@ from jaxtyping import Float32, Int16, Int32
 
 from texloom.stages.arrays import Mask
 from texloom.stages.common.components import components
-from texloom.stages.common.neighbourhoods import DIMENSIONS
 from texloom.stages.common.similarity_sets import similarity_sets
 from texloom.stages.kernels.core.threads import run_spans, spans
+from texloom.stages.kernels.core.vector_size import DIMENSIONS
 
 COMPONENTS = 8
 """dimensions of an appearance vector, and of a projected neighbourhood"""

@@ -14,13 +14,11 @@ from jaxtyping import Bool, Float32, Float64, Int16, Int32, Int64
 from texloom.stages.arrays import Channels
 from texloom.stages.common.components import components
 from texloom.stages.kernels.core.threads import run_spans
+from texloom.stages.kernels.core.vector_size import DIMENSIONS
 from texloom.stages.masks import count_excluded
 
 UNIT = 16
 """fixed-point steps per CIELAB unit: fine enough that rounding is a thousandth of a typical patch distance"""
-
-DIMENSIONS = 32
-"""of a neighbourhood's vector"""
 
 _MAX_VALUE = 300 * UNIT  # includes the strongest guidance
 _MAX_LENGTH = 2047  # of a vector; products are then exact in single precision

@@ -7,10 +7,9 @@ import numba
 import numpy as np
 
 from texloom.stages.kernels.core.row_distance import two_row_distance
+from texloom.stages.kernels.core.vector_size import DIMENSIONS
 
-HALF = 16
-DIMENSIONS = 2 * HALF
-"""values of a vector"""
+HALF = DIMENSIONS // 2
 
 
 @numba.njit(cache=True, nogil=True, forceinline=True)

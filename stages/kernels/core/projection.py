@@ -12,9 +12,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 import texloom.stages.kernels.core.numba_loading  # noqa: F401
-
-DIMENSIONS = 32
-"""vectors that windows are projected on"""
+from texloom.stages.kernels.core.vector_size import DIMENSIONS
 
 _LANES = (np.int8(0),) * DIMENSIONS
 _FUSED = ("contract",)  # a product and its sum in one instruction, where the processor has it

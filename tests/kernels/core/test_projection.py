@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from texloom.stages.kernels.core.projection import DIMENSIONS, project_windows
+from texloom.stages.kernels.core.projection import project_windows
+from texloom.stages.kernels.core.vector_size import DIMENSIONS
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 11])
