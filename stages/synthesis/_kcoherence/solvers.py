@@ -251,7 +251,7 @@ class PixelSolver(Solver):
 
     def _begun(self, source: Sources, scale: Scale, random: np.random.Generator) -> Sources:
         """The sources that a scale begins with."""
-        if scale.level == 1:
+        if scale.level == 1 or not self.inputs.control.shape[2]:
             return source
         before = self.inputs.wanted(self.scales[scale.level - 2])
         own, wanted = resize(self.inputs.control, *scale.exemplar), self.inputs.wanted(scale)
