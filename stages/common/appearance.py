@@ -86,12 +86,13 @@ def appearances(planes: Float32[np.ndarray, "h w c"], complete: Mask, level: int
     from texloom.stages.kernels.per_pixel.windows import project_windows
 
     height, width, _ = planes.shape
-    step, reach = 2**level, range(2 * _RADIUS + 1)
+    step = 2**level
     margin = _RADIUS * step
     padded = np.pad(planes, ((margin, margin), (margin, margin), (0, 0)), "wrap" if toroidal else "reflect")
     rows, columns = _sample(complete)
-    sample = [padded[rows + down * step, columns + across * step] for down in reach for across in reach]
-    mean, basis = components(np.concatenate(sample, axis=1), COMPONENTS)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * margin + 1,) * 2, axis=(0, 1))
+    sample = np.moveaxis(windows[..., ::step, ::step], 2, 4)[rows, columns].reshape(rows.size, -1)
+    mean, basis = components(sample, COMPONENTS)
     projection = np.empty((height, width, COMPONENTS), np.float32)
     middle, axes = (mean @ basis).astype(np.float32), basis.astype(np.float32)
     shared = (np.ascontiguousarray(np.moveaxis(padded, 2, 0)), step, middle, axes, projection)

@@ -5,10 +5,11 @@ import numpy as np
 
 def components(sample: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Mean of the rows and their principal components, (values, count), padded with zeros."""
-    sample = sample.astype(np.float64)
-    _, vectors = np.linalg.eigh(np.cov(sample, rowvar=False, bias=True))
+    mean = sample.mean(axis=0, dtype=np.float64)
+    centred = sample - mean
+    _, vectors = np.linalg.eigh(centred.T @ centred * (1 / len(sample)))
     basis = np.zeros((sample.shape[1], count))
     kept = min(count, sample.shape[1])
     basis[:, :kept] = vectors[:, ::-1][:, :kept]
     basis *= np.where(basis[np.abs(basis).argmax(axis=0), np.arange(count)] < 0, -1, 1)
-    return sample.mean(axis=0), basis
+    return mean, basis

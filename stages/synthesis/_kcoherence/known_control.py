@@ -39,13 +39,13 @@ def extrapolated(
     around = uniform_filter(counts, 3, mode="constant") * 3**channels
     is_frequent = around >= min(_MIN_PIXELS, _MIN_SHARE * own.shape[0] * own.shape[1])
     known = is_frequent & (counts > 0)
-    needed, places = np.unique(numbers[1], return_inverse=True)
-    is_rare = ~is_frequent.ravel()[needed]
+    asked = np.bincount(numbers[1], minlength=_LEVELS**channels)
+    is_rare = ~is_frequent.ravel() & (asked > 0)
     if not known.any() or not is_rare.any():
         return wanted, 0.0
     cells = np.argwhere(known)
-    rare = np.stack(np.unravel_index(needed[is_rare], shape), axis=1)
-    shift = np.zeros((needed.size, channels), np.float32)
+    rare = np.argwhere(is_rare.reshape(shape))
+    shift = np.zeros((is_rare.size, channels), np.float32)
     shift[is_rare] = (cells[KDTree(cells).query(rare)[1]] - rare) / factor
-    moved = (wanted.reshape(-1, channels) + shift[places.ravel()]).reshape(wanted.shape)
-    return np.asarray(moved, np.float32), float(is_rare[places.ravel()].mean())
+    moved = (wanted.reshape(-1, channels) + shift[numbers[1]]).reshape(wanted.shape)
+    return np.asarray(moved, np.float32), float(asked[is_rare].sum() / asked.sum())
