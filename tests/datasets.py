@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -89,10 +90,12 @@ class Library:
         began = time.monotonic()
         process = start_run(self.flow, *options, "--workers", WORKERS)
         records = self.flow.parent / f"store-{runner}" / "records"
-        while kills and process.poll() is None and not list(records.glob("*")):
-            time.sleep(0.1)
-        killed = _kill_workers(process, kills, rng or random.Random(0), expected)
-        output, errors = process.communicate()
+        with ThreadPoolExecutor(1) as reader:  # a run waits while nobody reads what it prints
+            ended = reader.submit(process.communicate)
+            while kills and process.poll() is None and not list(records.glob("*")):
+                time.sleep(0.1)
+            killed = _kill_workers(process, kills, rng or random.Random(0), expected)
+            output, errors = ended.result()
         seconds = time.monotonic() - began
         return Ended(process.returncode, json.loads(output or "{}"), errors, seconds, killed)
 
