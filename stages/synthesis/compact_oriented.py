@@ -30,6 +30,7 @@ from texloom.stages.synthesis._kcoherence.frames import Places, interpolated
 _CANDIDATES = 8  # random blocks among which each block of the start is chosen
 _SEARCH_ROUNDS = 3  # of refinement of an angle
 _REFINED_SIDE = 2  # neighbourhoods along the sides of the compaction by which the orientation field is updated
+_REFINED_STARTS = 2  # from which that is solved after each update, besides from where it began before
 _ANGLE_STEP = 2  # neighbourhoods of the inverse term, along both sides, for each whose angle is refined
 
 
@@ -96,8 +97,8 @@ def compact_oriented(
     in one orientation only. Both matches and the choice of pixels alternate as in `compact`. This is done first for
     a compaction of two neighbourhoods to a side, and the orientation field is updated: each neighbourhood is
     rotated to where that compaction matches it best, among the angles that agree with its neighbours; and it is
-    solved again. Then the compaction is solved for the given field and for the updated one of least energy; the
-    better of the two is returned.
+    solved again, also from new starts, of which the best continues. Then the compaction is solved for the given
+    field and for the updated one of least energy; the better of the two is returned.
 
     Parameters
     ----------
@@ -175,8 +176,14 @@ def _refined(
     for update in range(1, params.orientation_updates + 1):
         # errors are smooth at first, and a field that is smoothed farther passes over wrong minima
         field = _updated_orientation(solver, guide, params, params.reach * (2 if update == 1 else 1))
-        solver, coarsest = _solved(features, field, small, coarsest, params, rng, update, energy)
-        solved.append((energy[-1]["energy"], field))
+        # Few blocks fit in, and where they cannot join, no field that is found makes up for it.
+        tried = []
+        for start in (coarsest, *[None] * _REFINED_STARTS):
+            rounds: list[dict[str, Any]] = []
+            tried.append((*_solved(features, field, small, start, params, rng, update, rounds), rounds))
+        solver, coarsest, rounds = min(tried, key=lambda one: one[2][-1]["energy"])
+        energy += rounds
+        solved.append((rounds[-1]["energy"], field))
     field = min(solved, key=lambda one: one[0])[1]
     # One angle everywhere would only rotate the compaction.
     turn = np.angle(np.exp(1j * (field - signed).astype(np.float64)).mean())

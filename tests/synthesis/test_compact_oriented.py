@@ -38,10 +38,12 @@ def rings() -> tuple[Image, np.ndarray]:
     return picture(tone), ((around + np.pi / 2) % np.pi).astype(np.float32)
 
 
-def run(texture: Image, angle: np.ndarray, control: Image | None = None, **params: object) -> CompactedOriented:
+def run(
+    texture: Image, angle: np.ndarray, control: Image | None = None, seed: int = 3, **params: object
+) -> CompactedOriented:
     defaults = {"size": (24, 24), "spacing": 2, "orientation_updates": 0, "coarsest": 20}
     checked = CompactOrientedParams.model_validate(defaults | params)
-    return compact_oriented(texture, texture.pixels * 100, angle, checked, np.random.default_rng(3), control)
+    return compact_oriented(texture, texture.pixels * 100, angle, checked, np.random.default_rng(seed), control)
 
 
 def off(angle: np.ndarray, true: np.ndarray, counted: np.ndarray) -> float:
@@ -83,17 +85,18 @@ def test_bricks_along_their_courses_take_less_than_in_one_direction() -> None:
     assert true["inverse"] < 0.8 * min(line["inverse"] for line in constant)
 
 
-@pytest.mark.parametrize("side", [26, 40])
-def test_directions_that_are_15_degrees_wrong_are_refined_to_4(side: int) -> None:
+@pytest.mark.parametrize(("side", "seed"), [(26, 3), (40, 3), (26, 4)])
+def test_directions_that_are_15_degrees_wrong_are_refined_to_4(side: int, seed: int) -> None:
+    """Also where the first small compaction is a poor one, as with seed 4."""
     texture, true = bricks()
     wave = np.tanh(2 * np.sin(np.arange(120) / 14))
     wrong = ((true + np.radians(15) * wave) % np.pi).astype(np.float32)
-    result = run(texture, wrong, size=(side, side), neighbourhood=11, orientation_updates=3)
+    result = run(texture, wrong, seed=seed, size=(side, side), neighbourhood=11, orientation_updates=3)
     inner = np.zeros(true.shape, bool)
     inner[4:-4, 4:-4] = True
     assert off(wrong, true, inner) > 10
     assert off(result.angle, true, inner) < 4
-    as_given = run(texture, wrong, size=(side, side), neighbourhood=11)
+    as_given = run(texture, wrong, seed=seed, size=(side, side), neighbourhood=11)
     assert result.energy[-1]["energy"] < as_given.energy[-1]["energy"]
 
 
