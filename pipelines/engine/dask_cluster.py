@@ -7,6 +7,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import logging
+from collections.abc import Iterator
 from typing import Any
 
 from texloom.pipelines.engine import pool, signals, worker
@@ -35,7 +36,7 @@ class DaskCluster:
         self.hosts: dict[str, int] = {}
         """machine to how many steps share it, of a cluster at an address"""
         with contextlib.ExitStack() as stack:
-            self.address = self._choice.address or stack.enter_context(_local(workers)).scheduler_address
+            self.address = self._choice.address or stack.enter_context(local_cluster(workers)).scheduler_address
             where = f"--runner dask: {self._choice.address or 'a cluster on this machine'}"
             try:
                 self.client = distributed.Client(self.address, timeout=_SECONDS, set_as_default=False)
@@ -129,8 +130,10 @@ class DaskExecutor:
             return pool.failed(error)
 
 
-def _local(workers: int) -> Any:
-    """A cluster of this machine."""
+@contextlib.contextmanager
+def local_cluster(workers: int) -> Iterator[Any]:
+    """A cluster of this machine, which replaces workers that die."""
+    import dask
     import distributed
 
     start = functools.partial(
@@ -141,7 +144,11 @@ def _local(workers: int) -> Any:
         scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},  # 8787 may be taken
         silence_logs=logging.CRITICAL,
     )
-    try:
-        return start()
-    except RuntimeError:  # a worker died on the way
-        return start()
+    # Dask gives up workers whose replacement takes longer to start, and in the end the run waits for none.
+    with dask.config.set({"distributed.deploy.lost-worker-timeout": "1 day"}):
+        try:
+            cluster = start()
+        except RuntimeError:  # a worker died on the way
+            cluster = start()
+        with cluster:
+            yield cluster
