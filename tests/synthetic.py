@@ -168,3 +168,30 @@ def wall(shape: tuple[int, int], period: float, degrees: float, rng: np.random.G
         tone[own] = np.where(joint, 0.1, rng.uniform(0.4, 0.7, 401)[brick])
     tone[inside < 0.12 * period] = 0.1
     return picture(np.clip(tone + 0.1 * smooth_noise(shape, 1.5, rng), 0, 1))
+
+
+def soiled_wall(rng: np.random.Generator) -> tuple[Image, Image, np.ndarray]:
+    """Bricks under smooth dirt, put together of two crops that are out of step; the dirt; where pixels come from.
+
+    Bricks are 16x24 px with joints of 3 px, every other course by half a brick to the side; see `WALL`.
+    """
+    down, across = np.indices((96, 200))
+    course = down // 16
+    joint = (down % 16 < 3) | ((across + 12 * (course % 2)) % 24 < 3)
+    dirt = smooth_noise(joint.shape, 10, rng)
+    bricks = np.where(joint[..., None], 0.6, [0.3, 0.1, 0.06]) * (0.9 + 0.2 * rng.random((96, 200, 1)))
+    wall = bricks * (1 - 0.8 * dirt[..., None]) + 0.8 * dirt[..., None] * [0.05, 0.06, 0.02]
+    columns = np.concatenate([np.arange(48), np.arange(101, 149)])
+    source = np.stack(np.meshgrid(np.arange(96), columns, indexing="ij"), axis=2).astype(np.uint32)
+    control = Image(np.ascontiguousarray(dirt[:, columns, None], np.float32), ("dirt",))
+    return picture(wall[:, columns]), control, source
+
+
+WALL = np.array([[16, 12], [16, -12]], np.float32)
+"""generators of `soiled_wall`"""
+
+
+def in_step(source: np.ndarray, generators: np.ndarray) -> float:
+    """How alike the phases of a result's pixels are in the texture that they come from, less their own; 0..1."""
+    away = (source - np.indices(source.shape[:2]).transpose(1, 2, 0)) @ np.linalg.inv(generators)
+    return float(np.abs(np.exp(2j * np.pi * away).mean(axis=(0, 1))).min())

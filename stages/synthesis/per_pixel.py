@@ -20,6 +20,7 @@ from texloom.stages.common.control import (
     matched_target,
 )
 from texloom.stages.common.footprints import footprints, resampled
+from texloom.stages.common.lattice_phase import phase_planes
 from texloom.stages.common.per_pixel.device import levels_on, on_gpu, target_on, wanted_device
 from texloom.stages.common.per_pixel.levels import Levels, Rect, Style
 from texloom.stages.common.per_pixel.phases import phases_of
@@ -95,18 +96,35 @@ def prepare(
     InputError : control with more planes than can be held.
     ValueError : inputs that do not belong together.
     """
+    scale, own = _fitted(image, control, linear)
+    return _tables(image, stack, own, jacobian, weight), scale
+
+
+def _fitted(
+    image: Image, control: Image | None, linear: bool = False
+) -> tuple[ControlScale | None, Float32[np.ndarray, "h w k"] | None]:
+    """How control becomes numbers, and those of the exemplar, 0..1."""
+    if control is None:
+        return None, None
+    scale = fit_scale(image, control, 1.0, linear)
+    if len(scale.control) > CONTROLS:
+        raise InputError(f"control: {len(scale.control)} channels that vary are more than {CONTROLS}")
+    return scale, scale.of_control(control, image.height, image.width) / np.float32(scale.strength)
+
+
+def _tables(
+    image: Image,
+    stack: AppearanceStack,
+    own: Float32[np.ndarray, "h w k"] | None,
+    jacobian: Jacobian | None,
+    weight: float,
+) -> Tables:
+    """The exemplar's tables, with its control."""
     levels, height, width = stack.appearance.shape[:3]
     if (height, width) != (image.height, image.width):
         raise ValueError(f"analysis of {height}x{width} px for an image of {image.height}x{image.width} px")
-    scale, planes = None, None
-    if control is not None:
-        scale = fit_scale(image, control, 1.0, linear)
-        if len(scale.control) > CONTROLS:
-            raise InputError(f"control: {len(scale.control)} channels that vary are more than {CONTROLS}")
-        own = scale.of_control(control, height, width) / np.float32(scale.strength)
-        planes = blurred_levels(own, levels, stack.toroidal)
-    tables = make_tables(stack.appearance, stack.basis, stack.candidates, stack.toroidal, planes, weight, jacobian)
-    return tables, scale
+    planes = None if own is None else blurred_levels(own, levels, stack.toroidal)
+    return make_tables(stack.appearance, stack.basis, stack.candidates, stack.toroidal, planes, weight, jacobian)
 
 
 _OriginSide = Annotated[int, Field(ge=-_MAX_ORIGIN, le=_MAX_ORIGIN)]
@@ -183,6 +201,7 @@ def per_pixel(
     generators: Vectors | None = None,
     chart: Float32[np.ndarray, "h w 2"] | None = None,
     target_chart: Float32[np.ndarray, "H W 2"] | None = None,
+    source: UInt32[np.ndarray, "h w 2"] | None = None,
 ) -> PerPixel:
     """Make a texture of exemplar coordinates, every pixel from the 3x3 pixels around it.
 
@@ -211,6 +230,7 @@ def per_pixel(
         coarsest whose step is a quarter of a repetition or less.
     chart : where in the flat texture pixels of a distorted exemplar are, see `unroll`; needed with ``generators``.
     target_chart : the same of the result's pixels, if that is distorted; without it pieces are not in step there.
+    source : for a compaction, where its pixels come from in the texture that repeats by ``generators``.
 
     Raises
     ------
@@ -243,7 +263,28 @@ def per_pixel(
         most = 1 + max(0, int(np.log2(np.hypot(*generators.T).min() * _MAX_STEP)))
         appearance, basis, candidates = (part[:most] for part in (appearance, basis, candidates))
     stack = AppearanceStack(appearance, basis, candidates, toroidal)
-    tables, scale = prepare(image, stack, control, jacobian, params.control_weight)
+    if not distorted:
+        chart = None if source is None else source.astype(np.float32)
+    scale, own = _fitted(image, control)
+    wanted, weight = None, params.control_weight
+    if target is not None and scale is not None and own is not None:
+        wanted, rare = extrapolated(own, scale.of_control(target, *(params.extent or size)) / scale.strength, 1.0)
+        if rare > MAX_RARE:
+            _LOG.warning(
+                "%.1f%% of the target has values that hardly occur in control and takes the nearest", 100 * rare
+            )
+    if repeats and not distorted and own is not None and wanted is not None:
+        assert generators is not None
+        planes = phase_planes(generators, source, own, wanted, params.tileable)
+        repeats = planes is not None
+        if planes is not None:
+            chart = planes.places
+            if own.shape[2] + planes.own.shape[2] <= CONTROLS:
+                own, wanted = (
+                    np.concatenate(parts, axis=2) for parts in ((own, planes.own), (wanted, planes.wanted))
+                )
+                weight *= 2  # that of control remains
+    tables = _tables(image, stack, own, jacobian, weight)
     if distorted and params.block is None:
         whole = not repeats and _continues(tables)
         params = params.model_copy(update={"block": _REGULAR_BLOCK if whole else _DISTORTED_BLOCK})
@@ -254,22 +295,14 @@ def per_pixel(
         assert generators is not None
         if distorted and chart is None:
             raise ValueError("chart: missing, though the exemplar is distorted and repeats")
-        phases = phases_of(generators, tables.shape, tables.margin, chart if distorted else None)
-        levels.repeat(phases, target_chart)
+        levels.repeat(phases_of(generators, tables.shape, tables.margin, chart), target_chart)
     if fixed is not None and fixed_match is not None:
         if (fixed_match[fixed] >= tables.shape).any():
             raise ValueError(f"fixed_match goes beyond an exemplar of {tables.shape}")
         rows, columns = np.moveaxis(fixed_match.astype(np.int64), 2, 0)
         levels.pin(fixed, tables.places_of(rows, columns))
-    if target is not None and scale is not None:
-        assert control is not None
-        own = scale.of_control(control, image.height, image.width)
-        wanted, rare = extrapolated(own, scale.of_control(target, *(params.extent or size)), scale.strength)
-        if rare > MAX_RARE:
-            _LOG.warning(
-                "%.1f%% of the target has values that hardly occur in control and takes the nearest", 100 * rare
-            )
-        target_on(levels, wanted / np.float32(scale.strength))
+    if wanted is not None:
+        target_on(levels, wanted)
     levels.run()
     rows, columns = tables.pixels_of(levels.finest())
     match = np.stack([rows, columns], axis=2).astype(np.uint32)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.runs import run_with_progress, run_with_threads
-from tests.synthetic import jump, picture, smooth_noise, tiled
+from tests.synthetic import WALL, in_step, jump, picture, smooth_noise, soiled_wall, tiled
 from texloom.stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
 from texloom.stages.arrays import Image
 from texloom.stages.common.per_pixel.levels import Level, Levels, Rect
@@ -120,6 +120,20 @@ def test_a_repetition_continues_in_phase(tileable: bool) -> None:
         wrong[name] = min(np.mean(board % 2 != light) for board in boards)
     assert wrong["in step"] < 0.12
     assert wrong["free"] > 0.25
+
+
+def test_a_regular_compaction_stays_regular_under_control(rng: np.random.Generator) -> None:
+    """Though it is out of step itself, and control knows nothing of the bricks."""
+    image, control, source = soiled_wall(rng)
+    stack = appearance_stack(image, AppearanceStackParams())
+    target = Image(smooth_noise((128, 144), 14, rng)[..., None].astype(np.float32), ("dirt",))
+    inputs = {"control": control, "target": target}
+
+    def regular(**further: Any) -> float:
+        match = made(image, stack, inputs={**inputs, **further}, size=None).match
+        return in_step(source[match[..., 0], match[..., 1]].astype(np.float64), WALL)
+
+    assert regular(generators=WALL, source=source) > 0.9 > 0.6 > regular()
 
 
 def test_distorted_texture_stays_in_phase(rng: np.random.Generator) -> None:

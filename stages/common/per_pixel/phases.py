@@ -34,12 +34,7 @@ class Phases:
         self, rows: np.ndarray, columns: np.ndarray, torus: tuple[int, int] | None
     ) -> UInt32[np.ndarray, "rows columns 2"]:
         """Those of pixels of the endless result, or of a torus of so many px, around which all repetitions fit."""
-        generators = self.exact
-        if torus is not None:
-            times = np.rint(np.diag(torus) @ np.linalg.inv(generators))
-            if np.linalg.det(times):
-                generators = np.linalg.inv(times) @ np.diag(torus)
-        return _linear(rows, columns, generators)
+        return _linear(rows, columns, self.exact if torus is None else fitted_to_torus(self.exact, torus))
 
     def of_places(self, chart: Float32[np.ndarray, "rows columns 2"]) -> UInt32[np.ndarray, "rows columns 2"]:
         """Those of pixels that lie in the flat texture as ``chart`` says."""
@@ -48,6 +43,12 @@ class Phases:
 
 NO_PHASES = Phases(np.empty((0, 2), np.uint32), np.zeros(4, np.int64))
 """those of an exemplar that does not repeat"""
+
+
+def fitted_to_torus(generators: Float64[np.ndarray, "2 2"], torus: tuple[int, int]) -> Float64[np.ndarray, "2 2"]:
+    """Generators that fit whole times around a torus of so many px; the same where it is too small."""
+    times = np.rint(np.diag(torus) @ np.linalg.inv(generators))
+    return np.asarray(np.linalg.inv(times) @ np.diag(torus) if np.linalg.det(times) else generators)
 
 
 def _linear(rows: np.ndarray, columns: np.ndarray, generators: np.ndarray) -> UInt32[np.ndarray, "rows columns 2"]:
