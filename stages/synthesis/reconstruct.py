@@ -11,7 +11,7 @@ import pydantic
 from jaxtyping import Float32, UInt32
 from pydantic import Field
 
-from texloom.stages.arrays import Channels, Correspondence, Image, Jacobian, ScalarMap
+from texloom.stages.arrays import Channels, Correspondence, Image, Jacobian, ScalarMap, Vectors
 from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.common.control import (
     CONTROL_WEIGHT,
@@ -31,6 +31,7 @@ from texloom.stages.synthesis._kcoherence.solvers import (
     OrientedSolver,
     PatchSolver,
     PixelSolver,
+    Repetition,
     Solver,
     nearest,
 )
@@ -187,6 +188,8 @@ def reconstruct(
     explained: float | None = None,
     use: ScalarMap | None = None,
     toroidal: bool = False,
+    generators: Vectors | None = None,
+    source: UInt32[np.ndarray, "h w 2"] | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Reconstructed:
     """Synthesise a texture that resembles the exemplar wherever the target's control resembles the exemplar's.
@@ -214,6 +217,9 @@ def reconstruct(
     use : for a compaction, how often each of its pixels stands for the original texture; see `compact`. Among
         places of the same control each is then used as often as in the original; none uses all evenly.
     toroidal : the exemplar wraps around, as a tileable compaction, so that pieces of it continue across its border.
+    generators : the two displacements by which a regular texture repeats, px, so that its pieces are in step under
+        control; see `lattice_selection`.
+    source : for a compaction, where its pixels come from in the texture that repeats by ``generators``.
 
     Raises
     ------
@@ -237,6 +243,9 @@ def reconstruct(
     if start is not None and (start.shape[:2] != size or (start.max(axis=(0, 1)) >= shape).any()):
         raise ValueError(f"start of shape {start.shape[:2]} for a result of {size} from an exemplar of {shape}")
     scale = fit_scale(image, control, params.control_weight)
+    repetition = None
+    if generators is not None and len(generators) == 2 and control is not None and target_jacobian is None:
+        repetition = Repetition(generators, source, params.tileable)
     if scale.planes * params.patch_size > MAX_ROW_VALUES:
         raise InputError(
             f"image and control: {scale.planes} channels do not fit patches of {params.patch_size} px; "
@@ -244,7 +253,7 @@ def reconstruct(
         )
     if use is not None and use.shape != shape:
         raise ValueError(f"use of shape {use.shape} for an exemplar of {shape}")
-    inputs = Inputs.of(image, control, target, scale, size, use, toroidal)
+    inputs = Inputs.of(image, control, target, scale, size, use, toroidal, repetition)
     share, notes = 0.0, []
     if control is not None and target is not None:
         if explained is None:

@@ -12,7 +12,7 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from tests.runs import MemoryCheckpoints, run_with_progress, run_with_threads
-from tests.synthetic import picture, smooth_noise
+from tests.synthetic import WALL, in_step, picture, smooth_noise, soiled_wall
 from texloom.pipelines.media.sources import open_source
 from texloom.stages.analysis.orientation_field import OrientationFieldParams, orientation_field
 from texloom.stages.arrays import Image
@@ -337,6 +337,19 @@ def test_pieces_of_a_toroidal_exemplar_continue_across_its_border(rng: np.random
         return float((match[:, 1:] - match[:, :-1] == (0, -47)).all(axis=2).mean())
 
     assert crossings(toroidal=False) < 0.001 < 0.004 < crossings(toroidal=True)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_regular_texture_stays_regular_under_control(solver: str, rng: np.random.Generator) -> None:
+    """Though the exemplar is out of step itself, and control knows nothing of the bricks."""
+    image, control, source = soiled_wall(rng)
+    target = data(smooth_noise((128, 144), 14, rng), "dirt")
+
+    def regular(**inputs: Any) -> float:
+        match = run(image, control, target, solver=solver, **inputs).match
+        return in_step(source[match[..., 0], match[..., 1]].astype(np.float64), WALL)
+
+    assert regular(generators=WALL, source=source) > 0.9 > 0.6 > regular()
 
 
 def test_wrong_sizes_are_refused_before_anything_runs(texture: Image, control: Image) -> None:

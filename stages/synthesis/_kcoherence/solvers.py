@@ -3,13 +3,14 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Float32, Int32, UInt32
 
-from texloom.stages.arrays import Correspondence, Image, Jacobian
+from texloom.stages.arrays import Correspondence, Image, Jacobian, Vectors
 from texloom.stages.common.control import ControlScale
+from texloom.stages.common.lattice_phase import phase_planes
 from texloom.stages.common.neighbourhoods import fixed_point
 from texloom.stages.common.pyramid import resize
 from texloom.stages.synthesis._kcoherence.discrete import (
@@ -39,6 +40,14 @@ Match: TypeAlias = Int32[np.ndarray, "2 _ _"] | Float32[np.ndarray, "2 _ _"]
 """where in the exemplar each patch or pixel of the result comes from: a patch or pixel, or between pixels"""
 
 
+class Repetition(NamedTuple):
+    """The repetition of a regular texture under control; see `phase_planes`."""
+
+    generators: Vectors
+    source: UInt32[np.ndarray, "h w 2"] | None
+    wrap: bool
+
+
 @dataclass(frozen=True)
 class Inputs:
     """An exemplar, its control, and the control that the result is to have: planes in CIELAB units, full size."""
@@ -66,6 +75,7 @@ class Inputs:
         size: tuple[int, int],
         use: Float32[np.ndarray, "h w"] | None = None,
         toroidal: bool = False,
+        repetition: Repetition | None = None,
     ) -> "Inputs":
         """The planes for a result of height and width ``size``; no planes of control where there is none."""
 
@@ -74,6 +84,9 @@ class Inputs:
 
         own = planes(control, (image.height, image.width))
         wanted, rare = extrapolated(own, planes(target, size), scale.strength)
+        phases = None if repetition is None else phase_planes(*repetition[:2], own, wanted, repetition.wrap)
+        if phases is not None:
+            own, wanted = (np.concatenate(parts, axis=2) for parts in ((own, phases.own), (wanted, phases.wanted)))
         margin = min(image.height, image.width) // _MARGIN if toroidal else 0
 
         def padded(planes: np.ndarray) -> np.ndarray:
