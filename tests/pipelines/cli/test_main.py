@@ -1370,6 +1370,15 @@ def test_help_is_light(empty: Path) -> None:
     assert list(empty.iterdir()) == []
 
 
+@pytest.mark.parametrize("exemplar", ["texloom:bricks", "skimage:brick"])
+def test_the_main_flow_does_not_import_scipy(empty: Path, exemplar: str) -> None:
+    """With a lattice and without one. Numba imports the package alone, which takes no time."""
+    loaded = loaded_by(["run", "self_tuning", exemplar, "--size", "128", "--preset", "fast"], cwd=empty)
+    heavy = {"scipy.fft", "scipy.linalg", "scipy.ndimage", "scipy.special", "numpy.f2py", "skimage.measure"}
+    assert not loaded & heavy
+    assert "numba" in loaded
+
+
 def test_every_command_has_help() -> None:
     for command in COMMANDS:
         result = texloom(*command, "--help")
