@@ -106,7 +106,6 @@ def report(
     tables = [_measures("Scores", table), *([_measures("Regularity", regularity)] if regularity else [])]
     seams = (table.get("measures") or {}).get("seams") or {}
     view = page.overview(image)
-    # The curve first: its library takes longest to import, and pictures are encoded meanwhile.
     energies, ours, theirs, maps = run_all(
         lambda made: made(),
         [

@@ -1,8 +1,11 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -378,6 +381,29 @@ def test_plots_take_the_pages_colour() -> None:
     assert "砖" in svg
     assert plots.paired_scores({"fidelity": {"a": [None], "b": [0.5]}}) == ""
     assert plots.energies([{"energy": None}, {}]) == ""
+
+
+def test_bars_show_energies_and_changes() -> None:
+    scales = [
+        {"height": 8, "width": EVIL, "energy": 40.0, "price": 10.0, "changed": 0.5},
+        {"height": 16, "width": 32, "energy": 20.0, "price": None, "changed": None},
+    ]
+    root = ElementTree.fromstring(plots.energies(scales))
+    rects = [rect for rect in root.iter("{http://www.w3.org/2000/svg}rect") if float(rect.attrib["height"]) != 9]
+    heights = np.array([float(rect.attrib["height"]) for rect in rects])
+    np.testing.assert_allclose(heights / heights[0], [1, 1 / 3, 2 / 3, 0, 4 / 3, 0], atol=0.01)
+    texts = [text.text for text in root.iter("{http://www.w3.org/2000/svg}text")]
+    assert {"16×32", "0", "10", "20", "30", "40", "50"} < set(texts)
+    assert any(text.startswith("8×<script>") for text in texts if text)
+
+
+def test_a_page_of_one_result_is_drawn_without_matplotlib() -> None:
+    """Its import takes as long as all else of the page."""
+    code = (
+        "import sys; from texloom.stages.evaluation._pages import plots\n"
+        "plots.energies([{'energy': 1.0, 'changed': 0.5}]); sys.exit('matplotlib' in sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_steps_that_differ_by_item_share_a_line() -> None:

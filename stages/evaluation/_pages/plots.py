@@ -1,5 +1,6 @@
 """Plots: SVG that takes the font and text colour of the page around, or pictures."""
 
+import html
 import io
 import threading
 import warnings
@@ -35,6 +36,9 @@ _SETTINGS: dict[Any, Any] = {
     "grid.linewidth": 0.6,
     "legend.frameon": False,
 }
+_WIDTH, _HEIGHT = 480, 278  # px, of a panel of bars
+_STEPS = np.array([1, 2, 5, 10, 20, 50])  # between ticks, times a power of ten
+_MOST_TICKS = 5
 _MAX_LABEL = 28  # characters; more leave no room for the plot
 _drawing = threading.Lock()  # matplotlib's settings belong to the process
 
@@ -54,22 +58,49 @@ def energies(scales: Sequence[Mapping[str, Any]]) -> str:
         return ""
     price = np.nan_to_num(price)
     labels = [f"{scale.get('height', '?')}×{scale.get('width', '?')}" for scale in scales]
+    parts = {"appearance": (energy - price, _BLUE), "occurrence penalty": (price, _ORANGE)}
+    panels = (
+        _bars("energy per patch, CIELAB units² per pixel", labels, parts),
+        _bars("patches changed in the last round, %", labels, {"": (100 * changed, _PURPLE)}),
+    )
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {2 * _WIDTH} {_HEIGHT}" width="{2 * _WIDTH}" '
+        f'font-size="12" fill="currentColor">{panels[0]}<g transform="translate({_WIDTH})">{panels[1]}</g></svg>'
+    )
 
-    def draw(figure: Any) -> None:
-        left, right = figure.subplots(1, 2)
-        places = np.arange(len(scales))
-        left.bar(places, energy - price, color=_BLUE, label="appearance")
-        left.bar(places, price, bottom=energy - price, color=_ORANGE, label="occurrence penalty")
-        left.set_title("energy per patch, CIELAB units² per pixel", loc="left")
-        left.legend()
-        right.bar(places, 100 * changed, color=_PURPLE)
-        right.set_title("patches changed in the last round, %", loc="left")
-        for axes in (left, right):
-            axes.set_xticks(places, labels, rotation=35, ha="right")
-            axes.grid(axis="y")
-            axes.set_axisbelow(True)
 
-    return _svg(draw, 10.0, 2.9)
+def _bars(title: str, labels: Sequence[str], parts: Mapping[str, tuple[np.ndarray, str]]) -> str:
+    """A panel of bars, each the sum of its ``parts``: name to values and colour.
+
+    Written here, as importing matplotlib for it takes as long as all else of a page.
+    """
+    left, right, top, bottom = 44, _WIDTH - 16, 28, _HEIGHT - 62
+    highest = max(float(np.nan_to_num(sum(values for values, _ in parts.values())).max()), 0.0) or 1.0
+    step = next(step for step in _STEPS * 10.0 ** np.floor(np.log10(highest) - 1) if highest <= _MOST_TICKS * step)
+    unit = (bottom - top) / highest
+    drawn = [f'<text x="{left}" y="14">{title}</text>']
+    for tick in np.arange(0, highest + step / 2, step):
+        if tick <= highest * 1.001:
+            y = bottom - tick * unit
+            drawn.append(f'<path d="M{left} {y:.1f}H{right}" stroke="currentColor" stroke-opacity=".15"/>')
+            drawn.append(f'<text x="{left - 6}" y="{y + 4:.1f}" text-anchor="end">{tick:.4g}</text>')
+    spacing = (right - left) / len(labels)
+    for place, label in enumerate(labels):
+        x, y = left + (place + 0.1) * spacing, float(bottom)
+        for values, color in parts.values():
+            height = float(np.nan_to_num(values[place])) * unit
+            y -= height
+            drawn.append(
+                f'<rect x="{x:.1f}" y="{y:.1f}" width="{0.8 * spacing:.1f}" height="{max(height, 0):.1f}" '
+                f'fill="{color}"/>'
+            )
+        turned = f"translate({left + (place + 0.5) * spacing + 4:.1f} {bottom + 14}) rotate(-35)"
+        drawn.append(f'<text transform="{turned}" text-anchor="end">{html.escape(writable(label))}</text>')
+    for number, (name, (_, color)) in enumerate(parts.items() if len(parts) > 1 else ()):
+        y = top + 18 * number
+        drawn.append(f'<rect x="{right - 140}" y="{y}" width="18" height="9" fill="{color}"/>')
+        drawn.append(f'<text x="{right - 116}" y="{y + 9}">{name}</text>')
+    return "".join(drawn)
 
 
 def paired_scores(axes_scores: Mapping[str, Mapping[str, Sequence[float | None]]]) -> str:
