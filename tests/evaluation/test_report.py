@@ -399,10 +399,14 @@ def test_bars_show_energies_and_changes() -> None:
 
 def test_a_page_of_one_result_is_drawn_without_matplotlib() -> None:
     """Its import takes as long as all else of the page."""
-    code = (
-        "import sys; from texloom.stages.evaluation._pages import plots\n"
-        "plots.energies([{'energy': 1.0, 'changed': 0.5}]); sys.exit('matplotlib' in sys.modules)"
-    )
+    code = """
+import sys
+import numpy as np
+from texloom.stages.evaluation._pages import page, plots
+plots.energies([{"energy": 1.0, "changed": 0.5}])
+page.shown_field(np.eye(3, dtype=np.float32), 0.0, 1.0, 8)
+sys.exit("matplotlib" in sys.modules)
+"""
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

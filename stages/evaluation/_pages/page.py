@@ -19,6 +19,19 @@ from texloom.stages.color import srgb_from_linear
 from texloom.stages.evaluation._pages.text import css_color, number, score_color, seconds, writable
 from texloom.stages.scratch import bands
 
+_BLUE_TO_RED = (
+    (5, 48, 97),
+    (33, 102, 172),
+    (67, 147, 195),
+    (146, 197, 222),
+    (209, 229, 240),
+    (247, 247, 247),
+    (253, 219, 199),
+    (244, 165, 130),
+    (214, 96, 77),
+    (178, 24, 43),
+    (103, 0, 31),
+)  # fmt: skip  (ColorBrewer's RdBu)
 _LARGE = 4096
 """px; pictures of more than its square are reduced before anything else"""
 
@@ -158,10 +171,11 @@ def _legend_colors() -> list[str]:
 
 @cache
 def _diverging() -> UInt8[np.ndarray, "256 3"]:
-    import matplotlib
-
-    colors = matplotlib.colormaps["RdBu_r"](np.arange(256))[:, :3]
-    return np.rint(np.asarray(colors) * 255).astype(np.uint8)
+    places = np.arange(256) / 255 * (len(_BLUE_TO_RED) - 1)
+    channels = [
+        np.interp(places, np.arange(len(_BLUE_TO_RED)), channel) for channel in zip(*_BLUE_TO_RED, strict=True)
+    ]
+    return np.rint(np.stack(channels, axis=1)).astype(np.uint8)
 
 
 def _reduced(values: Float32[np.ndarray, "h w 3"], largest: int) -> Float32[np.ndarray, "H W 3"]:
