@@ -3,6 +3,7 @@
 from collections.abc import Callable, Generator, Sequence
 from contextvars import copy_context
 from dataclasses import dataclass
+from threading import Lock
 from typing import Any, TypeAlias
 
 from texloom.stages.arrays import Image
@@ -73,46 +74,68 @@ def improve_all(
     total = sum(other.cost for other in scales)
     height, width = scale.target
     at_once = len(runs) if height * width <= _SMALL else 1
-    records: list[dict[str, Any]] = [{}] * len(runs)
+    chains = [_Chain(rounds, scale, tolerance) for rounds in runs]
     for first in range(0, len(runs), at_once):
         active = list(range(first, min(first + at_once, len(runs))))
-        iteration = 0
         while active:
-            iteration += 1
-            outcomes = _iterated([runs[number] for number in active])
-            for number, (energy, penalty, changed) in zip(active, outcomes, strict=True):
-                records[number] = {
-                    "height": height, "width": width, "rounds": iteration,
-                    "energy": energy, "price": penalty, "changed": changed,
-                }  # fmt: skip
+            _iterate([chains[number] for number in active])
             shown = active[0]
-            for number in list(active):
-                if iteration == scale.iterations or records[number]["changed"] <= tolerance:
-                    active.remove(number)
-                    runs[number].close()  # frees what the iterations need
-            ended = min(first + at_once, len(runs)) - len(active)
-            share = (ended + len(active) * iteration / scale.iterations) / len(runs)
+            active = [number for number in active if not chains[number].ended]
+            done = sum(1.0 if chain.ended else chain.iteration / scale.iterations for chain in chains)
             report(
                 Progress(
-                    done=(before + scale.cost * share) / total,
+                    done=(before + scale.cost * done / len(runs)) / total,
                     scale=scale.level,
                     scales=len(scales),
-                    iteration=iteration,
+                    iteration=chains[shown].iteration,
                     iterations=scale.iterations,
-                    energy=records[shown]["energy"],
+                    energy=chains[shown].outcome[0],
                     preview=previews[shown],
                 )
             )
+    records = []
+    for chain in chains:
+        energy, penalty, changed = chain.outcome
+        records.append(
+            {
+                "height": height, "width": width, "rounds": chain.iteration,
+                "energy": energy, "price": penalty, "changed": changed,
+            }
+        )  # fmt: skip
     return records
 
 
-def _iterated(runs: Sequence[Rounds]) -> list[tuple[float, float, float]]:
-    """The next iteration of each, side by side."""
-    if len(runs) == 1:
-        return [next(runs[0])]
-    return run_all(lambda context, rounds: context.run(_alone, rounds), [(copy_context(), one) for one in runs])
+class _Chain:
+    """The iterations of one result at a scale."""
+
+    def __init__(self, rounds: Rounds, scale: Scale, tolerance: float):
+        self.iteration = 0
+        self.outcome = (0.0, 0.0, 0.0)
+        self.ended = False
+        self._rounds, self._scale, self._tolerance = rounds, scale, tolerance
+        self._lock = Lock()
+
+    def iterate(self) -> None:
+        """The next iteration, if there is one."""
+        with self._lock:
+            if self.ended:
+                return
+            self.outcome = next(self._rounds)
+            self.iteration += 1
+            self.ended = self.iteration == self._scale.iterations or self.outcome[2] <= self._tolerance
+            if self.ended:
+                self._rounds.close()  # frees what the iterations need
 
 
-def _alone(rounds: Rounds) -> tuple[float, float, float]:
+def _iterate(chains: Sequence[_Chain]) -> None:
+    """The next iteration of one; the next two of each of several, side by side."""
+    if len(chains) == 1:
+        chains[0].iterate()
+        return
+    # Two, since three results keep two threads busy for three turns of two iterations, but for two of one.
+    run_all(lambda context, chain: context.run(_alone, chain), [(copy_context(), chain) for chain in [*chains] * 2])
+
+
+def _alone(chain: _Chain) -> None:
     with sharing(1):
-        return next(rounds)
+        chain.iterate()
