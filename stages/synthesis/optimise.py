@@ -22,7 +22,7 @@ from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.allowed import Allowed, allowed_at_scales
 from texloom.stages.synthesis._patchmatch.border import Border
 from texloom.stages.synthesis._patchmatch.correspondence import Patches, from_layers, to_layers
-from texloom.stages.synthesis._patchmatch.features import PatchFeatures
+from texloom.stages.synthesis._patchmatch.features import FeaturesOfScale, PatchFeatures
 from texloom.stages.synthesis._patchmatch.fixed import FixedPixels
 from texloom.stages.synthesis._patchmatch.guides import Guides, expected_use, resize_target
 from texloom.stages.synthesis._patchmatch.inputs import check_patches, check_start
@@ -284,10 +284,12 @@ class _Optimisation:
         self.final = window(params.patch_size, params.final_sigma)
         self.margin = 0 if params.tileable else params.patch_size - 1
 
-    def rounds(self, match: Patches, scale: _Scale, random: np.random.Generator) -> Rounds:
+    def rounds(
+        self, match: Patches, scale: _Scale, features: FeaturesOfScale, random: np.random.Generator
+    ) -> Rounds:
         """Improve ``match`` in place at one scale, iteration by iteration."""
         params, size, wrap = self.params, self.params.patch_size, self.params.tileable
-        exemplar, given, where = self.compared.at(scale, scale.phase, self.margin)
+        exemplar, given, where = features
         channels = exemplar.shape[1] // scale.exemplar[1]
         expected, expected_places = self._expected(scale)
         search = Search(
@@ -521,9 +523,10 @@ def _run(
         runs += [_Run(None, [], rng.spawn(tried)) for _ in range(params.starts - 1)]
     for scale in scales[first:]:
         matches = [_begun(run.match, scale, scales, start, full, params.patch_size) for run in runs]
+        features = optimisation.compared.at(scale, scale.phase, optimisation.margin)
         records = improve_all(
             [
-                optimisation.rounds(match, scale, run.randoms[scale.level - 1])
+                optimisation.rounds(match, scale, features, run.randoms[scale.level - 1])
                 for match, run in zip(matches, runs, strict=True)
             ],
             scale, scales, params.tolerance, [partial(optimisation.picture, match, scale) for match in matches],

@@ -1,6 +1,7 @@
 """Features of the patches of texture optimisation: colour, guidance, maps, guides, and lattice phase."""
 
 from collections.abc import Mapping
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int16
@@ -20,6 +21,12 @@ _HIGHS = (100.0, 80.0, 80.0, 100.0)
 _GUIDE_RANGE = 300.0
 _COMPONENTS = 5  # of maps besides colour; nine tenths of their variance take four or five
 _OTHERS = 8  # maximum number of channels besides maps and guides: colour, guidance, phases
+
+
+FeaturesOfScale: TypeAlias = tuple[
+    Int16[np.ndarray, "h wc"], Int16[np.ndarray, "H W k"] | None, Bool[np.ndarray, "H W k"] | None
+]
+"""see `PatchFeatures.at`"""
 
 
 class PatchFeatures:
@@ -71,9 +78,7 @@ class PatchFeatures:
         self.regularity = regularity
         self.patch_size = patch_size
 
-    def at(
-        self, scale: Scale, phased: bool, margin: int
-    ) -> tuple[Int16[np.ndarray, "h wc"], Int16[np.ndarray, "H W k"] | None, Bool[np.ndarray, "H W k"] | None]:
+    def at(self, scale: Scale, phased: bool, margin: int) -> FeaturesOfScale:
         """Fixed-point features of the exemplar, and those of the target that are given, which are the last ones.
 
         The third array is true where they are given; none if they are everywhere.
