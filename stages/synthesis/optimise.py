@@ -21,6 +21,7 @@ from texloom.stages.sizes import Size
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.allowed import Allowed, allowed_at_scales
 from texloom.stages.synthesis._patchmatch.border import Border
+from texloom.stages.synthesis._patchmatch.cells import complete_cells
 from texloom.stages.synthesis._patchmatch.correspondence import Patches, from_layers, to_layers
 from texloom.stages.synthesis._patchmatch.features import FeaturesOfScale, PatchFeatures
 from texloom.stages.synthesis._patchmatch.fixed import FixedPixels
@@ -440,6 +441,10 @@ def optimise(
     scales = _plan((image.height, image.width), full, generators if phase else None, usable, params)
     optimisation = _Optimisation(image, guidance, weight, guides, phase, regularity, fixed, params)
     match, done = _run(optimisation, scales, start, full, rng, checkpoints)
+
+    if phase is not None and len(phase.origin) == 2 and keep is None and guides is None:
+        colors = optimisation.compared.planes[..., :3]
+        complete_cells(match, colors, params.patch_size, margin, wrap, generators, phase, scales[-1].allowed)
 
     made = optimisation.picture(match, scales[-1], margin)
     source = correspondence.to_pixels(match, params.patch_size, wrap, margin)

@@ -374,6 +374,21 @@ def test_results_keep_a_lattice(rng: np.random.Generator) -> None:
     assert irregularity(generators) < min(0.08, 0.6 * irregularity(None))
 
 
+def test_cells_are_completed_where_nothing_is_kept(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    image, generators = tiled(smooth_noise((16, 20, 3), 1.5, rng), 7, (80, 90))
+    start = random_start(image)
+    completed = []
+    monkeypatch.setattr(optimise_module, "complete_cells", lambda match, *_: completed.append(match.shape))
+    run(image, start, generators=generators, **QUICK)
+    assert completed == [(2, SIZE[0] + 9, SIZE[1] + 9)]
+    run(image, start, generators=generators[:1], **QUICK)
+    run(image, start, generators=generators, keep=np.eye(*SIZE, dtype=bool), **QUICK)
+    run(image, start, **QUICK)
+    assert len(completed) == 1
+
+
 @pytest.mark.parametrize(("period", "weight"), [(50.0, 32.0), (20.0, 64.0)])
 def test_lines_at_uneven_distances_are_kept_with_half_the_weight(
     period: float, weight: float, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
