@@ -385,7 +385,8 @@ def optimise(
     weight : factor on ``guidance``, whose energy is scaled by its square; see `guidance_weight`.
     generators : the exemplar's lattice, two rows of px, or one, at right angles to its courses; none or no rows
         where it has none. Patches are then also compared by their phase in the lattice; a tileable result contains
-        whole cells. Not in the paper.
+        whole cells; and where nothing is kept or guided, joints that cross a cell are moved to its outline where
+        that halves their cost. Not in the paper.
     keep : true where the result is given: there it is bit-identical to the exemplar's pixels, masked or not, that
         ``start`` names, and the rest is synthesised to match. None keeps nothing.
     given : an image of the result's size with the exemplar's channels, whose pixels are kept instead of those that
