@@ -189,7 +189,7 @@ def block_starts(side: int, block: int, wrap: bool = False) -> tuple[np.ndarray,
 class _Coverage(NamedTuple):
     """Clusters of the texture that each candidate block covers; see `_distances` and `_cluster_shares`."""
 
-    distances: Float64[np.ndarray, "blocks clusters"]
+    distances: Float64[np.ndarray, "clusters blocks"]
     texture_shares: Float64[np.ndarray, " kinds"]
     block_shares: Float64[np.ndarray, "blocks kinds"]
     """divided by the number of blocks that will be taken"""
@@ -207,19 +207,24 @@ class _GreedyChoice:
 
     def __init__(self, coverage: _Coverage, first: int | None):
         self.coverage, self.first = coverage, first
-        self.missing, self.excess = np.array(np.inf), -coverage.texture_shares
+        self.missing, self.excess = np.full(len(coverage.distances), np.inf), -coverage.texture_shares
 
     def take(self, joints: np.ndarray) -> int:
         """Choose a block; ``joints`` is the (blocks,) cost of each one's joints with its neighbours."""
+        from texloom.stages.kernels.compaction.coverage import missing_sums
+
         coverage = self.coverage
         if self.first is None:
-            missing = np.minimum(coverage.distances, self.missing)
-            excess = np.maximum(self.excess + coverage.block_shares, 0)
-            energy = missing.sum(axis=1) + joints + coverage.excess_weight * excess.sum(axis=1)
+            energy = np.empty(len(joints))
+            missing_sums(coverage.distances, self.missing, energy)
+            energy += joints
+            if coverage.excess_weight:
+                excess = np.maximum(self.excess + coverage.block_shares, 0)
+                energy += coverage.excess_weight * excess.sum(axis=1)
             best = int(energy.argmin())
         else:
             best, self.first = self.first, None
-        self.missing = np.minimum(coverage.distances[best], self.missing)
+        self.missing = np.minimum(coverage.distances[:, best], self.missing)
         self.excess = self.excess + coverage.block_shares[best]
         return best
 
@@ -247,7 +252,7 @@ def _cluster_shares(
 
 def _distances(
     level: Level, candidates: Int64[np.ndarray, "blocks 2"], shape: tuple[int, int]
-) -> Float64[np.ndarray, "blocks clusters"]:
+) -> Float64[np.ndarray, "clusters blocks"]:
     """Share of each cluster in the inverse term if the compaction consisted of one block alone."""
     centres, cluster = level.centres(_CLUSTERS)
     counted = cluster[level.counted]
@@ -267,7 +272,7 @@ def _distances(
         distances[first:last] = squared.reshape(last - first, -1, len(centres)).min(axis=1)
 
     run_all(measure, spans(len(candidates), 16))
-    return distances * (share / (level.components.unit * UNIT * level.size) ** 2)
+    return np.ascontiguousarray((distances * (share / (level.components.unit * UNIT * level.size) ** 2)).T)
 
 
 def _joints(planes: np.ndarray, blocks: np.ndarray, existing: np.ndarray, strips: Strips) -> np.ndarray:
