@@ -112,7 +112,7 @@ def _search(
     strips = spans(patches[0], max(1, patches[0] // _STRIP))
     radii = np.full(params.tries, max(places))
     for number in range(params.sweeps):
-        scan = Scan(number % 2 == 0, False, radii, 0, rng.integers(2**64, dtype=np.uint64), True)
+        scan = Scan(number % 2 == 0, False, radii, np.int64(0), 0, rng.integers(2**64, dtype=np.uint64), True)
         changed = 0
         for phase in (strips[0::2], strips[1::2]):
             swept = run_all(sweep, [(shape, target, own, scan, *span) for span in phase])

@@ -42,7 +42,9 @@ _TRIED_SCALES = 3  # the coarsest ones, after which one of several starts is cho
 
 _OURS = {
     "narrowing": "tries",
-    "random_share": 0.7,
+    "random_share": 0.5,
+    "fine_tries": 12,
+    "distance_per_try": 0.5,
     "occurrence_coarse": 30.0,
     "regularity": 64.0,
     "final_sigma": 1.0,
@@ -62,7 +64,6 @@ PRESETS: dict[str, dict[str, Any]] = {
         "coarse_sweeps": 4,
         "fine_sweeps": 3,
         "random_tries": 8,
-        "fine_tries": 8,
         "tolerance": 0.002,
     },
     "fast": {
@@ -74,7 +75,6 @@ PRESETS: dict[str, dict[str, Any]] = {
         "coarse_sweeps": 4,
         "fine_sweeps": 2,
         "random_tries": 8,
-        "fine_tries": 6,
         "tolerance": 0.01,
     },
 }
@@ -119,6 +119,9 @@ class OptimiseParams(Params):
     """random places tried for a patch in a sweep, as `narrowing` says"""
     fine_tries: int = Field(0, ge=0, le=100)
     """the same at the scales after those of `random_share`"""
+    distance_per_try: float = Field(0.0, ge=0)
+    """a patch has one of `fine_tries`, the nearest first, for every such multiple of the mean distance to matches:
+    few where the match fits, all where it does not; 0 for all at every patch"""
     narrowing: Literal["sweeps", "tries"] = "sweeps"
     """where random places are tried: `sweeps`: in the first sweep of an iteration anywhere, in each that follows
     half as far from the match, and one fewer; `tries`: in the first sweep of an iteration only, the first
@@ -221,12 +224,14 @@ def _plan(
         if occurrence > 0 and params.occurrence_coarse > 0:
             occurrence = params.occurrence_coarse * (occurrence / params.occurrence_coarse) ** progress
         sides, target = ([scaled(side, factor) for side in size] for size in (exemplar, full))
+        fine = level > round(params.random_share * count)
         effort = Effort(
             sweeps=params.coarse_sweeps if level <= count / 2 else params.fine_sweeps,
-            tries=params.random_tries if level <= round(params.random_share * count) else params.fine_tries,
+            tries=params.fine_tries if fine else params.random_tries,
             fill_tries=params.fill_tries if level <= round(_FILL_SHARE * count) and occurrence > 0 else 0,
             tolerance=params.tolerance,
             narrow=params.narrowing == "tries",
+            distance_per_try=params.distance_per_try if fine else 0.0,
         )
         # The schedule is for ten scales and is stretched to other numbers.
         iterations = round(params.first_iterations - params.fewer_iterations * 9 * progress)

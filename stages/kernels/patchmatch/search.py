@@ -77,6 +77,9 @@ class Scan(NamedTuple):
     """the target is a torus"""
     radii: Any
     """(n,) int64, px, of each random try around the match: half the side of the square where it is made"""
+    distance_per_try: Any
+    """int64; a patch has one of the random tries for every such distance to its match, the last ones, and at most
+    all; 0 for all"""
     fill_tries: int
     """tries at little used patches"""
     key: Any
@@ -212,7 +215,7 @@ def patch_distance(shape, target, target_row, target_column, exemplar, row, colu
 
 @numba.njit(cache=True, nogil=True)
 def match_distances(shape, target, exemplar, first, last):
-    """Fill rows ``first`` to ``last`` of ``target.distance``.
+    """Fill rows ``first`` to ``last`` of ``target.distance``; their sum, int64.
 
     Patches side by side whose matches are side by side have pixels in common, whose differences are computed once.
 
@@ -226,7 +229,7 @@ def match_distances(shape, target, exemplar, first, last):
     size, channels, across = shape.size, shape.channels, row.shape[1]
     # Sums of at most 32 squares of differences below 2**14 fit 32 bits without a sign.
     sums = np.empty((across + size - 1) * channels, np.uint32)
-    no_limit = np.int64(2**62)
+    no_limit, all_distances = np.int64(2**62), np.int64(0)
     for y in range(first, last):
         x = 0
         while x < across:
@@ -254,7 +257,10 @@ def match_distances(shape, target, exemplar, first, last):
                     for k in range((m - 1) * channels, m * channels):
                         total += np.int64(sums[k + size * channels]) - np.int64(sums[k])
                     distance[y, x + m] = total
+            for k in range(n):
+                all_distances += distance[y, x + k]
             x += n
+    return all_distances
 
 
 @numba.njit(cache=True, nogil=True, forceinline=True)
@@ -368,11 +374,16 @@ def sweep(shape, target, exemplar, scan, first, last):
             best_row, best_column, best_distance = np.int64(row[y, x]), np.int64(column[y, x]), distance[y, x]
             best_cost = best_distance + penalty[best_row, best_column]
             limit = max(exemplar.penalty_limit, penalty[best_row, best_column] - 1)
+            omitted = 0
+            if scan.distance_per_try > 0:
+                omitted = tries - min(tries, best_distance // scan.distance_per_try)
             for attempt in range(-2, tries + scan.fill_tries):
                 if attempt == -2:
                     r, c = _shifted_match(row, column, y, x, -step, np.int64(0), wrap)
                 elif attempt == -1:
                     r, c = _shifted_match(row, column, y, x, np.int64(0), -step, wrap)
+                elif attempt < omitted:
+                    continue
                 elif attempt < tries:
                     counter = attempt * _DRAWS
                     r, c = _random_near(

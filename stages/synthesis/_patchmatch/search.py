@@ -33,6 +33,10 @@ class Effort:
     nearer to the match [Barnes2009]_; the sweeps that follow propagate. Else those of the first sweep anywhere, and
     in each that follows one fewer, at least one, half as far"""
 
+    distance_per_try: float = 0.0
+    """a patch has one of the random tries, the nearest first, for every such multiple of the mean distance of all;
+    0 for all tries at every patch"""
+
     def radii(self, sweep: int, farthest: int) -> Int64[np.ndarray, "tries"]:
         """How far from the match each random try of a sweep may be, px."""
         if not self.tries or (self.narrow and sweep):
@@ -130,7 +134,10 @@ class Search:
         row, column = match
         own = Target(target, row, column, self.distance, self.active)
         used = (target, match, self.distance, self.active)
-        run_bands(match_distances, (self.shape, own, self.exemplar), row.shape[0], used)
+        distance = sum(run_bands(match_distances, (self.shape, own, self.exemplar), row.shape[0], used))
+        per_try = 0
+        if effort.distance_per_try:
+            per_try = max(1, int(effort.distance_per_try * distance / row.size))
         self._count(match)
         total = 0
         forward = bool(random.integers(2))
@@ -148,7 +155,9 @@ class Search:
                     self.exemplar, self.penalty, np.int64(round(self.penalty_per_use)),
                     np.int64(self.penalty_limit), *unused,
                 )  # fmt: skip
-                scan = Scan(forward, self.wrap, radii, fills if unused[0].size else 0, key, everywhere)
+                scan = Scan(
+                    forward, self.wrap, radii, np.int64(per_try), fills if unused[0].size else 0, key, everywhere
+                )
                 calls = [(self.shape, own, exemplar, scan, *span) for span in phase]
                 for moves, distances in run_released(sweep, calls, used):
                     count_moves(moves, self.counts)

@@ -110,9 +110,14 @@ class Sweep:
                 continue
             old = best = self.match(y, x)
             cost = self.distance(y, x, best) + self.penalty[best]
+            omitted = 0
+            if self.scan.distance_per_try:
+                omitted = max(0, tries - self.distance(y, x, best) // int(self.scan.distance_per_try))
             for number in range(2 + tries + self.scan.fill_tries):
                 if number < 2:
                     place = self.proposal(y, x, *((behind, 0), (0, behind))[number])
+                elif number - 2 < omitted:
+                    continue
                 elif number < 2 + tries:
                     place = self.near_place(y, x, number - 2, best, old)
                 else:

@@ -56,13 +56,14 @@ class Problem:
     def arguments(
         self, penalty: np.ndarray, own_penalty: int = 0, limit: int = 2**60, *,
         forward: bool = True, radius: int = 9, tries: int = 3, fill_tries: int = 2, key: int = 1,
-        everywhere: bool = True,
+        everywhere: bool = True, distance_per_try: int = 0,
     ) -> tuple[PatchShape, Target, Exemplar, Scan]:  # fmt: skip
         """What a sweep takes; it changes the problem in place."""
         target = Target(self.target, *self.match, self.distance, self.active)
         exemplar = Exemplar(self.exemplar, penalty, np.int64(own_penalty), np.int64(limit), *self.unused)
         radii = np.maximum(1, radius // np.arange(1, tries + 1))
-        scan = Scan(forward, self.wrap, radii, fill_tries, np.uint64(key), everywhere)
+        per_try = np.int64(distance_per_try)
+        scan = Scan(forward, self.wrap, radii, per_try, fill_tries, np.uint64(key), everywhere)
         return PatchShape.of(self.size, self.channels), target, exemplar, scan
 
     def sweep(self, penalty: np.ndarray, own_penalty: int = 0, limit: int = 2**60, **how: Any) -> int:
@@ -126,6 +127,7 @@ def test_sweep_equals_twin(size: int, channels: int, wrap: bool, rng: np.random.
         penalty = rng.integers(0, typical, problem.places)
         own_penalty, limit = typical // 10, typical // 3
         how = {"forward": trial % 2 == 0, "radius": 2 + 2 * trial, "key": trial}
+        how["distance_per_try"] = 0 if trial % 3 == 0 else typical // 2
         shape, target, exemplar, scan = problem.arguments(penalty, own_penalty, limit, **how)
         slow = target._replace(row=target.row.copy(), column=target.column.copy(), distance=target.distance.copy())
         span = (0, 7) if trial < 4 else (2, 6)
@@ -199,6 +201,19 @@ def test_random_search_rejects_overused_patches(rng: np.random.Generator) -> Non
         problem.sweep(penalty, limit=limit, tries=8, fill_tries=0)
         # propagation is free to go there, but only from one place to the next
         assert (problem.match[1] < 3).any() == taken
+
+
+def test_a_patch_has_more_tries_the_worse_it_fits(rng: np.random.Generator) -> None:
+    """The number of distances that are compared tells how many tries there were."""
+    penalty = np.zeros((9, 8), np.int64)
+    least = int(Problem(3, 3, False, np.random.default_rng(5)).distance.min())
+    compared = []
+    for per_try in (0, max(1, least // 4), 3 * least, 2**40):
+        problem = Problem(3, 3, False, np.random.default_rng(5))
+        compared.append(problem.sweep(penalty, tries=4, fill_tries=0, distance_per_try=per_try))
+    assert compared[0] == compared[1] > compared[2] > compared[3]
+    problem = Problem(3, 3, False, np.random.default_rng(5))
+    assert compared[3] == problem.sweep(penalty, tries=0, fill_tries=0)
 
 
 def test_random_search_narrows_from_sweep_to_sweep_or_from_try_to_try() -> None:
