@@ -3,6 +3,7 @@
 Numba imports it to see whether it is there. Kernels of others that call linear algebra import it when compiled.
 """
 
+import numba  # noqa: F401  # all of it before its parts, which other threads may be loading
 from numba.np import linalg
 
 _ensure_blas = linalg.ensure_blas

@@ -7,6 +7,7 @@ the run's length; LLVM cuts them to the width of the processor at hand.
 
 from typing import Any
 
+import numba  # noqa: F401  # all of it before its parts, which other threads may be loading
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
