@@ -159,7 +159,8 @@ def _integrated(
             known = own if usable is None else own[usable]
             limit = np.inf if params.limit is None else params.limit * float(known.std(dtype=np.float64))
             border = open_pixels if params.border_only else None
-            excess = _excess(own, pixels[..., place], match, usable, wrap, limit, border)
+            rounding = _ROUNDING * max(float(np.ptp(known)), 1e-12)
+            excess = _excess(own, pixels[..., place], match, usable, wrap, rounding, limit, border)
             if not excess[open_pixels].any():
                 continue
             if keep is None:
@@ -180,11 +181,11 @@ def _excess(
     match: Correspondence,
     usable: Mask | None,
     wrap: bool,
+    rounding: float,
     limit: float,
     border: Bool[np.ndarray, "H W"] | None,
 ) -> Float32[np.ndarray, "H W"]:
     """Divergence, outflow minus inflow, of the difference between the exemplar's and the result's gradients."""
-    scale = max(float(np.ptp(own)), 1e-12)
     excess = np.zeros(values.shape, np.float32)
     for axis in (0, 1):
         for first, second in neighbours(values.shape[0], axis, wrap):
@@ -192,7 +193,7 @@ def _excess(
             missing = np.where(known, wanted - (values[second] - values[first]), np.float32(0))
             if border is not None:
                 missing[border[first] == border[second]] = 0
-            missing[(np.abs(missing) <= _ROUNDING * scale) | (np.abs(missing) > limit)] = 0
+            missing[(np.abs(missing) <= rounding) | (np.abs(missing) > limit)] = 0
             excess[first] += missing
             excess[second] -= missing
     return excess

@@ -171,6 +171,18 @@ def test_masked_pixels_have_no_gradient(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(*heights)
 
 
+def test_masked_pixels_do_not_tell_what_is_a_rounding_error() -> None:
+    height = np.linspace(0, 1, 101) * np.ones((50, 1))
+    usable = np.ones((50, 101))
+    usable[:, :10] = 0
+    match = np.concatenate([indices(50, 101)[:, 20:50], indices(50, 101)[:, 51:80]], axis=1)
+    heights = []
+    for poison in (0.5, 1e5):
+        height[:, :10] = poison
+        heights.append(integrated_height(material(height, **{USABLE: usable}), match))
+    np.testing.assert_array_equal(*heights)
+
+
 def test_maps_that_cannot_be_integrated_are_refused(rng: np.random.Generator) -> None:
     exemplar, match = material(rng.random((8, 8))), indices(8, 8)
     for name in (NORMAL[0], "A"):
