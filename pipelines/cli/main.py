@@ -115,7 +115,11 @@ def main() -> None:
             raise
         _complain(f"texloom: {error}")
         code = _WRONG
-    except (click.Abort, KeyboardInterrupt) as error:
+    except (KeyboardInterrupt, RuntimeError) as error:
+        # Python 3.11 wraps what interrupts the definition of a class, as of a module that is being imported.
+        interrupted = (error, error.__cause__)
+        if not any(isinstance(one, (click.Abort, KeyboardInterrupt)) for one in interrupted):
+            raise
         ended, code = _ended_by(error)
         click.echo(f"texloom: {ended}", err=True)  # without imports: one of them may have been interrupted
     except OSError as error:  # a full disk, a folder that has gone; click leaves quietly when a pipe is closed

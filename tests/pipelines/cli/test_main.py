@@ -1036,6 +1036,19 @@ def test_stopped_in_a_stage(folder: Path, replace: Any, stop: Callable[[], None]
     assert signal.getsignal(signal.SIGTERM) == before
 
 
+@pytest.mark.parametrize(("stop", "code", "word"), STOPS)
+def test_stopped_while_a_class_is_defined(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, stop: Callable[[], None], code: int, word: str
+) -> None:
+    class Attribute:
+        def __set_name__(self, owner: type, name: str) -> None:
+            stop()
+
+    monkeypatch.setattr(cli, "_open", lambda *_, **__: type("Defined", (), {"attribute": Attribute()}))
+    result = texloom("run", "flow.yaml")
+    assert (result.code, result.err.strip()) == (code, f"texloom: {word}")
+
+
 @pytest.mark.parametrize("command", ["run", "plan"])
 @pytest.mark.parametrize(("stop", "code", "word"), STOPS)
 def test_stopped_before_the_first_step(
