@@ -1,4 +1,4 @@
-"""How much memory decoded pictures and large results may take: a limit that is checked before anything runs."""
+"""How much memory decoded pictures and large results may take, and what becomes of memory that is freed."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from texloom.stages.declare import InputError
 VARIABLE = "TEXLOOM_MEMORY"
 _SHARE = 0.5  # of the machine's memory
 _UNKNOWN = 4 * 10**9  # bytes, where the machine does not tell
+_KEPT = 2**27  # bytes of freed memory
+_LARGE = 2**25  # bytes of an array from which on its memory is returned at once; the most that glibc accepts
+_MALLOPT = {-8: 1, -3: _LARGE, -1: _KEPT}  # M_ARENA_MAX, M_MMAP_THRESHOLD, M_TRIM_THRESHOLD of malloc.h
 _CONTROL_GROUP = (Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"))
 
 
@@ -60,3 +63,19 @@ def machine_memory() -> int:
         except (OSError, ValueError):  # not there, or "max"
             continue
     return min(sizes)
+
+
+def keep_freed_memory() -> None:
+    """Keep some freed memory for the next arrays, where the C library is glibc; for processes of our own.
+
+    By default glibc returns it to the system, whose work to clear it for each array takes a twentieth of a run.
+    One heap for all threads takes less memory than several, and what one thread frees another one can use.
+    """
+    import ctypes
+
+    try:
+        mallopt = ctypes.CDLL(None).mallopt
+    except (AttributeError, OSError, TypeError):  # on other systems
+        return
+    for option, value in _MALLOPT.items():
+        mallopt(option, value)

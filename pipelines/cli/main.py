@@ -392,6 +392,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     from texloom.pipelines.engine.events import Recorder, summary_of
     from texloom.pipelines.engine.run import StepFailedError
     from texloom.pipelines.errors import is_resource_error
+    from texloom.pipelines.memory import keep_freed_memory
     from texloom.pipelines.store.codec import ArtifactError
     from texloom.pipelines.store.store import BrokenStoreError
     from texloom.pipelines.terminal import Terminal
@@ -403,6 +404,7 @@ def _execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     exports: dict[str, Path] = {}
     problem, code = None, _DONE
     gc.freeze()  # what is there stays; looking through it again and again takes a tenth of the run of a large set
+    keep_freed_memory()
     try:
         exports = scheduler.execute(opened, recorder, folder)
         if recorder.problems:

@@ -33,6 +33,7 @@ from texloom.pipelines.engine.worker_progress import Channel, DaskReceiver, Data
 from texloom.pipelines.engine.workers import worker_count
 from texloom.pipelines.errors import format_error, is_resource_error, one_line
 from texloom.pipelines.media.sources import SourceError
+from texloom.pipelines.memory import keep_freed_memory
 from texloom.pipelines.store.keep import keep_record
 from texloom.pipelines.store.store import BrokenArtifactError, Store
 from texloom.stages.declare import InputError, find_stage
@@ -313,6 +314,7 @@ def _threads(given: int | Mapping[str, int]) -> int:
 def init_process() -> None:
     """Prepare a process that computes steps: it ends with the one that started it, however that ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run receives it too, and decides
+    keep_freed_memory()
     if hasattr(signal, "pthread_sigmask"):  # see signals.deferred
         signal.pthread_sigmask(signal.SIG_UNBLOCK, signals.ENDING)
     parent = multiprocessing.parent_process()

@@ -1,7 +1,10 @@
-"""The limit on the memory that decoded pictures take."""
+"""The limit on the memory that decoded pictures take, and memory that is freed."""
 
 from __future__ import annotations
 
+import platform
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +19,37 @@ from texloom.pipelines.media.sources import SourceError, open_source
 from texloom.pipelines.memory import memory_limit, parse_memory
 from texloom.pipelines.store import codec
 from texloom.stages.declare import InputError
+
+FREED = """
+import pathlib, threading
+import numpy as np
+from texloom.pipelines.memory import keep_freed_memory
+
+keep_freed_memory()
+
+
+def resident():
+    return int(pathlib.Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+
+def fill():
+    arrays = [np.ones(20_000_000, np.uint8) for _ in range(3)]
+
+
+before = resident()
+for _ in range(2):
+    thread = threading.Thread(target=fill)
+    thread.start()
+    thread.join()
+print(resident() - before)
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="of glibc")
+def test_freed_memory_is_kept_for_all_threads() -> None:
+    """Otherwise a third of it at most."""
+    done = subprocess.run([sys.executable, "-c", FREED], check=True, capture_output=True, text=True)
+    assert 55e6 < int(done.stdout) < 65e6
 
 
 @pytest.mark.parametrize(
