@@ -309,8 +309,8 @@ def _is_coherent(row, column, y, x, wrap):
 
 @numba.njit(cache=True, nogil=True, inline="always")
 def _below(bits, count):
-    """A number from 0 to ``count`` - 1 from 32 random bits; divisions of 32 bits are faster than those of 64."""
-    return np.int64(np.uint32(bits) % np.uint32(count))
+    """A number from 0 to ``count`` - 1 from the lower 32 of random bits, without a division, which is slow."""
+    return np.int64((bits & np.uint64(0xFFFFFFFF)) * np.uint64(count) >> np.uint64(32))
 
 
 @inner(forceinline=True)
@@ -321,7 +321,7 @@ def _random_near(penalty, row, column, radius, limit, key, position, counter):
     for draw in range(_DRAWS):
         bits = random_bits(key, position, counter + draw)
         r = low_row + _below(bits >> np.uint64(32), high_row - low_row + 1)
-        c = low_column + _below(bits & np.uint64(0xFFFFFFFF), high_column - low_column + 1)
+        c = low_column + _below(bits, high_column - low_column + 1)
         if penalty[r, c] <= limit:
             return r, c
     return np.int64(-1), np.int64(-1)
@@ -377,21 +377,19 @@ def sweep(shape, target, exemplar, scan, first, last):
             omitted = 0
             if scan.distance_per_try > 0:
                 omitted = tries - min(tries, best_distance // scan.distance_per_try)
-            for attempt in range(-2, tries + scan.fill_tries):
+            for number in range(omitted - 2, tries + scan.fill_tries):
+                attempt = number if number >= omitted else number - omitted
                 if attempt == -2:
                     r, c = _shifted_match(row, column, y, x, -step, np.int64(0), wrap)
                 elif attempt == -1:
                     r, c = _shifted_match(row, column, y, x, np.int64(0), -step, wrap)
-                elif attempt < omitted:
-                    continue
                 elif attempt < tries:
                     counter = attempt * _DRAWS
                     r, c = _random_near(
                         penalty, best_row, best_column, scan.radii[attempt], limit, scan.key, patch, counter
                     )
                 else:
-                    bits = random_bits(scan.key, patch, attempt * _DRAWS)
-                    place = np.int64(bits % np.uint64(exemplar.unused_row.size))
+                    place = _below(random_bits(scan.key, patch, attempt * _DRAWS), exemplar.unused_row.size)
                     r, c = np.int64(exemplar.unused_row[place]), np.int64(exemplar.unused_column[place])
                 if r < 0 or r >= rows or c < 0 or c >= columns:
                     continue

@@ -147,7 +147,7 @@ class Sweep:
             for middle, count, part in zip(best, self.penalty.shape, (bits >> 32, bits % 2**32), strict=True):
                 radius = int(self.scan.radii[attempt])
                 low, high = max(0, middle - radius), min(count - 1, middle + radius)
-                place.append(low + part % (high - low + 1))
+                place.append(low + (part * (high - low + 1) >> 32))
             penalty = self.penalty[place[0], place[1]]
             if penalty <= self.exemplar.penalty_limit or penalty < self.penalty[old]:
                 return place[0], place[1]
@@ -156,7 +156,8 @@ class Sweep:
     def unused_place(self, y: int, x: int, attempt: int) -> tuple[int, int]:
         """One of the little used places."""
         rows, columns = self.exemplar.unused_row, self.exemplar.unused_column
-        index = random_bits(self.key, y * self.target.row.shape[1] + x, 5 * attempt) % rows.size
+        bits = random_bits(self.key, y * self.target.row.shape[1] + x, 5 * attempt)
+        index = bits % 2**32 * rows.size >> 32
         return int(rows[index]), int(columns[index])
 
 
