@@ -89,6 +89,10 @@ class DaskExecutor:
         with signals.deferred():
             return self._started().slots()
 
+    def ahead(self) -> int:
+        """See `texloom.pipelines.engine.scheduler.Executor`."""
+        return self.slots()
+
     def submit(self, task: InFlight) -> None:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
         with signals.deferred():

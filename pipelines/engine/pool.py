@@ -10,22 +10,17 @@ import contextvars
 import dataclasses
 import functools
 import itertools
-import multiprocessing
-import multiprocessing.connection
-import os
-import signal
 import socket
-import threading
 import time
 import traceback
-from collections.abc import Callable, Collection, Mapping
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from texloom.pipelines.engine import signals
 from texloom.pipelines.engine.events import Event, Listener, Note, StepProgress
+from texloom.pipelines.engine.processes import ProcessPool, WorkerDiedError
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import InFlight, Outcome
 from texloom.pipelines.engine.task import Inputs, TaskSpec, check_same, run_task
@@ -33,7 +28,6 @@ from texloom.pipelines.engine.worker_progress import Channel, DaskReceiver, Data
 from texloom.pipelines.engine.workers import worker_count
 from texloom.pipelines.errors import format_error, is_resource_error, one_line
 from texloom.pipelines.media.sources import SourceError
-from texloom.pipelines.memory import keep_freed_memory
 from texloom.pipelines.store.keep import keep_record
 from texloom.pipelines.store.store import BrokenArtifactError, Store
 from texloom.stages.declare import InputError, find_stage
@@ -87,75 +81,66 @@ class PoolExecutor:
         self.store = run.store
         self.in_process = run.flow.runner.name == "threads"
         self.workers = run.flow.runner.workers or worker_count(run)
-        self._pool: Executor | None = None
-        self._is_broken = False
+        self._pool: ThreadPoolExecutor | ProcessPool | None = None
         self._receiver: DatagramReceiver | None = None
         """of the progress of other processes"""
-        self._children: set[int] = set()
-        """processes that are not workers"""
 
     def slots(self) -> int:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
         return self.workers
 
+    def ahead(self) -> int:
+        """See `texloom.pipelines.engine.scheduler.Executor`; what threads take is kept in memory."""
+        return 0 if self.in_process else self.workers
+
     def submit(self, task: InFlight) -> None:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
         with signals.deferred():
-            is_first = self._pool is None and not self._is_broken
-            if self._is_broken:
-                self._leave()
-            payload = hand_over(task, self.store, self._start, is_first, self.in_process)
+            payload = hand_over(task, self.store, self._start, self._pool is None, self.in_process)
             if payload is None:
                 return
             number = payload.number
             work: Callable[..., Any] = compute_once
             if self.in_process:
                 work = functools.partial(contextvars.copy_context().run, work)
-            try:
-                assert self._pool is not None
-                future = self._pool.submit(work, payload)
-            except BrokenProcessPool:  # a worker was killed a moment ago
-                self._is_broken = True
-                in_flight.pop(number)
-                task.end(lost())
-                return
-            future.add_done_callback(lambda future: task.end(self._outcome(future, task, number)))
+            assert self._pool is not None
+            future = self._pool.submit(work, payload)
+            future.add_done_callback(lambda future: task.end(_outcome(future, task, number)))
 
     def stop(self, at_once: bool) -> None:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
-        if at_once and self._pool is not None:
-            end_work(self.in_process, self._children)
+        if at_once and isinstance(self._pool, ProcessPool):
+            self._pool.kill()
+        elif at_once:
+            interrupt_threads()
         with signals.deferred():
-            self._leave()
+            if isinstance(self._pool, ProcessPool):
+                self._pool.close()
+            elif self._pool is not None:
+                self._pool.shutdown(cancel_futures=True)
+            if self._receiver is not None:
+                self._receiver.close()
+            self._pool, self._receiver = None, None
 
     def _start(self) -> Workers:
         if self._pool is None:
             self.store.create()
-            self._children = {child.pid or 0 for child in multiprocessing.active_children()}
             if self.in_process:
                 self._pool = ThreadPoolExecutor(self.workers)
             else:
-                spawn = multiprocessing.get_context("spawn")
-                self._pool = ProcessPoolExecutor(self.workers, spawn, init_process)
+                self._pool = ProcessPool(self.workers)
                 self._receiver = DatagramReceiver(tell_progress)
         return Workers(self._receiver)
 
-    def _leave(self) -> None:
-        if self._pool is not None:
-            self._pool.shutdown(cancel_futures=True)
-        if self._receiver is not None:
-            self._receiver.close()
-        self._pool, self._receiver, self._is_broken = None, None, False
 
-    def _outcome(self, future: Future[dict[str, Any]], task: InFlight, number: int) -> Outcome:
-        in_flight.pop(number, None)
-        try:
-            return outcome_of(future.result(), task)
-        except BrokenProcessPool:
-            self._is_broken = True
-            return lost()
-        except BaseException as error:
-            return failed(error)
+def _outcome(future: Future[dict[str, Any]], task: InFlight, number: int) -> Outcome:
+    in_flight.pop(number, None)
+    try:
+        return outcome_of(future.result(), task)
+    except WorkerDiedError:
+        return lost()
+    except BaseException as error:
+        return failed(error)
 
 
 def outcome_of(answer: Mapping[str, Any], task: InFlight) -> Outcome:
@@ -227,13 +212,10 @@ def hand_over(
     )
 
 
-def end_work(in_process: bool, others: Collection[int]) -> None:
-    """End what workers are doing at once: threads at their next report; processes but the ``others``."""
-    for task in list(in_flight.values()) if in_process else ():
+def interrupt_threads() -> None:
+    """End what threads of this process are doing at their next report."""
+    for task in list(in_flight.values()):
         task.interrupt()
-    for child in multiprocessing.active_children():
-        if child.pid not in others and not in_process:
-            child.kill()
 
 
 def compute_once(payload: Payload) -> dict[str, Any]:
@@ -309,19 +291,3 @@ def _threads(given: int | Mapping[str, int]) -> int:
     if isinstance(given, int):
         return given
     return max(1, thread_count() // given.get(socket.gethostname(), 1))
-
-
-def init_process() -> None:
-    """Prepare a process that computes steps: it ends with the one that started it, however that ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run receives it too, and decides
-    keep_freed_memory()
-    if hasattr(signal, "pthread_sigmask"):  # see signals.deferred
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, signals.ENDING)
-    parent = multiprocessing.parent_process()
-
-    def follow() -> None:
-        if parent is not None:
-            multiprocessing.connection.wait([parent.sentinel])
-            os._exit(1)
-
-    threading.Thread(target=follow, daemon=True).start()

@@ -47,7 +47,7 @@ T = TypeVar("T")
 MAX_RESTARTS = 5
 """how often a run is restarted because of one result that turns out to be broken"""
 
-_MAX_LOST = 3  # workers that may die with a task; others have died with the first, so that it may not be at fault
+_MAX_LOST = 3  # workers that may die with a task: another one may have been at fault, or the memory that all need
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +73,7 @@ class InFlight:
     """whether its result was in the store at submission"""
     threads: int = 0
     lost: int = 0
-    """how many workers have died with it; from the first on it is computed alone"""
+    """how many workers have died with it; from the second on it is computed alone, with all the memory"""
     is_beside: bool = False
     """whether another one of the same process is submitted right after it"""
     tell: Callable[[Event], None] = lambda _: None
@@ -111,6 +111,9 @@ class Executor(Protocol):
     def slots(self) -> int:
         """How many tasks it computes at a time."""
 
+    def ahead(self) -> int:
+        """How many more it takes meanwhile, so that its workers need not wait for the scheduler."""
+
     def submit(self, task: InFlight) -> None:
         """Compute a task now or later and call its ``end``.
 
@@ -139,6 +142,10 @@ class InlineExecutor:
     def slots(self) -> int:
         """See `Executor`."""
         return self._slots
+
+    def ahead(self) -> int:
+        """See `Executor`."""
+        return 0
 
     def submit(self, task: InFlight) -> None:
         """See `Executor`."""
@@ -194,8 +201,9 @@ def execute(
     Over a set, the exports of an item go into a folder of its name. What fails there is reported to the listener
     and stops neither other items nor those steps of its own that do not depend on it.
 
-    When a task is lost with its worker, those that were in flight are submitted again one by one; what is lost then
-    has failed. When a result turns out to be broken, its record is removed and the run restarted.
+    A task that is lost with its worker is submitted again, from the second time on when no other one is in flight;
+    what is lost again and again has failed. When a result turns out to be broken, its record is removed and the run
+    restarted.
 
     Parameters
     ----------
@@ -385,7 +393,10 @@ class _Attempt:
         self.written: dict[str, Path] = {}
         self.export_states: dict[str, Any] = {}
         self.in_flight: dict[str, InFlight] = {}
-        self.retries: list[InFlight] = []
+        self.again: list[InFlight] = []
+        """tasks that have lost a worker"""
+        self.alone: list[InFlight] = []
+        """tasks that have lost several"""
         self.broken: BrokenArtifactError | None = None
         self.thread = threading.get_ident()
         self.messages: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
@@ -436,15 +447,19 @@ class _Attempt:
 
     def _chosen(self, active: list[ScopeRun], scope_runs: Iterator[ScopeRun]) -> list[InFlight]:
         """The tasks to submit now."""
-        if self.retries:
-            return [] if self.in_flight else [self._begun(dataclasses.replace(self.retries.pop(0), threads=0))]
+        if self.alone:
+            return [] if self.in_flight else [self._begun(self.alone.pop(0))]
         chosen: list[InFlight] = []
-        while self.broken is None and (not self.in_flight or len(self.in_flight) < self.executor().slots()):
-            task = self._next(active, scope_runs)
+        while self.broken is None and (not self.in_flight or len(self.in_flight) < self._most()):
+            task = self.again.pop(0) if self.again else self._next(active, scope_runs)
             if task is None:
                 break
             chosen.append(self._begun(task))
         return chosen
+
+    def _most(self) -> int:
+        """How many tasks may be in flight."""
+        return self.executor().slots() + self.executor().ahead()
 
     def _begun(self, task: InFlight) -> InFlight:
         """The task, which counts as in flight."""
@@ -486,9 +501,12 @@ class _Attempt:
 
     def _submit(self, tasks: list[InFlight]) -> bool:
         """Submit tasks, which share the processors that others do not use; whether there were any."""
-        used = sum(task.threads for task in self.in_flight.values())
-        for task in tasks:
-            task.threads = max(1, (thread_count() - used) // len(tasks))
+        before = [task.threads for task in self.in_flight.values() if task.threads]
+        slots = self.executor().slots() if len(self.in_flight) > 1 else 1
+        free = min(slots - len(before), len(tasks))  # of which tasks can begin now
+        for index, task in enumerate(tasks):
+            begins = index < free
+            task.threads = max(1, (thread_count() - sum(before)) // free if begins else thread_count() // slots)
         for task in tasks:
             task.tell = functools.partial(self._post, functools.partial(self._on_report, task))
             task.end = functools.partial(self._post, functools.partial(self._on_result, task))
@@ -515,7 +533,8 @@ class _Attempt:
         del self.in_flight[task.spec.parts.key]
         if outcome.is_lost and task.lost < _MAX_LOST:
             self.listener(Note(f"{task.spec.label}: {outcome.error}; computing it again"))
-            self.retries.append(dataclasses.replace(task, lost=task.lost + 1))
+            lost = dataclasses.replace(task, lost=task.lost + 1, threads=0)
+            (self.alone if task.lost else self.again).append(lost)
             return
         try:
             result = self._result(task, outcome)

@@ -23,6 +23,7 @@ from texloom.pipelines.engine.dask_cluster import DaskCluster
 from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.prefect import records
 from texloom.pipelines.engine.prefect.artifacts import ProgressArtifact
+from texloom.pipelines.engine.processes import init_process
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import InFlight, Outcome
 from texloom.pipelines.engine.worker_progress import DaskReceiver, DatagramReceiver
@@ -69,6 +70,10 @@ class TaskRunnerExecutor:
             assert self.cluster is not None
             return self.cluster.slots()
 
+    def ahead(self) -> int:
+        """See `texloom.pipelines.engine.scheduler.Executor`; the server would show them as running."""
+        return 0
+
     def submit(self, task: InFlight) -> None:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
         with signals.deferred():
@@ -112,8 +117,12 @@ class TaskRunnerExecutor:
 
     def stop(self, at_once: bool) -> None:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
-        if at_once and self.runner is not None and self.choice.name != "dask":
-            pool.end_work(self.in_process, self.children)
+        if at_once and self.in_process:
+            pool.interrupt_threads()
+        elif at_once and self.runner is not None and self.choice.name == "processes":
+            for child in multiprocessing.active_children():
+                if child.pid not in self.children:
+                    child.kill()
         with signals.deferred():
             self._leave()
 
@@ -142,7 +151,7 @@ class TaskRunnerExecutor:
         if self.in_process:
             runner = ThreadPoolTaskRunner(max_workers=self.workers)
         elif self.choice.name == "processes":
-            runner = ProcessPoolTaskRunner(max_workers=self.workers, initializer=pool.init_process)
+            runner = ProcessPoolTaskRunner(max_workers=self.workers, initializer=init_process)
         else:
             runner = self._dask()
         self.runner = self.stack.enter_context(runner)

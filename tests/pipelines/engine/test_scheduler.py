@@ -65,14 +65,18 @@ def opened(folder: Path, store: str = "artifacts", flow: str = "flow.yaml", **ru
 class Bench:
     """An executor that computes a task at once, or does with it what the test says."""
 
-    def __init__(self, slots: int = 2, instead: Callable[[str], Outcome | None] = lambda _: None):
+    def __init__(self, slots: int = 2, instead: Callable[[str], Outcome | None] = lambda _: None, ahead: int = 0):
         self.free = slots
+        self.more = ahead
         self.instead = instead
         self.given: list[tuple[str, int]] = []
         self.stopped: list[bool] = []
 
     def slots(self) -> int:
         return self.free
+
+    def ahead(self) -> int:
+        return self.more
 
     def submit(self, task: InFlight) -> None:
         self.given.append((task.spec.label, task.threads))
@@ -130,9 +134,9 @@ def test_what_does_not_depend_on_what_failed_goes_on(folder: Path) -> None:
 
 def test_processors_are_divided_and_one_step_alone_has_all(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TEXLOOM_THREADS", "8")
-    bench = Bench(slots=3)
+    bench = Bench(slots=3, ahead=2)
     bench.run(opened(folder))
-    assert [threads for _, threads in bench.given[:3]] == [2, 2, 2]
+    assert [threads for _, threads in bench.given[:5]] == [2, 2, 2, 2, 2]
     alone = Bench(slots=3)
     path = write_flow(folder)
     alone.run(Run(load_flow(path), Store(folder / "artifacts")))
@@ -168,7 +172,10 @@ def test_a_picture_that_is_broken_inside_is_told_once(folder: Path) -> None:
     assert told.items == before.items
 
 
-def test_what_was_under_way_when_a_worker_died_is_given_out_again_alone(folder: Path) -> None:
+def test_what_loses_its_worker_is_computed_again_and_the_next_time_alone(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TEXLOOM_THREADS", "8")
     deaths: list[str] = []
 
     def dies(label: str) -> Outcome | None:
@@ -177,7 +184,9 @@ def test_what_was_under_way_when_a_worker_died_is_given_out_again_alone(folder: 
             return Outcome(error=OSError("its worker was killed"), is_lost=True)
         return None
 
-    listener, _ = Bench(instead=dies).run(opened(folder))
+    bench = Bench(instead=dies)
+    listener, _ = bench.run(opened(folder))
+    assert [threads for label, threads in bench.given if label == "a-1/edges"] == [4, 4, 8, 8]
     assert {name for name, problem in listener.items.items() if problem} == {"b-1", "b-2"}
     assert "its worker was killed" in str(listener.items["b-1"])
     assert any("a-1/edges: its worker was killed; computing it again" in note for note in listener.notes)
