@@ -21,6 +21,7 @@ import click
 
 from texloom.pipelines.cli.output import print_json, say, text_stream
 from texloom.pipelines.cli.store import store, store_option
+from texloom.pipelines.interruption import interruption_of
 
 if TYPE_CHECKING:
     from texloom.pipelines.engine.events import StepReport
@@ -76,7 +77,7 @@ def _end(number: int, _: object) -> None:
 
 def _ended_by(error: BaseException) -> tuple[str, int]:
     """How a run was ended from outside, in a word and as an exit code."""
-    if isinstance(error, _Termination) or isinstance(error.__cause__, _Termination):
+    if isinstance(interruption_of(error), _Termination):
         return "terminated", _TERMINATED
     return "interrupted", _INTERRUPTED
 
@@ -115,10 +116,8 @@ def main() -> None:
             raise
         _complain(f"texloom: {error}")
         code = _WRONG
-    except (KeyboardInterrupt, RuntimeError) as error:
-        # Python 3.11 wraps what interrupts the definition of a class, as of a module that is being imported.
-        interrupted = (error, error.__cause__)
-        if not any(isinstance(one, (click.Abort, KeyboardInterrupt)) for one in interrupted):
+    except (KeyboardInterrupt, RuntimeError, ImportError) as error:
+        if interruption_of(error) is None and not isinstance(error, click.Abort):
             raise
         ended, code = _ended_by(error)
         click.echo(f"texloom: {ended}", err=True)  # without imports: one of them may have been interrupted

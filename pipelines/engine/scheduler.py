@@ -35,6 +35,7 @@ from texloom.pipelines.engine.run import Run, StepFailedError
 from texloom.pipelines.engine.scope import Scope, ScopeInputs
 from texloom.pipelines.engine.task import TaskSpec, run_task
 from texloom.pipelines.flow.model import Step
+from texloom.pipelines.interruption import interruption_of
 from texloom.pipelines.media.sources import SourceError
 from texloom.pipelines.store.keep import keep_record
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, BrokenStoreError, Store
@@ -175,6 +176,8 @@ class InlineExecutor:
             parts = task.spec.parts
             record, is_new = keep_record(self.store, parts.stage, parts.key, work)
         except Exception as raised:
+            if interruption_of(raised) is not None:
+                raise
             error = raised
         task.end(Outcome(record, time.perf_counter() - began if is_new else None, error))
 

@@ -1049,6 +1049,24 @@ def test_stopped_while_a_class_is_defined(
     assert (result.code, result.err.strip()) == (code, f"texloom: {word}")
 
 
+@pytest.mark.parametrize(("stop", "code", "word"), STOPS)
+def test_stopped_while_a_stage_imports_a_library(
+    folder: Path, replace: Any, stop: Callable[[], None], code: int, word: str
+) -> None:
+    """As pybind11 tells it."""
+
+    def edges(**_: Any) -> None:
+        try:
+            stop()
+        except KeyboardInterrupt as error:
+            raise ImportError("initialization failed") from error
+
+    replace("analysis.edges", edges)
+    result = texloom("run", "flow.yaml")
+    assert (result.code, result.err.strip().splitlines()[-1]) == (code, f"texloom: {word}")
+    assert "Traceback" not in result.err
+
+
 @pytest.mark.parametrize("command", ["run", "plan"])
 @pytest.mark.parametrize(("stop", "code", "word"), STOPS)
 def test_stopped_before_the_first_step(
