@@ -259,7 +259,6 @@ def reconstruct(
         if explained is None:
             explained = correlation(scale.of_texture(image), scale.of_control(control, *shape))
         share = explained
-        inputs = dataclasses.replace(inputs, explained=share)
         notes = _notes(share, scale.beyond(target), inputs.rare)
     for note in notes:
         _LOG.warning(note)

@@ -326,6 +326,20 @@ def test_a_river_stays_one_line(rng: np.random.Generator) -> None:
     assert not wet[wanted > 7].any()
 
 
+def test_a_river_turns_where_the_exemplar_has_it_in_one_direction(rng: np.random.Generator) -> None:
+    rows, columns = np.indices((96, 96))
+    away = np.hypot(columns - 48, np.maximum(np.abs(rows - 48) - 28, 0))  # a short piece, from top to bottom
+    bends = np.abs(rows - 48 - 24 * np.sin(columns / 15))
+    noise = 0.5 + 0.5 * rng.random((96, 96, 1))
+    image = picture(np.where((away < 4)[..., None], [0.03, 0.05, 0.3], [0.2, 0.4, 0.1]) * noise)
+    params = ReconstructParams(solver="discrete", control_weight=1.5, patch_size=16, occurrence=25.0)
+    control, target = (data(np.minimum(distance, 60)) for distance in (away, bends))
+    result = reconstruct(image, params, np.random.default_rng(5), control=control, target=target)
+    wet = (away < 4)[tuple(np.moveaxis(result.match.astype(np.int64), 2, 0))]
+    assert wet[bends < 1].mean() > 0.95
+    assert wet[bends > 7].mean() < 0.01
+
+
 def test_pieces_of_a_toroidal_exemplar_continue_across_its_border(rng: np.random.Generator) -> None:
     image = picture(np.repeat(smooth_noise((48, 48), 2, rng)[..., None], 3, axis=2))
 

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float32, Int64
 
 _GRIDS = (256, 64)  # squares along the longer side: fine maps describe pixels, coarse ones regions
-_CELLS = 5  # halvings of the control's values
+_HALVINGS = 5  # of the control's values into cells
 _SHIFTS = 6  # displacements along a side by which chance is estimated
 
 
@@ -60,10 +60,10 @@ def _explained(planes: Float32[np.ndarray, "h w c"], control: Float32[np.ndarray
     return float(np.clip((between(0, 0) - floor) / (1 - floor), 0, 1))
 
 
-def median_cells(values: Float32[np.ndarray, "n k"]) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
+def median_cells(values: Float32[np.ndarray, "n k"], halvings: int = _HALVINGS) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
     """Cells of a tree that halves the values at the median of their widest channel."""
     cells = np.zeros(len(values), np.int64)
-    for _ in range(_CELLS):
+    for _ in range(halvings):
         for cell in range(int(cells.max()) + 1):
             members = np.flatnonzero(cells == cell)
             if len(members) < 2:

@@ -62,8 +62,6 @@ class Inputs:
     """share of the target whose control the exemplar hardly has; see `extrapolated`"""
     margin: int = 0
     """px of its other end that follow each border of a toroidal exemplar; 0 of any other"""
-    explained: float = 0.0
-    """share of the texture's variance that control explains, 0..1"""
 
     @classmethod
     def of(
@@ -264,12 +262,10 @@ class PixelSolver(Solver):
 
     def _begun(self, source: Sources, scale: Scale, random: np.random.Generator) -> Sources:
         """The sources that a scale begins with."""
-        if scale.level == 1 or not self.inputs.control.shape[2]:
+        if scale.level == 1:
             return source
-        before = self.inputs.wanted(self.scales[scale.level - 2])
-        own, wanted = resize(self.inputs.control, *scale.exemplar), self.inputs.wanted(scale)
-        coarser = resize(before, *scale.target, bilinear=True)
-        return reseeded(source, own, wanted, coarser, self.inputs.explained, random)
+        exemplar = self._neighbourhoods(scale)
+        return reseeded(source, exemplar.texture, exemplar.control, self.inputs.wanted(scale), random)
 
     def _solver(self, scale: Scale) -> DiscreteSolver:
         exemplar, control = self._neighbourhoods(scale), self.inputs.wanted(scale)
