@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pydantic
 import pytest
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from tests.runs import MemoryCheckpoints, run_with_progress, run_with_threads
 from tests.synthetic import WALL, in_step, picture, smooth_noise, soiled_wall
@@ -18,6 +18,7 @@ from texloom.stages.analysis.orientation_field import OrientationFieldParams, or
 from texloom.stages.arrays import Image
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.declare import InputError, find_stage
+from texloom.stages.synthesis._kcoherence import discrete
 from texloom.stages.synthesis.reconstruct import (
     PRESETS,
     Reconstructed,
@@ -58,6 +59,12 @@ def control() -> Image:
 @pytest.fixture
 def texture(control: Image, rng: np.random.Generator) -> Image:
     return materials(control.pixels[..., 0], rng)
+
+
+def blurred(planes: np.ndarray, sigma: float) -> np.ndarray:
+    """Means around each pixel, stretched to 0..1."""
+    means = gaussian_filter(planes, sigma)
+    return (means - means.min()) / np.ptp(means)
 
 
 def own_places(shape: tuple[int, int]) -> np.ndarray:
@@ -288,6 +295,21 @@ def test_discrete_pixels_do_not_repeat_on_smooth_targets(rng: np.random.Generato
     assert (places[:, 1:] == places[:, :-1]).all(axis=2).mean() < 0.005
 
 
+def test_the_little_that_control_asks_for_is_not_copied_side_by_side() -> None:
+    """A gradient from the darkest to the brightest control of noise, both of which are rare."""
+    copies = []
+    for seed in (1, 2, 4):
+        rough = smooth_noise((96, 96), 1.5, np.random.default_rng(seed))
+        target = data(np.broadcast_to(np.linspace(0, 1, 128), (96, 128)))
+        params: dict[str, Any] = {"solver": "discrete", "occurrence": 25.0, "control_weight": 1.5, "patch_size": 16}
+        image, own = picture(rough[..., None] * [0.6, 0.5, 0.4]), data(blurred(rough, 5))
+        match = run(image, own, target, **params).match.astype(np.int64)
+        number = match[..., 0] * 96 + match[..., 1]
+        near = [(down, across) for down in range(7) for across in range(-6, 7) if (down, across) > (0, 0)]
+        copies.append(sum((np.roll(number, step, (0, 1)) == number)[6:, 6:-6].mean() for step in near))
+    assert np.mean(copies) < 0.1
+
+
 def test_use_is_even_among_pixels_of_equal_control(rng: np.random.Generator) -> None:
     """Half a target of one material uses each of its places, though they are few."""
     mask = np.zeros((64, 64))
@@ -504,7 +526,11 @@ def test_a_weave_stays_woven_along_a_field_of_directions() -> None:
     assert np.mean(errors) < 0.5 * ideal.var()
 
 
-def test_jacobians_that_do_not_turn_change_nothing_at_one_scale(texture: Image, control: Image) -> None:
+def test_jacobians_that_do_not_turn_change_nothing_at_one_scale(
+    texture: Image, control: Image, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """But for repeats, which are penalised without Jacobians only."""
+    monkeypatch.setattr(discrete, "_REPEAT_PENALTY", 0.0)
     flat = np.broadcast_to(np.array([1, 0, 0, 1], np.float32), (90, 100, 4))
     target = data(disc((90, 100), 45, 50, 28))
     params: dict[str, Any] = {"solver": "discrete", "coarsest": 72, "first_iterations": 4, "last_iterations": 4}

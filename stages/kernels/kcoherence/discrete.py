@@ -35,6 +35,19 @@ class Exemplar(NamedTuple):
     """of a neighbourhood, px"""
 
 
+class Repeats(NamedTuple):
+    """What keeps an exemplar pixel from being copied twice near a place."""
+
+    places: Any
+    """(h, w) int32, numbers of the exemplar's pixels; copies of one in a toroidal exemplar share a number"""
+    used: Any
+    """(H + 2 * reach, W + 2 * reach) int32, numbers of the target's sources, and what follows its borders"""
+    reach: int
+    """px, to every side, within which a source should occur once"""
+    penalty: Any
+    """int64, for each other pixel there of the same source"""
+
+
 class Subpass(NamedTuple):
     """How the pixels of one parity choose their sources."""
 
@@ -116,18 +129,34 @@ def _project(old, exemplar, control, wrap, y, x, sums, wanted):
 
 
 @numba.njit(cache=True, nogil=True)
-def choose_sources(old, new, control, exemplar, subpass, first, last):
+def _repeat_cost(repeats, y, x, place):
+    """What it costs pixel (y, x) to have the source of number ``place`` beside the pixels around that have it."""
+    used, reach = repeats.used, repeats.reach
+    count = np.int64(0)
+    for row in range(y, y + 2 * reach + 1):
+        line = used[row, x : x + 2 * reach + 1]
+        equal = np.int32(0)
+        for i in range(line.size):
+            equal += np.int32(line[i] == place)
+        count += equal
+    count -= np.int64(used[y + reach, x + reach] == place)
+    return repeats.penalty * count
+
+
+@numba.njit(cache=True, nogil=True)
+def choose_sources(old, new, control, exemplar, repeats, subpass, first, last):
     """Choose the sources of the pixels of one parity in rows ``first`` to ``last``.
 
     Each of the 3x3 pixels around proposes the exemplar pixel that continues its source, and the candidates of that
     one. The proposal of least cost is taken: the squared distance of the neighbourhoods, the penalty of the pixel,
-    and the seam penalty for each neighbour that it does not continue.
+    the seam penalty for each neighbour that it does not continue, and that of repeats near it.
 
     Parameters
     ----------
     old, new : (H, W, 2) int32, sources before and after
     control : (H, W, k) float32, of the target, which is not copied
     exemplar : Exemplar
+    repeats : Repeats
     subpass : Subpass
 
     Returns
@@ -159,6 +188,8 @@ def choose_sources(old, new, control, exemplar, subpass, first, last):
                 cost = two_row_distance(wanted, start, vectors, there, _HALF) + penalty[r, c]
                 cost += seam_penalty * (around - counts[i])
                 if cost < best:
+                    cost += _repeat_cost(repeats, y, x, repeats.places[r, c])
+                if cost < best:
                     best, best_row, best_column = cost, r, c
             for attempt in range(count * similar + tries):
                 if attempt < count * similar:
@@ -173,6 +204,8 @@ def choose_sources(old, new, control, exemplar, subpass, first, last):
                 there = np.uint64((r * columns + c) * DIMENSIONS)
                 cost = two_row_distance(wanted, start, vectors, there, _HALF) + penalty[r, c]
                 cost += seam_penalty * around
+                if cost < best:
+                    cost += _repeat_cost(repeats, y, x, repeats.places[r, c])
                 if cost < best:
                     best, best_row, best_column = cost, r, c
             new[y, x, 0], new[y, x, 1] = best_row, best_column

@@ -28,6 +28,8 @@ _SAMPLES = 2**12  # neighbourhoods that the principal components are found from
 _SEAM_PENALTY = 160.0  # CIELAB units squared a pixel, for continuing none of the eight neighbours
 _MOMENTUM = 0.9  # weight of the past use in penalties; without, all pixels would leave a place at once
 _SINGLE = 0.3  # weight of a pixel's own use beside that around it; without, single pixels would repeat
+_REPEAT_PENALTY = 20.0  # CIELAB units squared a pixel, for each other pixel near it that has the same source
+_REPEAT_REACH = 8  # px; a source should occur once as near
 _MERGE_DISTANCE = np.float32(0.5)  # px by which continuations of oriented neighbours may differ and still be one
 _PIECES = 16
 
@@ -111,8 +113,9 @@ class DiscreteSolver:
 
     Without an occurrence penalty smooth places win: they are near to everything, so that detail is lost and single
     pixels repeat ([Kaspar2015]_ section 3.2 has that of patches). Here a place that serves as many pixels as it
-    should costs ``occurrence``, CIELAB units squared a pixel; see `expected_use`. Places ``period`` px apart are
-    the same place of a toroidal exemplar.
+    should costs ``occurrence``, CIELAB units squared a pixel; see `expected_use`. Few places that control asks for
+    often would still repeat in rows; therefore a source costs more near copies of itself. Places ``period`` px
+    apart are the same place of a toroidal exemplar.
     """
 
     def __init__(
@@ -181,7 +184,7 @@ class DiscreteSolver:
             new = source.copy()
             key = random.integers(2**64, dtype=np.uint64)
             subpass = Subpass(parity, tries, self.seam_penalty, edges_only, self.wrap, key)
-            kernel, exemplar = self._kernel(penalty)
+            kernel, exemplar = self._kernel(penalty, source)
             arguments = (source, new, self.control, *exemplar, subpass)
             parts += run_spans(kernel, arguments, source.shape[0], _PIECES)
             source[:] = new
@@ -194,13 +197,23 @@ class DiscreteSolver:
         """The exemplar pixels that are nearest to sources."""
         return source
 
-    def _kernel(self, penalty: np.ndarray) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+    def _kernel(self, penalty: np.ndarray, source: Sources) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         """The kernel, and its arguments between the target's control and the subpass."""
-        from texloom.stages.kernels.kcoherence.discrete import Exemplar, choose_sources
+        from texloom.stages.kernels.kcoherence.discrete import Exemplar, Repeats, choose_sources
 
         own = self.exemplar
         exemplar = Exemplar(own.texture, own.vectors, own.basis, own.candidates, penalty, _RADIUS)
-        return choose_sources, (exemplar,)
+        rows, columns = (np.arange(side, dtype=np.int32) for side in own.texture.shape[:2])
+        if self.period is not None:
+            rows, columns = rows % self.period[0], columns % self.period[1]
+        places = rows[:, None] * np.int32(own.texture.shape[1]) + columns
+        used = places[source[..., 0], source[..., 1]]
+        if self.wrap:
+            used = np.pad(used, _REPEAT_REACH, mode="wrap")
+        else:
+            used = np.pad(used, _REPEAT_REACH, constant_values=-1)
+        repeats = Repeats(places, used, _REPEAT_REACH, np.int64(_REPEAT_PENALTY * self.scale))
+        return choose_sources, (exemplar, repeats)
 
 
 class OrientedDiscreteSolver(DiscreteSolver):
@@ -229,8 +242,8 @@ class OrientedDiscreteSolver(DiscreteSolver):
         """The exemplar pixels that are nearest to sources."""
         return np.asarray(np.rint(source))
 
-    def _kernel(self, penalty: np.ndarray) -> tuple[Callable[..., Any], tuple[Any, ...]]:
-        """See `DiscreteSolver`."""
+    def _kernel(self, penalty: np.ndarray, source: Sources) -> tuple[Callable[..., Any], tuple[Any, ...]]:  # noqa: ARG002
+        """See `DiscreteSolver`; repeats are not penalised."""
         from texloom.stages.kernels.kcoherence.discrete import Exemplar
         from texloom.stages.kernels.kcoherence.oriented_discrete import Orientation, choose_oriented_sources
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from tests.kernels.core.naive import bilinear
 from texloom.stages.kernels.kcoherence import coherent_pixels
-from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS, Exemplar
+from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS, Exemplar, Repeats
 from texloom.stages.kernels.kcoherence.oriented_discrete import Orientation
 
 
@@ -38,9 +38,18 @@ def resynthesise_pixel(
 
 
 def proposal_costs(
-    source: np.ndarray, control: np.ndarray, exemplar: Exemplar, seam: int, wrap: bool, y: int, x: int
+    source: np.ndarray,
+    control: np.ndarray,
+    exemplar: Exemplar,
+    repeats: Repeats,
+    seam: int,
+    wrap: bool,
+    y: int,
+    x: int,
 ) -> dict[tuple[int, int], int]:
-    """Costs of the proposals for a pixel: squared distance, penalty, ``seam`` for each neighbour not continued."""
+    """Costs of the proposals for a pixel: squared distance, penalty, ``seam`` for each neighbour not continued, and
+    the penalty of ``repeats`` for each pixel near it that has the same source.
+    """
     shape, radius = np.array(source.shape[:2]), exemplar.radius
     vectors = exemplar.vectors.reshape(*exemplar.penalty.shape, DIMENSIONS).astype(int)
 
@@ -61,11 +70,16 @@ def proposal_costs(
         for row, column in [tuple(source[y, x]), *known]
         if 0 <= row < vectors.shape[0] and 0 <= column < vectors.shape[1]
     }
+    reach = [np.array([i, j]) - repeats.reach for i, j in np.ndindex(2 * repeats.reach + 1, 2 * repeats.reach + 1)]
+    beside = [
+        repeats.places[tuple(source[at(y + i, x + j)])] for i, j in reach if (i or j) and inside(y + i, x + j)
+    ]
     proposed = own | {tuple(other) for place in own for other in exemplar.candidates[place]}
     return {
         place: int(((wanted - vectors[place]) ** 2).sum())
         + int(exemplar.penalty[place])
         + seam * sum(place != other for other in known)
+        + int(repeats.penalty) * sum(repeats.places[place] == other for other in beside)
         for place in proposed
     }
 

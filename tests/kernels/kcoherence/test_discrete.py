@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tests.kernels.kcoherence import naive
-from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS, Exemplar, Subpass, choose_sources
+from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS, Exemplar, Repeats, Subpass, choose_sources
 
 HALF = DIMENSIONS // 2
 
@@ -22,12 +22,19 @@ def test_pixels_take_the_cheapest_proposal(wrap: bool, edges_only: bool, rng: np
     old[:5, :4] = whole  # a continuous piece, inside which nothing is to choose
     new = np.full_like(old, -1)
     exemplar = Exemplar(texture, vectors.reshape(-1, HALF), basis, candidates, penalty, radius)
+    places = np.arange(90, dtype=np.int32).reshape(shape)
+    places[:, 7:] = places[:, :3]  # copies of the same pixels
+    sources = places[old[..., 0], old[..., 1]]
+    used = np.pad(sources, 2, mode="wrap") if wrap else np.pad(sources, 2, constant_values=-1)
+    repeats = Repeats(places, used, 2, np.int64(2000))
     subpasses = [Subpass(parity, 0, seam, edges_only, wrap, np.uint64(1)) for parity in range(4)]
     parts = [
-        choose_sources(old, new, control, exemplar, part, *span) for part in subpasses for span in ((0, 3), (3, 6))
+        choose_sources(old, new, control, exemplar, repeats, part, *span)
+        for part in subpasses
+        for span in ((0, 3), (3, 6))
     ]
     energy, penalties, chosen = (sum(column) for column in zip(*parts, strict=True))
-    costs = {at: naive.proposal_costs(old, control, exemplar, seam, wrap, *at) for at in np.ndindex(size)}
+    costs = {at: naive.proposal_costs(old, control, exemplar, repeats, seam, wrap, *at) for at in np.ndindex(size)}
     still = [(y, x) for y in range(1, 4) for x in range(1, 3)]
     still += [] if wrap else [(0, x) for x in range(3)] + [(y, 0) for y in range(4)]
     moving = [place for place in costs if not (edges_only and place in still)]
@@ -50,7 +57,8 @@ def test_random_places_are_tried(rng: np.random.Generator) -> None:
     new = np.empty_like(source)
     penalty = np.zeros((6, 6), np.int64)
     exemplar = Exemplar(texture, vectors.reshape(-1, HALF), basis, candidates, penalty, 0)
+    repeats = Repeats(np.arange(36, dtype=np.int32).reshape(6, 6), np.zeros((1, 1), np.int32), 0, np.int64(5))
     subpass = Subpass(0, 500, np.int64(0), False, False, np.uint64(7))
-    energy, penalties, chosen = choose_sources(source, new, control, exemplar, subpass, 0, 1)
+    energy, penalties, chosen = choose_sources(source, new, control, exemplar, repeats, subpass, 0, 1)
     assert tuple(new[0, 0]) == (4, 5)
     assert (energy, penalties, chosen) == (0, 0, 1)

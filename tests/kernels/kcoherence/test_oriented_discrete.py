@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.kernels.kcoherence import naive
-from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS, Exemplar, Subpass, choose_sources
+from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS, Exemplar, Repeats, Subpass, choose_sources
 from texloom.stages.kernels.kcoherence.oriented_discrete import Orientation, choose_oriented_sources
 
 SHAPE, SIZE, RADIUS, SEAM = (9, 10), (6, 8), 1, 300
@@ -60,8 +60,9 @@ def test_upright_textures_choose_as_without_orientation(data: dict[str, Any], wr
     exemplar = oriented_exemplar(data)._replace(
         texture=data["texture"].astype(np.float32), vectors=data["vectors"].reshape(-1, DIMENSIONS // 2)
     )
+    repeats = Repeats(np.zeros(SHAPE, np.int32), np.zeros(SIZE, np.int32), 0, np.int64(0))
     upright = [
-        choose_sources(old, expected, data["control"], exemplar, subpass, 0, 6)
+        choose_sources(old, expected, data["control"], exemplar, repeats, subpass, 0, 6)
         for subpass in subpasses(3, edges_only, wrap)
     ]
     np.testing.assert_array_equal(new, expected)
