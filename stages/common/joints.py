@@ -5,6 +5,7 @@ from jaxtyping import Float32, Float64
 
 from texloom.stages.arrays import Correspondence, Mask, ScalarMap
 from texloom.stages.common.patch_distance import SIDE, NearestPatches, Patches, Places, smoothed
+from texloom.stages.kernels.core.threads import run_spans, thread_count
 from texloom.stages.masks import count_excluded
 
 STEPS = (1, 2, 4)
@@ -33,28 +34,11 @@ def joint_contrast(
 
     The larger of both directions and both sides, squared CIELAB units. Where the source has no such neighbour, 0.
     """
-    pitch = exemplar.shape[1] + 1
-    around = np.full(
-        (exemplar.shape[0] + 2, pitch, 3), np.nan, np.float32
-    )  # so that every source has four neighbours
-    around[1:-1, :-1] = exemplar
-    known, colors = around.reshape(-1, 3), result.reshape(-1, 3)
-    source = (match[..., 0].astype(np.int64) + 1) * pitch + match[..., 1]
-    sources, numbers = source.ravel(), np.arange(source.size).reshape(source.shape)
-    contrast = np.full(source.size, -1, np.float32)
-    for axis, step in ((0, pitch), (1, 1)):
-        cut = np.roll(source, -1, axis) != source + step
-        if not tileable:
-            cut[(slice(None),) * axis + (-1,)] = False
-        before = np.flatnonzero(cut)
-        after = np.roll(numbers, -1, axis).ravel()[before]
-        jump = np.zeros(len(before), np.float32)
-        for one, other, hop in ((before, after, step), (after, before, -step)):
-            difference = known[sources[one] + hop] - colors[other]
-            difference *= difference
-            jump = np.fmax(jump, difference[:, 0] + difference[:, 1] + difference[:, 2])
-        contrast[before] = np.maximum(contrast[before], jump)
-    return contrast.reshape(source.shape)
+    from texloom.stages.kernels.seams import joint_contrast as kernels
+
+    contrast = np.empty(match.shape[:2], np.float32)
+    run_spans(kernels.joint_contrast, (exemplar, result, match, tileable, contrast), len(match), thread_count())
+    return contrast
 
 
 def worst_of_cells(contrast: ScalarMap, cell: int) -> Places:
