@@ -37,10 +37,12 @@ def _shifted_products(plane: np.ndarray, reach: tuple[int, int]) -> np.ndarray:
     import cv2
 
     shape = tuple(cv2.getOptimalDFTSize(side + most) for side, most in zip(plane.shape, reach, strict=True))
-    spectrum = np.fft.rfft2(plane, s=shape)
-    power = (spectrum.real**2 + spectrum.imag**2).astype(plane.dtype)
+    padded = np.zeros(shape, plane.dtype)
+    padded[: plane.shape[0], : plane.shape[1]] = plane
+    spectrum = cv2.dft(padded, nonzeroRows=plane.shape[0])
+    power = cv2.mulSpectrums(spectrum, spectrum, 0, conjB=True)
     rows, columns = (np.arange(-most, most + 1) % side for most, side in zip(reach, shape, strict=True))
-    return np.asarray(np.fft.irfft2(power, s=shape)[np.ix_(rows, columns)])
+    return np.asarray(cv2.dft(power, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE)[np.ix_(rows, columns)])
 
 
 def _far(reach: tuple[int, int], near: float) -> Bool[np.ndarray, "p q"]:

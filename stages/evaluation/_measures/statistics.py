@@ -62,14 +62,18 @@ def _filters(side: int, scales: int) -> _Filters:
 
 def _picture(spectrum: np.ndarray, response: np.ndarray, side: int) -> np.ndarray:
     """A spectrum, filtered and transformed back, at a resolution of ``side`` px."""
+    import cv2
+
     lowest = (np.s_[: side // 2], np.s_[-side // 2 :])  # frequencies of 0 or more, and below
     filtered = np.empty((*response.shape[:-2], side, side), spectrum.dtype)
     for rows, columns in itertools.product(lowest, lowest):
         place = (..., rows, columns)
         np.multiply(spectrum[place], response[place], out=filtered[place])
-    picture = np.fft.ifft2(filtered, out=filtered)
-    picture *= np.float32((side / spectrum.shape[-1]) ** 2)
-    return picture
+    filtered *= np.float32(1 / spectrum.shape[-1] ** 2)
+    for plane in filtered.reshape(-1, side, side):
+        parts = plane.view(np.float32).reshape(side, side, 2)
+        cv2.dft(parts, parts, cv2.DFT_INVERSE)
+    return filtered
 
 
 def _powers(values: np.ndarray) -> np.ndarray:
@@ -79,15 +83,18 @@ def _powers(values: np.ndarray) -> np.ndarray:
 
 def _correlations(planes: np.ndarray) -> np.ndarray:
     """Normalised autocorrelation of each plane at half of the offsets of a 7x7 square; the others are equal."""
-    centred = planes - planes.mean(axis=(-2, -1), keepdims=True)
-    spectrum = np.fft.rfft2(centred)
-    sums = np.fft.irfft2(spectrum.real**2 + spectrum.imag**2, s=planes.shape[-2:])
+    import cv2
+
     offsets = np.arange(-_REACH, _REACH + 1)
-    square = sums[..., offsets[:, None], offsets[None, :]].reshape(*planes.shape[:-2], -1)
-    count = square.shape[-1] // 2
-    return np.asarray(
-        square[..., :count] / (square[..., count : count + 1] + _MIN_VARIANCE * planes.shape[-1] ** 2)
-    )
+    squares = []
+    for plane in planes:
+        spectrum = cv2.dft(plane - plane.mean())
+        power = cv2.mulSpectrums(spectrum, spectrum, 0, conjB=True)
+        sums = cv2.dft(power, flags=cv2.DFT_INVERSE | cv2.DFT_SCALE)
+        squares.append(sums[np.ix_(offsets, offsets)].ravel())
+    square = np.stack(squares)
+    count = square.shape[1] // 2
+    return np.asarray(square[:, :count] / (square[:, count : count + 1] + _MIN_VARIANCE * planes.shape[-1] ** 2))
 
 
 def _correlation(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -109,10 +116,13 @@ def _shape(values: np.ndarray) -> list[float]:
 
 
 def _window_statistics(tone: np.ndarray, colors: np.ndarray) -> Statistics:
+    import cv2
+
     side = len(tone)
     scales = int(np.log2(side // 16))
     filters = _filters(side, scales)
-    spectrum = np.fft.fft2(tone - tone.mean())
+    parts = cv2.dft(tone - tone.mean(), flags=cv2.DFT_COMPLEX_OUTPUT)
+    spectrum = parts.view(np.complex64)[..., 0]
     sides = [side >> scale for scale in range(scales)]
     bands = [_picture(spectrum, filters.bands[k], sides[k]) for k in range(scales)]
     magnitudes = [np.abs(band) for band in bands]
@@ -135,7 +145,7 @@ def _window_statistics(tone: np.ndarray, colors: np.ndarray) -> Statistics:
         "low bands": np.array([_shape(low) for low in lows]).ravel(),
         "energy": np.array([*np.concatenate(energies), np.log((highest**2).mean() + _MIN_VARIANCE)]),
         "magnitude autocorrelation": np.concatenate([_correlations(plane).ravel() for plane in magnitudes]),
-        "low band autocorrelation": np.concatenate([_correlations(plane) for plane in lows]),
+        "low band autocorrelation": np.concatenate([_correlations(low[None]).ravel() for low in lows]),
         "orientations": np.concatenate([_correlation(plane, plane)[upper] for plane in magnitudes]),
         "scales": np.concatenate(across),
         "phases": np.concatenate(phases),
