@@ -21,9 +21,9 @@ from texloom.stages.common.surface.phases import surface_phases
 from texloom.stages.common.surface.texels import texels_of
 from texloom.stages.declare import InputError, stage
 from texloom.stages.normals import NORMAL
-from texloom.stages.synthesis._kcoherence.known_control import extrapolated
+from texloom.stages.synthesis._kcoherence.known_control import extrapolated, notes_on_target
 from texloom.stages.synthesis._surface.levels import SurfaceLevels
-from texloom.stages.synthesis.per_pixel import MAX_RARE, ArrangementParams, flat, prepare, style_of
+from texloom.stages.synthesis.per_pixel import ArrangementParams, flat, prepare, style_of
 
 _LOG = logging.getLogger(__name__)
 
@@ -121,10 +121,8 @@ def on_surface(
         assert control is not None
         own = scale.of_control(control, image.height, image.width)
         wanted, rare = extrapolated(own, scale.of_control(target, *size), scale.strength)
-        if rare > MAX_RARE:
-            _LOG.warning(
-                "%.1f%% of the target has values that hardly occur in control and takes the nearest", 100 * rare
-            )
+        for note in notes_on_target(scale.beyond(target), rare):
+            _LOG.warning(note)
         wanted = np.ascontiguousarray(wanted / np.float32(scale.strength))
     texels = texels_of(faces, chart, tables.levels)
     style, repetition = style_of(params, tables.levels, int(rng.integers(2**63))), NO_REPETITION

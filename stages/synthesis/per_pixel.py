@@ -27,11 +27,10 @@ from texloom.stages.common.per_pixel.phases import phases_of
 from texloom.stages.common.per_pixel.tables import CONTROLS, Tables, make_tables
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.sizes import Size
-from texloom.stages.synthesis._kcoherence.known_control import extrapolated
+from texloom.stages.synthesis._kcoherence.known_control import extrapolated, notes_on_target
 
 _LOG = logging.getLogger(__name__)
 
-MAX_RARE = 0.02  # share of the target with values that are rare in control, above which a warning is given
 _MAX_ORIGIN = 2**30  # px of the endless texture
 _PASSES = (2, 2, 4)  # of correction, finest level first
 _COHERENCE_BONUS = 28  # / 256 that each neighbour that agrees takes off the squared distance
@@ -160,6 +159,8 @@ class PerPixel:
     """whether it wraps around"""
     positions: Annotated[Float32[np.ndarray, "H W 2"], Channels(("row", "column"))] | None
     """rows and columns in a distorted exemplar, in fractions of a px; null where nothing is distorted"""
+    notes: list[str]
+    """warnings about the inputs, a sentence each"""
 
 
 def _size(params: PerPixelParams, target: Any, field: np.ndarray | None = None) -> tuple[int, int]:
@@ -267,12 +268,12 @@ def per_pixel(
         chart = None if source is None else source.astype(np.float32)
     scale, own = _fitted(image, control)
     wanted, weight = None, params.control_weight
+    notes: list[str] = []
     if target is not None and scale is not None and own is not None:
         wanted, rare = extrapolated(own, scale.of_control(target, *(params.extent or size)) / scale.strength, 1.0)
-        if rare > MAX_RARE:
-            _LOG.warning(
-                "%.1f%% of the target has values that hardly occur in control and takes the nearest", 100 * rare
-            )
+        notes = notes_on_target(scale.beyond(target), rare)
+    for note in notes:
+        _LOG.warning(note)
     if repeats and not distorted and own is not None and wanted is not None:
         assert generators is not None
         planes = phase_planes(generators, source, own, wanted, params.tileable)
@@ -312,7 +313,7 @@ def per_pixel(
     else:
         assert jacobian is not None
         pixels = _means(image, jacobian, positions, _bent(target_jacobian), params.origin)
-    return PerPixel(Image(pixels, image.channels), match, params.tileable, positions)
+    return PerPixel(Image(pixels, image.channels), match, params.tileable, positions, notes)
 
 
 def _means(

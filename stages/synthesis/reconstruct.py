@@ -25,6 +25,7 @@ from texloom.stages.common.sizes import check_patch
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.sizes import Size
 from texloom.stages.synthesis._kcoherence.correlation import correlation
+from texloom.stages.synthesis._kcoherence.known_control import notes_on_target
 from texloom.stages.synthesis._kcoherence.solvers import (
     Inputs,
     Match,
@@ -42,8 +43,6 @@ from texloom.stages.synthesis._patchmatch.search import Effort
 _LOG = logging.getLogger(__name__)
 
 _MIN_CORRELATION = 0.05  # share of the texture explained, below which a note is given
-_MAX_OUTSIDE = 0.01  # share of the target outside the range of control, above which a note is given
-_MAX_RARE = 0.02  # share of the target with values that are rare in control, above which a note is given
 _DISCRETE_RATIO = 1.8  # minimum ratio of scales of the discrete solver
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -254,12 +253,17 @@ def reconstruct(
     if use is not None and use.shape != shape:
         raise ValueError(f"use of shape {use.shape} for an exemplar of {shape}")
     inputs = Inputs.of(image, control, target, scale, size, use, toroidal, repetition)
-    share, notes = 0.0, []
+    share = 0.0
+    notes: list[str] = []
     if control is not None and target is not None:
         if explained is None:
             explained = correlation(scale.of_texture(image), scale.of_control(control, *shape))
         share = explained
-        notes = _notes(share, scale.beyond(target), inputs.rare)
+        if share < _MIN_CORRELATION:
+            notes.append(
+                f"The control map explains {share:.1%} of the texture beyond chance: nothing can follow it."
+            )
+        notes += notes_on_target(scale.beyond(target), inputs.rare)
     for note in notes:
         _LOG.warning(note)
 
@@ -333,17 +337,3 @@ def _size(params: ReconstructParams, target: Image | None, jacobian: np.ndarray 
     if jacobian is None:
         raise InputError("reconstruct: without a target, give the size of the result")
     return jacobian.shape[0], jacobian.shape[1]
-
-
-def _notes(correlation: float, beyond: float, rare: float) -> list[str]:
-    """Warnings about the inputs."""
-    notes = []
-    if correlation < _MIN_CORRELATION:
-        notes.append(
-            f"The control map explains {correlation:.1%} of the texture beyond chance: nothing can follow it."
-        )
-    if beyond > _MAX_OUTSIDE:
-        notes.append(f"{beyond:.1%} of the target is beyond the control map's values and takes the nearest.")
-    if rare > _MAX_RARE:
-        notes.append(f"{rare:.1%} of the target has values that hardly occur in control and takes the nearest.")
-    return notes

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 import numpy as np
@@ -207,6 +208,25 @@ def test_a_rare_control_value_can_fill_the_result(block: int, rng: np.random.Gen
     params = {"size": None, "block": block, "coherence": 1.1, "control_weight": 3.0}
     match = made(picture(pixels), stack, inputs=inputs, **params).match
     assert (wanted[match[..., 0], match[..., 1]] == 0).mean() < 0.03
+
+
+def test_a_target_beyond_control_gives_notes(image: Image, caplog: pytest.LogCaptureFixture) -> None:
+    """A quarter of the target is above all values, and of those in it the upper half is in one row only."""
+    stack = appearance_stack(image, AppearanceStackParams(coarsest=24), tileable=True)
+    ramp = np.linspace(0, 0.5, SHAPE[0])[:, None] * np.ones(SHAPE)
+    ramp[-1] = 1
+    target = picture(np.linspace(0, 4 / 3, 96)[:, None] * np.ones((96, 96)))
+
+    def notes(target: Image) -> list[str]:
+        inputs = {"control": picture(ramp), "target": target}
+        return made(image, stack, inputs=inputs, size=None).notes
+
+    assert notes(picture(ramp)) == []
+    with caplog.at_level(logging.WARNING):
+        beyond, rare = notes(target)
+    assert caplog.messages == [beyond, rare]
+    assert "beyond the control map's values" in beyond
+    assert "hardly occur in control" in rare
 
 
 def test_a_hole_is_filled_and_its_border_fits(image: Image) -> None:

@@ -6,6 +6,8 @@ from jaxtyping import Float32
 _LEVELS = 64  # of a channel's range
 _MIN_PIXELS = 49  # of the exemplar that must have a value, or one beside it; in small exemplars
 _MIN_SHARE = 0.002  # of the exemplar's pixels
+_MAX_OUTSIDE = 0.01  # share of the target outside the range of control, above which a note is given
+_MAX_RARE = 0.02  # share of the target with values that are rare in control, above which a note is given
 
 
 def extrapolated(
@@ -49,3 +51,18 @@ def extrapolated(
     shift[is_rare] = (cells[KDTree(cells).query(rare)[1]] - rare) / factor
     moved = (wanted.reshape(-1, channels) + shift[numbers[1]]).reshape(wanted.shape)
     return np.asarray(moved, np.float32), float(asked[is_rare].sum() / asked.sum())
+
+
+def notes_on_target(outside: float, rare: float) -> list[str]:
+    """What is to be said of a target, a sentence each.
+
+    Parameters
+    ----------
+    outside, rare : shares of its pixels, 0..1: outside the range of control, and of values that control hardly has.
+    """
+    notes = []
+    if outside > _MAX_OUTSIDE:
+        notes.append(f"{outside:.1%} of the target is beyond the control map's values and takes the nearest.")
+    if rare > _MAX_RARE:
+        notes.append(f"{rare:.1%} of the target has values that hardly occur in control and takes the nearest.")
+    return notes
