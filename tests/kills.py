@@ -115,7 +115,7 @@ class Victims:
             if process.returncode not in (CODES[number], 0):
                 problems.append(f"exit code {process.returncode}: {_last(errors)}")
             if "Traceback" in errors:
-                problems.append(f"a traceback: {_last(errors)}")
+                problems.append(f"a traceback: {_raised(errors)}")
         finished = _finished(place)
         again = self._start(kill.flow, kill.next_runner, place)
         try:
@@ -159,6 +159,14 @@ def _was_starting(code: int, number: int, errors: str) -> bool:
 def _last(text: str) -> str:
     lines = [line for line in text.splitlines() if line.strip()]
     return lines[-1][:200] if lines else "nothing was printed"
+
+
+def _raised(errors: str) -> str:
+    """What the first traceback ends with, and where it was raised."""
+    lines = errors[errors.index("Traceback") :].splitlines()[1:]
+    end = next((index for index, line in enumerate(lines) if line and not line.startswith(" ")), len(lines))
+    places = [line.strip() for line in lines[:end] if line.strip().startswith("File ")]
+    return " ".join([*lines[end : end + 1], *places[-1:]])[:300]
 
 
 def _without_digits(name: str) -> str:

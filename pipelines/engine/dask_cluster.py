@@ -8,6 +8,7 @@ import contextlib
 import functools
 import logging
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
 from typing import Any
 
 from texloom.pipelines.engine import pool, signals, worker
@@ -18,6 +19,7 @@ from texloom.pipelines.engine.workers import worker_count
 from texloom.stages.declare import InputError
 
 _SECONDS = 10.0  # to wait for a scheduler, and for its first worker
+_ANSWER = 5.0  # seconds to wait for the answer of a task that has ended, before asking once more
 
 
 class DaskCluster:
@@ -81,6 +83,7 @@ class DaskExecutor:
         self._cluster: DaskCluster | None = None
         self._futures: dict[int, Any] = {}
         """by number of the task; Dask forgets a task of which nobody holds the future"""
+        self._is_over = False
 
     def slots(self) -> int:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
@@ -110,6 +113,7 @@ class DaskExecutor:
 
     def stop(self, at_once: bool) -> None:  # noqa: ARG002 (workers of this machine end with their cluster)
         """See `texloom.pipelines.engine.scheduler.Executor`."""
+        self._is_over = True
         with signals.deferred():
             if self._cluster is not None:
                 self._cluster.close()
@@ -129,9 +133,15 @@ class DaskExecutor:
         pool.in_flight.pop(number, None)
         self._futures.pop(number, None)
         try:
-            return pool.outcome_of(future.result(), task)
+            while not self._is_over:  # then nobody answers, and the thread of the callbacks would wait for ever
+                with contextlib.suppress(TimeoutError):
+                    problem = future.exception(timeout=_ANSWER)
+                    if problem is not None:
+                        return pool.failed(problem)
+                    return pool.outcome_of(future.result(timeout=_ANSWER), task)
         except BaseException as error:
             return pool.failed(error)
+        return pool.failed(CancelledError())
 
 
 @contextlib.contextmanager
