@@ -5,6 +5,7 @@ see the store under the same path. Tasks are those of `texloom.pipelines.engine.
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import functools
 import logging
 from collections.abc import Iterator
@@ -99,12 +100,11 @@ class DaskExecutor:
     def submit(self, task: InFlight) -> None:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
         with signals.deferred():
-            payload = pool.hand_over(
-                task, self._run.store, self._start, self._cluster is None, in_process=False, identified=True
-            )
+            store = self._run.store
+            payload = pool.hand_over(task, store, self._start, self._cluster is None, in_process=False)
             if payload is None:
                 return
-            number = payload.number
+            number, payload = payload.number, dataclasses.replace(payload, identity=store.identity())
             future = self._started().client.submit(
                 pool.compute_once, payload, key=f"{task.step.name}-{number}", pure=False
             )

@@ -64,7 +64,7 @@ class Payload:
     channel: dict[str, Any] | None = None
     """where progress is reported, see `Channel`; none for threads of this process"""
     identity: str = ""
-    """of the store, where its path may mean another folder"""
+    """of the store, if its path may mean another folder on the worker, which then compares them"""
 
 
 numbers = itertools.count()
@@ -178,7 +178,6 @@ def hand_over(
     start: Callable[[], Workers],
     is_first: bool,
     in_process: bool,
-    identified: bool = False,
 ) -> Payload | None:
     """Begin a task: what travels to a worker; None if the task has ended with what is wrong with its sources.
 
@@ -187,7 +186,6 @@ def hand_over(
     start : starts the workers, if they are not. What they write is in the store that it has created.
     is_first : the sources have to be checked, before anything is written.
     in_process : the workers are threads of this process.
-    identified : the workers compare the store with this one, as its path may mean another folder there.
     """
     if is_first:
         scope = task.inputs.scope
@@ -208,7 +206,6 @@ def hand_over(
         store=str(store.root),
         threads=workers.hosts or task.threads,
         channel=None if workers.receiver is None else dataclasses.asdict(workers.receiver.channel),
-        identity=store.identity() if identified else "",
     )
 
 

@@ -291,6 +291,8 @@ class Run:
         if self._known_files is not None and self._known_files.is_new:
             user_cache.save(_FILES, self._known_files.entries, _MOST_FILES)
         if history.used:
+            for folder in ("history", "log"):
+                remove_abandoned(self.store.root / folder)  # left by a run that was killed here, after all else
             history.save(exports if self._known_files is not None else None)
             sources = self.source_references()
             run_log.write(self.store.root, LoggedRun(self.flow.name, sources, self.flow.seeds, history.used))

@@ -11,7 +11,7 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.store.atomic import remove_abandoned, write_atomically
+from texloom.pipelines.store.atomic import write_atomically
 
 _MAX_SIZE = 1 << 28  # bytes of an entry that is read
 
@@ -40,7 +40,6 @@ def write(root: Path, run: LoggedRun) -> None:
             os.utime(path)
         else:
             path.parent.mkdir(parents=True, exist_ok=True)
-            remove_abandoned(path.parent)  # what the same run left, if it was killed here
             write_atomically(path, text, durable=False)
 
 

@@ -78,6 +78,17 @@ def test_a_run_is_logged_with_its_results(flow: Path) -> None:
     assert last.sources == {"exemplar": str(flow.parent / "exemplar.png")}
 
 
+def test_what_a_run_left_that_was_killed_at_its_end_goes_with_the_next_one(flow: Path) -> None:
+    """It has computed all, so that the next one computes nothing."""
+    run(flow)
+    root = store_of(flow).root
+    left = [root / "history" / ".new-01234567-small", root / "log" / ".new-01234567-entry.json"]
+    for path in left:
+        path.touch()
+    assert set(run(flow).values()) == {"cached"}
+    assert not any(path.exists() for path in left)
+
+
 def test_the_limit_is_obeyed_at_the_end_of_a_run(flow: Path) -> None:
     run(flow)
     store = store_of(flow)
