@@ -7,7 +7,7 @@ Vectors are integers. A *place* is a pixel's index, row * width + column. The eq
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Float32, Int16, Int32
+from jaxtyping import Float32, Int16, Int32, Shaped
 
 from texloom.stages.arrays import Mask
 from texloom.stages.common.components import components
@@ -37,6 +37,7 @@ Analysis: TypeAlias = tuple[Appearance, Basis, Candidates]
 """of one level: appearances, the basis of neighbourhoods, similarity sets"""
 
 _RADIUS = 2  # samples of a window on each side of its centre
+_SIDE = 2 * _RADIUS + 1
 _SAMPLE_SIZE = 10_000  # windows from which the components are computed
 _CLUSTER_SIZE = 40  # of the clusters in which sets are initially searched
 _ROUNDS = 3  # of propagation between neighbours
@@ -81,6 +82,17 @@ def _sample(complete: Mask) -> tuple[np.ndarray, np.ndarray]:
     return rows[::step], columns[::step]
 
 
+def _around(
+    planes: np.ndarray, rows: np.ndarray, columns: np.ndarray, offsets: list[tuple[int, int]]
+) -> Shaped[np.ndarray, "n values"]:
+    """The values at ``offsets`` from pixels of ``planes``, (h, w, c), side by side."""
+    width, channels = planes.shape[1:]
+    shifts = np.array([down * width + across for down, across in offsets])
+    pixels = (rows * width + columns)[:, None] + shifts
+    # for rows this short several times as fast as indexing
+    return planes.reshape(-1, channels).take(pixels.ravel(), axis=0).reshape(rows.size, -1)
+
+
 def appearances(planes: Float32[np.ndarray, "h w c"], complete: Mask, level: int, toroidal: bool) -> Appearance:
     """Principal components of the window of 5x5 samples around every pixel, from those of ``complete`` pixels."""
     from texloom.stages.kernels.per_pixel.windows import project_windows
@@ -90,9 +102,8 @@ def appearances(planes: Float32[np.ndarray, "h w c"], complete: Mask, level: int
     margin = _RADIUS * step
     padded = np.pad(planes, ((margin, margin), (margin, margin), (0, 0)), "wrap" if toroidal else "reflect")
     rows, columns = _sample(complete)
-    windows = np.lib.stride_tricks.sliding_window_view(padded, (2 * margin + 1,) * 2, axis=(0, 1))
-    sample = np.moveaxis(windows[..., ::step, ::step], 2, 4)[rows, columns].reshape(rows.size, -1)
-    mean, basis = components(sample, COMPONENTS)
+    offsets = [(step * down, step * across) for down in range(_SIDE) for across in range(_SIDE)]
+    mean, basis = components(_around(padded, rows, columns, offsets), COMPONENTS)
     projection = np.empty((height, width, COMPONENTS), np.float32)
     middle, axes = (mean @ basis).astype(np.float32), basis.astype(np.float32)
     shared = (np.ascontiguousarray(np.moveaxis(padded, 2, 0)), step, middle, axes, projection)
@@ -111,8 +122,9 @@ def neighbour_basis(appearance: Appearance, complete: Mask, level: int, toroidal
     """Principal components of the appearances one step away in eight directions of ``complete`` pixels."""
     step = 2**level
     padded, (rows, columns) = _bordered(appearance, step, toroidal), _sample(complete)
-    around = [padded[rows + step * (1 + down), columns + step * (1 + across)] for down, across in NEIGHBOURS]
-    return np.rint(components(np.concatenate(around, axis=1), COMPONENTS)[1] * BASIS_LENGTH).astype(np.int16)
+    offsets = [(step * (1 + down), step * (1 + across)) for down, across in NEIGHBOURS]
+    sample = _around(padded, rows, columns, offsets)
+    return np.rint(components(sample, COMPONENTS)[1] * BASIS_LENGTH).astype(np.int16)
 
 
 def neighbourhoods(appearance: Appearance, basis: Basis, level: int, toroidal: bool) -> Appearance:
@@ -142,6 +154,8 @@ def analyse(
         return None
     appearance = appearances(planes, complete, level, toroidal)
     basis = neighbour_basis(appearance, complete, level, toroidal)
+    if k == 1 and complete.all():
+        return appearance, basis, np.arange(complete.size, dtype=np.int32).reshape(*complete.shape, 1)
     vectors = neighbourhoods(appearance, basis, level, toroidal)
     return appearance, basis, similar_places(vectors, complete, 2**level, k, min_separation)
 

@@ -5,8 +5,9 @@ import numpy as np
 
 def components(sample: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Mean of the rows and their principal components, (values, count), padded with zeros."""
-    mean = sample.mean(axis=0, dtype=np.float64)
-    centred = sample - mean
+    centred = sample.astype(np.float64)
+    mean = centred.mean(axis=0)
+    centred -= mean
     _, vectors = np.linalg.eigh(centred.T @ centred * (1 / len(sample)))
     basis = np.zeros((sample.shape[1], count))
     kept = min(count, sample.shape[1])

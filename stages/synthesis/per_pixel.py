@@ -309,7 +309,8 @@ def per_pixel(
     match = np.stack([rows, columns], axis=2).astype(np.uint32)
     positions = np.stack(levels.positions(), axis=2) if distorted else None
     if positions is None:
-        pixels = image.pixels[rows, columns]
+        # for rows this short several times as fast as indexing
+        pixels = image.pixels.reshape(-1, len(image.channels)).take(rows * np.int32(image.width) + columns, axis=0)
     else:
         assert jacobian is not None
         pixels = _means(image, jacobian, positions, _bent(target_jacobian), params.origin)

@@ -76,7 +76,8 @@ class Tables:
 
     def pixels_of(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns in the exemplar."""
-        rows, columns = np.divmod(places, np.int32(self.pitch))
+        rows = places // np.int32(self.pitch)
+        columns = places - rows * np.int32(self.pitch)  # several times as fast as the remainder
         return rows - np.int32(self.margin), columns - np.int32(self.margin)
 
 
@@ -132,8 +133,10 @@ def make_tables(
         if control is not None:
             strengths.append(_strength(counted, control[level].reshape(height * width, -1), control_weight))
             fixed = np.rint(control[level] * np.float32(strengths[-1])).astype(np.int16)
-            at = valid // columns.size - margin, valid % columns.size - margin
-            vectors[..., COMPONENTS : COMPONENTS + fixed.shape[2]] = fixed[at]
+            pixel = (valid // columns.size - margin) * width + valid % columns.size - margin
+            vectors[..., COMPONENTS : COMPONENTS + fixed.shape[2]] = fixed.reshape(height * width, -1).take(
+                pixel, axis=0
+            )
         if toroidal:
             sums[:] = sums[inside][rows % height, columns % width]
         if jacobian is None:
@@ -186,8 +189,8 @@ def _with_margin(
             there = to_rows * width + to_columns
             target = np.where(valid[to_rows, to_columns] == there, there, at)
             own = np.where(inside, near_rows * width + near_columns, target)
-        shown[level] = appearance[level].reshape(-1, COMPONENTS)[own]
-        pixels = candidates[level].reshape(height * width, -1)[target]
+        shown[level] = appearance[level].reshape(-1, COMPONENTS).take(own, axis=0)
+        pixels = candidates[level].reshape(height * width, -1).take(target, axis=0)
         similar[level] = (pixels // width - rows[0]) * columns.size + pixels % width - columns[0]
     return shown, similar
 
