@@ -103,7 +103,7 @@ def _search(
     )
     run_spans(match_distances, (shape, target, source), patches[0], 16)
     # every patch is free; masked ones cost more than any distance
-    penalty = np.zeros(places, np.int64)
+    penalty = np.zeros(places, np.float32)
     if whole is not None:
         penalty[~whole] = 2**60
     none = np.zeros(1, np.int32)

@@ -57,7 +57,7 @@ class Exemplar(NamedTuple):
     features: Any
     """(h, w * channels) int16"""
     penalty: Any
-    """(h - size + 1, w - size + 1) int64, of every patch"""
+    """(h - size + 1, w - size + 1) float32, whole numbers, of every patch; larger ones take longer to read"""
     own_penalty: Any
     """int64, what a new match adds to the penalty of its patch"""
     penalty_limit: Any
@@ -127,17 +127,34 @@ def occurrence_penalty(counts, patch_size, penalty_per_use, penalty):
     ----------
     counts : (h, w) int64, see `count_matches`, h and w the exemplar's patches down and across.
     penalty_per_use : float64, penalty of one use of every pixel of a patch.
-    penalty : (h, w) int64, output.
+    penalty : (h, w) float32, output, whole numbers.
     """
     height, width = counts.shape
     sums = np.empty(width, np.int64)
+    total = np.zeros(width, np.int64)
+    above, below = np.zeros(width, np.int64), np.zeros(width, np.int64)
     # A patch at distance (dy, dx) shares (patch_size - |dy|) * (patch_size - |dx|) pixels: two tents, one an axis.
-    _tents_down(counts, penalty, patch_size)
+    for y in range(min(patch_size, height)):
+        for x in range(width):
+            total[x] += (patch_size - y) * counts[y, x]
+            below[x] += counts[y, x]
     scale = penalty_per_use / patch_size**2
     for y in range(height):
-        _tents_across(penalty[y], sums, patch_size)
+        _tents_across(total, sums, patch_size)
         for x in range(width):
-            penalty[y, x] = np.int64(np.rint(sums[x] * scale))
+            penalty[y, x] = np.float32(np.rint(sums[x] * scale))
+        # From row to row each value above counts once less, each below once more.
+        for x in range(width):
+            above[x] += counts[y, x]
+            below[x] -= counts[y, x]
+        if y >= patch_size:
+            for x in range(width):
+                above[x] -= counts[y - patch_size, x]
+        if y + patch_size < height:
+            for x in range(width):
+                below[x] += counts[y + patch_size, x]
+        for x in range(width):
+            total[x] += below[x] - above[x]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -147,35 +164,8 @@ def match_energy(row, column, distance, penalty, first, last):
     for y in range(first, last):
         for x in range(row.shape[1]):
             energy += distance[y, x]
-            penalised += penalty[row[y, x], column[y, x]]
+            penalised += np.int64(penalty[row[y, x], column[y, x]])
     return energy, penalised
-
-
-@inner
-def _tents_down(values, sums, side):
-    """Fill ``sums`` with the sums down the columns of ``values`` under tents of half width and height ``side``."""
-    height, width = values.shape
-    total = np.zeros(width, np.int64)
-    above, below = np.zeros(width, np.int64), np.zeros(width, np.int64)
-    for y in range(min(side, height)):
-        for x in range(width):
-            total[x] += (side - y) * values[y, x]
-            below[x] += values[y, x]
-    # From row to row each value above counts once less, each below once more.
-    for y in range(height):
-        line = sums[y]
-        for x in range(width):
-            line[x] = total[x]
-            above[x] += values[y, x]
-            below[x] -= values[y, x]
-        if y >= side:
-            for x in range(width):
-                above[x] -= values[y - side, x]
-        if y + side < height:
-            for x in range(width):
-                below[x] += values[y + side, x]
-        for x in range(width):
-            total[x] += below[x] - above[x]
 
 
 @inner
@@ -322,7 +312,7 @@ def _random_near(penalty, row, column, radius, limit, key, position, counter):
         bits = random_bits(key, position, counter + draw)
         r = low_row + _below(bits >> np.uint64(32), high_row - low_row + 1)
         c = low_column + _below(bits, high_column - low_column + 1)
-        if penalty[r, c] <= limit:
+        if np.int64(penalty[r, c]) <= limit:
             return r, c
     return np.int64(-1), np.int64(-1)
 
@@ -372,8 +362,9 @@ def sweep(shape, target, exemplar, scan, first, last):
             active[y, x] = _OPEN | other if scan.everywhere else state & ~due
             patch = y * across + x
             best_row, best_column, best_distance = np.int64(row[y, x]), np.int64(column[y, x]), distance[y, x]
-            best_cost = best_distance + penalty[best_row, best_column]
-            limit = max(exemplar.penalty_limit, penalty[best_row, best_column] - 1)
+            best_penalty = np.int64(penalty[best_row, best_column])
+            best_cost = best_distance + best_penalty
+            limit = max(exemplar.penalty_limit, best_penalty - 1)
             omitted = 0
             if scan.distance_per_try > 0:
                 omitted = tries - min(tries, best_distance // scan.distance_per_try)
@@ -393,7 +384,7 @@ def sweep(shape, target, exemplar, scan, first, last):
                     r, c = np.int64(exemplar.unused_row[place]), np.int64(exemplar.unused_column[place])
                 if r < 0 or r >= rows or c < 0 or c >= columns:
                     continue
-                added = penalty[r, c] + own_penalty
+                added = np.int64(penalty[r, c]) + own_penalty
                 if added >= best_cost or (r == best_row and c == best_column):
                     continue
                 compared += 1

@@ -102,7 +102,7 @@ class Search:
         """patch distances so far, whole or until they exceeded the best"""
         self.forbidden = None if allowed is None else ~allowed.places
         self.counts: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
-        self.penalty: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
+        self.penalty: Float32[np.ndarray, "h w"] = np.empty(places, np.float32)
         self.distance: Int64[np.ndarray, "p q"] = empty(patches, np.int64)
         self.active: UInt8[np.ndarray, "p q"] = empty(patches, np.uint8)
         self.active[:] = ALL_ACTIVE
@@ -187,13 +187,13 @@ class Search:
 
         occurrence_penalty(self.counts, self.shape.size, self.penalty_per_use, self.penalty)
         if self.expected is not None:
-            np.rint(self.penalty / self.expected, out=self.penalty, casting="unsafe")
+            np.rint(self.penalty / self.expected, out=self.penalty)
         if self.forbidden is not None:
             self.penalty[self.forbidden] = _FORBIDDEN
 
     def _little_used(self) -> tuple[np.ndarray, np.ndarray]:
         """Exemplar patches sampled from the density max(0, 1 - occurrence / even use)."""
-        lack = np.maximum(0, np.int64(self.even_penalty) - self.penalty)
+        lack = np.maximum(0, np.int64(self.even_penalty) - self.penalty.astype(np.int64))
         if self.expected is not None:
             lack = np.rint(lack * self.expected).astype(np.int64)
         lack = np.cumsum(lack.ravel())

@@ -68,7 +68,7 @@ class Sweep:
 
     def __init__(self, shape: PatchShape, target: Target, exemplar: Exemplar, scan: Scan) -> None:
         self.patch, self.target, self.exemplar, self.scan = shape, target, exemplar, scan
-        self.penalty, self.key = exemplar.penalty, int(scan.key)
+        self.penalty, self.key = exemplar.penalty.astype(np.int64), int(scan.key)
 
     def neighbour(self, y: int, x: int) -> tuple[int, int] | None:
         """The target patch at (y, x), around the torus where there is one."""

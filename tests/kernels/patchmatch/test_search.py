@@ -60,7 +60,9 @@ class Problem:
     ) -> tuple[PatchShape, Target, Exemplar, Scan]:  # fmt: skip
         """What a sweep takes; it changes the problem in place."""
         target = Target(self.target, *self.match, self.distance, self.active)
-        exemplar = Exemplar(self.exemplar, penalty, np.int64(own_penalty), np.int64(limit), *self.unused)
+        exemplar = Exemplar(
+            self.exemplar, np.float32(penalty), np.int64(own_penalty), np.int64(limit), *self.unused
+        )
         radii = np.maximum(1, radius // np.arange(1, tries + 1))
         per_try = np.int64(distance_per_try)
         scan = Scan(forward, self.wrap, radii, per_try, fill_tries, np.uint64(key), everywhere)
@@ -88,7 +90,7 @@ def test_random_bits_are_even() -> None:
 def test_occurrence_penalty_equals_counting_pixels(size: int, rng: np.random.Generator) -> None:
     for places in ((1, 1), (1, 9), (6, 3), (9, 11)):
         match = np.stack([rng.integers(0, n, (7, 5)) for n in places]).astype(np.int32)
-        counts, penalty = np.zeros(places, np.int64), np.empty(places, np.int64)
+        counts, penalty = np.zeros(places, np.int64), np.empty(places, np.float32)
         count_matches(match[0], match[1], counts)
         occurrence_penalty(counts, size, 1234.5, penalty)
         np.testing.assert_array_equal(penalty, naive.occurrence_penalty(match, size, places, 1234.5))
@@ -97,7 +99,7 @@ def test_occurrence_penalty_equals_counting_pixels(size: int, rng: np.random.Gen
 
 
 def test_penalty_of_one_use_falls_with_the_share_of_common_pixels() -> None:
-    counts, penalty = np.zeros((9, 11), np.int64), np.empty((9, 11), np.int64)
+    counts, penalty = np.zeros((9, 11), np.int64), np.empty((9, 11), np.float32)
     counts[4, 5] = 1
     occurrence_penalty(counts, 4, 1600.0, penalty)
     assert penalty[4, 5] == 1600
