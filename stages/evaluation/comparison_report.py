@@ -59,7 +59,7 @@ def comparison_report(
     methods = list(dict.fromkeys([*(summary.get("methods") or []), *images]))
     rows = _rows(exemplars, images, scores, items, methods, params)
     return page.render(
-        __file__,
+        page.template_of(__file__),
         params.title,
         [{name: entry[name] for name in entry if name not in _VARYING} for entry in provenance],
         methods=methods,

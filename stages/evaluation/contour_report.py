@@ -71,7 +71,7 @@ def contour_report(
         for index, exemplar in enumerate(exemplars)
     ]
     return page.render(
-        __file__,
+        page.template_of(__file__),
         params.title,
         provenance,
         detectors=detectors,

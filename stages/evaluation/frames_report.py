@@ -88,7 +88,7 @@ def frames_report(
         for name, frames in stacks.items()
     ]
     made = page.render(
-        __file__,
+        page.template_of(__file__),
         params.title,
         provenance,
         is_titled=params.title != FramesReportParams().title,

@@ -83,7 +83,7 @@ def inverse_report(
             }
         )
     return page.render(
-        __file__,
+        page.template_of(__file__),
         params.title,
         provenance,
         rows=rows,

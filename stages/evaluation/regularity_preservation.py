@@ -105,7 +105,7 @@ def regularity_preservation(
     kinds = {kind: _rates([row for row in rows if row["kind"] == kind], methods) for kind in _KINDS}
     shown = partial(page.shown, largest=params.largest, quality=params.quality)
     html = page.render(
-        __file__,
+        page.template_of(__file__),
         params.title,
         provenance,
         bounds={"recall": params.recall, "uneven": params.uneven, "even": params.even},

@@ -106,13 +106,15 @@ def report(
     tables = [_measures("Scores", table), *([_measures("Regularity", regularity)] if regularity else [])]
     seams = (table.get("measures") or {}).get("seams") or {}
     view = page.overview(image)
-    energies, ours, theirs, maps = run_all(
+    ours, template, maps, theirs, portrait, energies = run_all(
         lambda made: made(),
         [
-            (partial(plots.energies, scales or []),),
-            (partial(page.shown, view, largest),),
-            (partial(page.shown, exemplar, largest),),
+            (partial(page.shown, view, largest),),  # slowest first: they run in parallel
+            (partial(page.template_of, __file__),),
             (partial(_maps, structure, distance, occurrence, largest),),
+            (partial(page.shown, exemplar, largest),),
+            (partial(page.shown, view, _PORTRAIT, 85),),
+            (partial(plots.energies, scales or []),),
         ],
     )
     color = {"name": "color", "title": "Colour", "what": "", "image": ours, "exemplar": theirs}
@@ -120,11 +122,11 @@ def report(
     for pair in pairs:  # the view may be smaller than the result
         pair["image"] = dataclasses.replace(pair["image"], height=image.height, width=image.width)
     return page.render(
-        __file__,
+        template,
         params.title or "Texture report",
         provenance,
         is_titled=bool(params.title),
-        portrait=page.shown(view, _PORTRAIT, 85),
+        portrait=portrait,
         exemplar=exemplar,
         image=image,
         pairs=pairs,

@@ -81,7 +81,7 @@ def sequence_methods(
         )
     )
     html = page.render(
-        __file__,
+        page.template_of(__file__),
         params.title,
         provenance,
         methods=methods,

@@ -110,7 +110,7 @@ def surface_report(
         "stretch": page.shown_field(density, 0.0, _STRETCH, params.largest),
         "use": page.shown_field(use_of_exemplar(match[covered][None], shape), 1.0, 1.0, params.largest),
     }
-    made = page.render(__file__, "Texture on a mesh", provenance, False, table=table, shown=shown)
+    made = page.render(page.template_of(__file__), "Texture on a mesh", provenance, False, table=table, shown=shown)
     return SurfaceReport(table, made.page)
 
 

@@ -32,6 +32,7 @@ _BLUE_TO_RED = (
     (178, 24, 43),
     (103, 0, 31),
 )  # fmt: skip  (ColorBrewer's RdBu)
+_PARTS = ("page.html.j2", "page.parts.html.j2")
 _LARGE = 4096
 """px; pictures of more than its square are reduced before anything else"""
 
@@ -62,21 +63,28 @@ class ReportPage:
     """with all pictures inside; it needs no network"""
 
 
-def render(
-    module: str, title: str, provenance: Sequence[Mapping[str, Any]], is_titled: bool = True, **values: Any
-) -> ReportPage:
-    """Fill the template of a module: that of ``report.py`` is ``report.html.j2`` beside it.
+def template_of(module: str) -> Any:
+    """The template of a module, by its ``__file__``: that of ``report.py`` is ``report.html.j2`` beside it.
 
-    Files of that name belong to the module's code, see `code_digest`. Values are escaped unless they are `Markup`.
+    Files of that name belong to the module's code, see `code_digest`. It and those that it uses are compiled.
+    """
+    path = Path(module)
+    environment = _environment(path.parent)
+    for part in _PARTS:
+        environment.get_template(part)
+    return environment.get_template(f"{path.stem}.html.j2")
+
+
+def render(
+    template: Any, title: str, provenance: Sequence[Mapping[str, Any]], is_titled: bool = True, **values: Any
+) -> ReportPage:
+    """Fill a template, see `template_of`. Values are escaped unless they are `Markup`.
 
     Parameters
     ----------
-    module : the module's ``__file__``.
     provenance : the steps upstream, listed at the end of the page.
     is_titled : whether ``title`` stays; otherwise the run that exports the page replaces it by the picture's name.
     """
-    path = Path(module)
-    template = _environment(path.parent).get_template(f"{path.stem}.html.j2")
     html = template.render(title=title, is_titled=is_titled, steps=steps(provenance), **values)
     return ReportPage(writable(html))
 
