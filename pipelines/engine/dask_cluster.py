@@ -158,8 +158,15 @@ def local_cluster(workers: int) -> Iterator[Any]:
         scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},  # 8787 may be taken
         silence_logs=logging.CRITICAL,
     )
-    # Dask gives up workers whose replacement takes longer to start, and in the end the run waits for none.
-    with dask.config.set({"distributed.deploy.lost-worker-timeout": "1 day"}):
+    settings = {
+        # Dask gives up workers whose replacement takes longer to start, and in the end the run waits for none.
+        "distributed.deploy.lost-worker-timeout": "1 day",
+        # Nobody looks at what it measures of itself, which takes a sixteenth of a core.
+        "distributed.worker.profile.enabled": False,
+        "distributed.admin.system-monitor.interval": "10s",
+        "distributed.admin.tick.interval": "500ms",
+    }
+    with dask.config.set(settings):
         try:
             cluster = start()
         except RuntimeError:  # a worker died on the way
