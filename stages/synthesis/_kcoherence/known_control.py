@@ -97,5 +97,7 @@ def notes_on_target(outside: float, rare: float) -> list[str]:
     if outside > _MAX_OUTSIDE:
         notes.append(f"{outside:.1%} of the target is beyond the control map's values and takes the nearest.")
     if rare > _MAX_RARE:
-        notes.append(f"{rare:.1%} of the target has values that hardly occur in control and takes the nearest.")
+        notes.append(
+            f"{rare:.1%} of the target has values that hardly occur in control and takes a mean of near ones."
+        )
     return notes
