@@ -131,7 +131,8 @@ def main() -> None:
         for number, handler in before.items():
             if signal.getsignal(number) == _end:  # nothing has ended the run
                 signal.signal(number, handler)
-    gc.freeze()  # looking through all that a run has loaded once more, at exit, would take a quarter of a second
+    if "OpenImageIO" not in sys.modules:  # which complains about what is not collected
+        gc.freeze()  # to look through all that a run has loaded once more would take a quarter of a second
     sys.exit(code or _DONE)
 
 
