@@ -27,8 +27,8 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Store:
 def opened(store: Store) -> Callable[..., Run]:
     """Opens a flow with sources and params."""
 
-    def run_of(flow: str, sources: dict[str, Path], **params: str) -> Run:
-        overrides = Overrides({name: str(path) for name, path in sources.items()}, params)
+    def run_of(flow: str, sources: dict[str, Path], seed: int | None = None, **params: str) -> Run:
+        overrides = Overrides({name: str(path) for name, path in sources.items()}, params, seed=seed)
         return Run(load_flow(find_flow(flow), overrides), store)
 
     return run_of
@@ -45,8 +45,10 @@ def ran(opened: Callable[..., Run]) -> Callable[..., dict[str, Any]]:
     """Runs a flow and reads its exports: pictures as integers, tables, else paths."""
     read = {".png": saved, ".json": measures_of}
 
-    def exports(out: Path, flow: str, sources: dict[str, Path], **params: str) -> dict[str, Any]:
-        files = execute(opened(flow, sources, **params), Events(), out)
+    def exports(
+        out: Path, flow: str, sources: dict[str, Path], seed: int | None = None, **params: str
+    ) -> dict[str, Any]:
+        files = execute(opened(flow, sources, seed, **params), Events(), out)
         return {name: read.get(path.suffix, Path)(path) for name, path in files.items()}
 
     return exports

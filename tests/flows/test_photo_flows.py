@@ -64,20 +64,24 @@ def test_what_a_picture_of_features_holds_enters_the_key(opened: Any, folder: Pa
 
 def test_a_hole_is_filled(ran: Any, folder: Path, tmp_path: Path) -> None:
     photo = saved(folder / "photo.png")
-    exports = ran(
-        tmp_path,
-        "photo_completion",
-        {"photo": folder / "photo.png"},
-        **{"surface.geometry": str(folder / "plane.yaml")},
-    )
     hole = np.zeros(SIDES, bool)
     hole[40:61, 40:61] = True
-    np.testing.assert_array_equal(exports["texture.png"][~hole], photo[~hole])
-    assert (exports["texture.png"][hole] != photo[hole]).any(axis=1).mean() > 0.9
-    assert exports["texture.png"][hole].std() > 0.5 * photo[hole].std()
-    # as sharp as what is around it
-    steps = np.abs(np.diff(exports["texture.png"].astype(float), axis=1)).mean(axis=2)
-    assert steps[42:59, 42:58].mean() == pytest.approx(steps[20:80, 20:80].mean(), rel=0.15)
+    ratios = []
+    for seed in range(1, 7):
+        exports = ran(
+            tmp_path / str(seed),
+            "photo_completion",
+            {"photo": folder / "photo.png"},
+            seed,
+            **{"surface.geometry": str(folder / "plane.yaml")},
+        )
+        np.testing.assert_array_equal(exports["texture.png"][~hole], photo[~hole])
+        assert (exports["texture.png"][hole] != photo[hole]).any(axis=1).mean() > 0.9
+        assert exports["texture.png"][hole].std() > 0.5 * photo[hole].std()
+        steps = np.abs(np.diff(exports["texture.png"].astype(float), axis=1)).mean(axis=2)
+        ratios.append(steps[42:59, 42:58].mean() / steps[20:80, 20:80].mean())
+    # about as sharp as what is around it; a hole this small differs by a tenth from seed to seed
+    assert 0.75 < np.mean(ratios) < 1.25
 
 
 def test_texture_of_one_photograph_in_another(ran: Any, folder: Path, tmp_path: Path) -> None:
