@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import hashlib
 import os
 import shutil
@@ -35,6 +36,11 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 # The same examples every time, and no time limit: kernels compile at first use.
 settings.register_profile("texloom", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("texloom")
+
+
+def pytest_unconfigure() -> None:
+    """Thaw what runs in this process have frozen: OpenImageIO complains at exit about what is not collected."""
+    gc.unfreeze()
 
 
 @pytest.fixture

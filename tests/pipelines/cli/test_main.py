@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-import gc
 import io
 import itertools
 import json
@@ -87,7 +86,6 @@ def texloom(*arguments: object) -> Result:
             cli.main()
     finally:
         sys.argv = before
-        gc.unfreeze()
         signal.signal(signal.SIGINT, interrupt_before)  # after an interrupted run it is the system's
     assert isinstance(stopped.value.code, int)
     return Result(stopped.value.code, out.getvalue(), err.getvalue())
