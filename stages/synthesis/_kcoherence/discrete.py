@@ -1,5 +1,6 @@
 """Discrete synthesis under control: pixels are copied one by one, by k-coherence, from coarse to fine."""
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -147,6 +148,14 @@ class DiscreteSolver:
         self.use = use if self.use is None else _MOMENTUM * self.use + (1 - _MOMENTUM) * use
         return np.asarray(np.rint(np.minimum(self.use * self.penalty_per_use, 2.0**50)), np.int64)
 
+    @functools.cached_property
+    def _places(self) -> Int32[np.ndarray, "h w"]:
+        """Numbers of the exemplar's pixels; those that are the same place share one."""
+        height, width = self.exemplar.texture.shape[:2]
+        down, across = self.period or (height, width)
+        rows, columns = np.arange(height, dtype=np.int32) % down, np.arange(width, dtype=np.int32) % across
+        return rows[:, None] * np.int32(width) + columns
+
     def _of_all_copies(self, use: Float32[np.ndarray, "h w"]) -> Float32[np.ndarray, "h w"]:
         """The sum of a use over all places that are the same one of a toroidal exemplar."""
         for axis, period in enumerate(self.period or ()):
@@ -203,16 +212,12 @@ class DiscreteSolver:
 
         own = self.exemplar
         exemplar = Exemplar(own.texture, own.vectors, own.basis, own.candidates, penalty, _RADIUS)
-        rows, columns = (np.arange(side, dtype=np.int32) for side in own.texture.shape[:2])
-        if self.period is not None:
-            rows, columns = rows % self.period[0], columns % self.period[1]
-        places = rows[:, None] * np.int32(own.texture.shape[1]) + columns
-        used = places[source[..., 0], source[..., 1]]
+        used = self._places[source[..., 0], source[..., 1]]
         if self.wrap:
             used = np.pad(used, _REPEAT_REACH, mode="wrap")
         else:
             used = np.pad(used, _REPEAT_REACH, constant_values=-1)
-        repeats = Repeats(places, used, _REPEAT_REACH, np.int64(_REPEAT_PENALTY * self.scale))
+        repeats = Repeats(self._places, used, _REPEAT_REACH, np.int64(_REPEAT_PENALTY * self.scale))
         return choose_sources, (exemplar, repeats)
 
 
