@@ -1,4 +1,4 @@
-"""What the commands print on standard output."""
+"""What the commands print."""
 
 from __future__ import annotations
 
@@ -26,3 +26,10 @@ def print_json(value: Any) -> int:
     """Print a report; returns exit code 0."""
     click.echo(json.dumps(value, indent=2))
     return 0
+
+
+def complain(text: str) -> None:
+    """Print one line on standard error."""
+    from texloom.pipelines.errors import one_line
+
+    click.echo(one_line(text.replace("\n", " ")), err=True)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from texloom.pipelines.byte_size import format_byte_size, parse_byte_size
+from texloom.pipelines.cli.options import json_option, store_option
 from texloom.pipelines.cli.output import print_json, say
 
 if TYPE_CHECKING:
@@ -24,30 +25,8 @@ _NAME = re.compile(r"[^/\\]+$")
 _ARRAY = re.compile(r"[0-9a-f]{64}\.(png|exr)")  # as `file_source` names them
 
 
-def _folder(_context: click.Context, _option: click.Parameter, folder: Path | None) -> Path:
-    from texloom.pipelines.store.location import default_store
-
-    try:
-        return (folder or default_store()).expanduser()
-    except RuntimeError:
-        raise click.BadParameter(f"{str(folder)!r} is in a home folder that is not known") from None
-
-
-store_option = click.option(
-    "--store",
-    "store_folder",
-    envvar="TEXLOOM_STORE",
-    type=click.Path(path_type=Path),
-    callback=_folder,
-    help="Folder of the results; also TEXLOOM_STORE.  [default: artifacts, if there is such a folder here, else "
-    "one in the user's cache folder]",
-)
-
-_json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-
-
 def _store_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    return store_option(_json_option(command))
+    return store_option(json_option(command))
 
 
 @click.group()

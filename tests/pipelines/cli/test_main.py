@@ -30,6 +30,7 @@ from tests.conftest import ROOT
 from tests.pipelines.pictures import png
 from texloom.pipelines import api
 from texloom.pipelines.cli import main as cli
+from texloom.pipelines.cli import run as cli_run
 from texloom.pipelines.engine import keys as fingerprint
 from texloom.pipelines.engine import scheduler
 from texloom.pipelines.flow.shipped import shipped_flows
@@ -1044,7 +1045,7 @@ def test_stopped_while_a_class_is_defined(
         def __set_name__(self, owner: type, name: str) -> None:
             stop()
 
-    monkeypatch.setattr(cli, "_open", lambda *_, **__: type("Defined", (), {"attribute": Attribute()}))
+    monkeypatch.setattr(cli_run, "_open", lambda *_, **__: type("Defined", (), {"attribute": Attribute()}))
     result = texloom("run", "flow.yaml")
     assert (result.code, result.err.strip()) == (code, f"texloom: {word}")
 
@@ -1072,7 +1073,7 @@ def test_stopped_while_a_stage_imports_a_library(
 def test_stopped_before_the_first_step(
     folder: Path, monkeypatch: pytest.MonkeyPatch, command: str, stop: Callable[[], None], code: int, word: str
 ) -> None:
-    monkeypatch.setattr(cli, "_open", lambda *_, **__: stop())
+    monkeypatch.setattr(cli_run, "_open", lambda *_, **__: stop())
     before = tree(folder)
     result = texloom(command, "flow.yaml")
     assert (result.code, result.err.strip()) == (code, f"texloom: {word}")
@@ -1111,7 +1112,7 @@ def test_standard_output_that_is_full(unbuffered: str, empty: Path) -> None:
 
 def test_program_errors_are_raised(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong request is an `InputError`; any other `ValueError` is a mistake in the program."""
-    monkeypatch.setattr(cli, "_open", lambda *_, **__: raising(ValueError("mistake"))())
+    monkeypatch.setattr(cli_run, "_open", lambda *_, **__: raising(ValueError("mistake"))())
     monkeypatch.setattr(sys, "argv", ["texloom", "plan", "self_tuning"])
     with pytest.raises(ValueError, match=r"^mistake$"):
         cli.main()

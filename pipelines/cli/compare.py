@@ -1,0 +1,112 @@
+"""``texloom compare``: several flows on the same exemplars."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import click
+
+from texloom.pipelines.cli.options import (
+    assignments,
+    common_params,
+    complete,
+    memory_option,
+    named_as_given,
+    out_options,
+    report_option,
+    runner_options,
+    store_option,
+    with_common_params,
+    with_options,
+)
+from texloom.pipelines.cli.run import execute
+
+
+@click.command(short_help="Run several flows on the same exemplars and say which is better.")
+@click.argument("flows", nargs=-1, metavar="FLOW...", shell_complete=complete("flow_names"))
+@click.option(
+    "--over",
+    required=True,
+    metavar="PATH",
+    shell_complete=complete("paths"),
+    help="The exemplars: a folder, a picture, or a pattern as 'library/*.png'.",
+)
+@click.option(
+    "--against", multiple=True, metavar="NAME=FOLDER", callback=assignments, shell_complete=complete("paths"),
+    help="Judge the pictures of FOLDER, named as the exemplars, as results of NAME. Larger ones are cropped to "
+    "their centre; smaller ones are refused, and tileable ones of another size.",
+)  # fmt: skip
+@click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="Seeds an exemplar.")
+@click.option("--seed", type=int, help="The first seed.")
+@click.option(
+    "--set", "params", multiple=True, metavar="PARAM=VALUE", callback=assignments,
+    shell_complete=complete("params"),
+    help="Change a param that all flows declare, as size, or that a step of all has, as texture.tileable; that of "
+    "one flow is FLOW_STEP.PARAM.",
+)  # fmt: skip
+@with_options(*common_params)
+@click.option(
+    "--report", type=click.Path(path_type=Path), metavar="FILE.html",
+    help="Write the page here too, and FILE.csv and FILE.json beside it.",
+)  # fmt: skip
+@with_options(*out_options)
+@memory_option
+@store_option
+@report_option
+def compare(
+    flows: tuple[str, ...],
+    over: str,
+    against: dict[str, str],
+    params: dict[str, str],
+    size: str | None,
+    tileable: bool,
+    preset: str | None,
+    seed: int | None,
+    seeds: int,
+    report: Path | None,
+    out: Path | None,
+    runner: str | None,
+    workers: int | None,
+    address: str | None,
+    store_folder: Path,
+    as_json: bool,
+) -> int:
+    """Run several flows on the same exemplars and seeds, and say which is better at what.
+
+    \b
+    texloom compare self_tuning quilting --over library --size 512 --report compared.html
+    texloom compare self_tuning --against other_tool=results --over library --size 512
+
+    Writes comparison.html, with a leaderboard and all pictures at one scale, comparison.csv, the leaderboard,
+    comparison.json, all scores, and each result. All results have one size, by default the first flow's.
+    """
+    from texloom.pipelines.engine.run import Run
+    from texloom.pipelines.errors import one_line
+    from texloom.pipelines.flow.compare import EXPORTS, comparison_flow
+    from texloom.pipelines.flow.model import Overrides
+    from texloom.pipelines.store.atomic import write_atomically
+    from texloom.pipelines.store.store import Store
+    from texloom.stages.declare import InputError
+
+    began = time.perf_counter()
+    chosen = runner_options(name=runner, workers=workers, address=address)
+    changed = with_common_params(params, size, tileable, preset)
+    overrides = Overrides(params=changed, seed=seed, seeds=seeds, runner=chosen)
+    methods = [*flows, *(f"{name}={folder}" for name, folder in against.items())]
+    with named_as_given(params):
+        opened = Run(comparison_flow(methods, overrides, over), Store(store_folder))
+    folder = out if out is not None else opened.default_out()
+    copies = {} if report is None else {name: report.with_suffix(Path(name).suffix) for name in EXPORTS}
+    if report is not None:
+        for path in (report, *copies.values()):
+            opened.check_file("--report", path)
+        if report.suffix.lower() != ".html":
+            raise InputError(one_line(f"--report {report}: must be the name of an .html file"))
+    code = execute(opened, folder, as_json, began)
+    for name, path in copies.items():
+        made = opened.out_folder(folder) / name
+        if made.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(path, made.read_bytes())
+    return code

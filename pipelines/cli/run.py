@@ -1,0 +1,248 @@
+"""The commands ``run``, ``plan`` and ``commands``: what a flow does, would do, and does item by item."""
+
+from __future__ import annotations
+
+import dataclasses
+import gc
+import time
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from texloom.pipelines.cli.exits import Exit, ended_by
+from texloom.pipelines.cli.options import (
+    delivery_options,
+    flow_options,
+    named_as_given,
+    out_options,
+    runner_options,
+    with_common_params,
+    with_options,
+)
+from texloom.pipelines.cli.output import complain, print_json, say, text_stream
+
+if TYPE_CHECKING:
+    from texloom.pipelines.engine.events import StepReport
+    from texloom.pipelines.engine.run import Run, StepPlan
+
+
+class WhichFlowError(Exception):
+    """No flow is named."""
+
+
+@click.command(short_help="Run a flow and write its exports.")
+@with_options(
+    *flow_options, *delivery_options, *out_options,
+    click.option(
+        "--item", metavar="NAME",
+        help="Run only this item of a set, and no step that gathers, as the lines of `texloom commands` do.",
+    ),
+)  # fmt: skip
+def run(
+    flow: str | None,
+    pictures: tuple[str, ...],
+    as_json: bool,
+    out: Path | None,
+    runner: str | None,
+    workers: int | None,
+    address: str | None,
+    **options: Any,
+) -> int:
+    """Run FLOW, one of `texloom flows` or a YAML file, and write its exports.
+
+    \b
+    texloom run self_tuning mine.png --size 1024 --tileable --out mine
+    texloom run self_tuning mine.png --seeds 8           eight variants and a contact sheet
+    texloom run self_tuning 'library/*.png' --out large  every picture of a folder
+    texloom run materials moss --out moss_large          a folder of maps: albedo, normal, height ...
+    texloom run fill mine.png --source holes=holes.png
+
+    PICTURE replaces the flow's first source, --source any by its name. Several pictures, a folder of pictures or a
+    quoted pattern are a set: the flow runs for each, with a folder of exports each; a file that fails is named at
+    the end and does not stop the others. A folder of one material's maps is one picture.
+
+    Steps whose result is in the store are not computed again. Interrupt at any time: what is finished is kept, and
+    long steps go on at the scale where they were.
+    """
+    began = time.perf_counter()
+    opened = _open(flow, pictures, **options, runner=runner_options(name=runner, workers=workers, address=address))
+    return execute(opened, out if out is not None else opened.default_out(), as_json, began)
+
+
+@click.command(short_help="Show what `run` would compute, and why.")
+@with_options(*flow_options)
+def plan(flow: str | None, pictures: tuple[str, ...], as_json: bool, **options: Any) -> int:
+    """Show what `run` would do with the same options: which steps are cached, which would run, and why.
+
+    \b
+    texloom plan self_tuning mine.png --preset fast
+    texloom plan self_tuning mine.png --set texture.occurrence=20 --set texture.patch_size=12
+
+    Runs nothing and writes nothing.
+    """
+    opened = _open(flow, pictures, **options)
+    steps = opened.plan()
+    for note in opened.notes:
+        complain(note)
+    taken = opened.footprint() if any(step.state != "cached" for step in steps) else None
+    if as_json:
+        needs = {} if taken is None else {"needs": {"memory": taken.memory, "disk": taken.disk}}
+        print_json({**_what(opened), "steps": [_step(step) for step in steps], **needs})
+    else:
+        _print_plan(steps)
+        if taken is not None:
+            say(taken.problem or str(taken))
+    return Exit.DONE
+
+
+def _print_plan(steps: list[StepPlan]) -> None:
+    from texloom.pipelines.engine.events import label
+
+    labels = [label(step.name, step.item) for step in steps]
+    width = max(map(len, labels))
+    for name, step in zip(labels, steps, strict=True):
+        reasons = f"  {'; '.join(step.reasons)}" if step.reasons else ""
+        say(f"{name:{width}}  {step.state:6}{reasons}".rstrip())
+
+
+@click.command(short_help="Print one command line per item of a set, for a render farm.")
+@with_options(
+    *flow_options, *delivery_options,
+    click.option("--out", type=click.Path(path_type=Path), help="Folder of the exports, as of `run`."),
+    click.option("--only", type=click.Choice(["items", "gather"]), help="Print the lines of one kind."),
+)  # fmt: skip
+def commands(
+    flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, only: str | None, **options: Any
+) -> int:
+    """Print the command lines that together do what `run` would: one per item of a set, and one that gathers.
+
+    \b
+    texloom commands self_tuning 'library/*.png' --seeds 0-3 --store /net/store --out /net/out > lines.txt
+
+    The lines of items may run at the same time, on machines that share the store; the last one, if there are steps
+    that gather, comes after all of them. A line that is repeated computes nothing twice. All paths are absolute.
+    """
+    from texloom.pipelines.flow.command_list import command_list
+
+    opened = _open(flow, pictures, **options)
+    folder = out if out is not None else opened.default_out()
+    opened.check(folder)
+    listed = command_list(opened.flow, opened.items, opened.store.root, folder)
+    if as_json:
+        return print_json({**_what(opened), "items": listed.items, "gather": listed.gather})
+    for line in listed.lines(only):
+        click.echo(line)  # whole, however long
+    return Exit.DONE
+
+
+def _open(
+    flow: str | None,
+    pictures: tuple[str, ...],
+    sources: dict[str, str],
+    params: dict[str, str],
+    exports: dict[str, str],
+    size: str | None,
+    tileable: bool,
+    preset: str | None,
+    seed: int | None,
+    seeds: int | range | None,
+    store_folder: Path,
+    runner: dict[str, Any] | None = None,
+    item: str | None = None,
+    **delivery: str | None,
+) -> Run:
+    """The flow with what the command line changes, checked whole; with a contact sheet over several seeds."""
+    from texloom.pipelines.api import open_run
+    from texloom.pipelines.flow.model import Overrides
+    from texloom.pipelines.store.store import Store
+
+    if flow is None:
+        raise WhichFlowError
+    if seed is not None and isinstance(seeds, range):
+        raise click.UsageError("--seed and a range of --seeds say the same; give one of them")
+    changed = with_common_params(params, size, tileable, preset)
+    written = {name: text for name, text in delivery.items() if text is not None}
+    overrides = Overrides(sources, changed, seed, seeds, runner or {}, pictures, exports, written, item)
+    with named_as_given(params):
+        return open_run(flow, overrides, Store(store_folder))
+
+
+def execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
+    """Run what has been opened and say how it went."""
+    from texloom.pipelines.engine import scheduler
+    from texloom.pipelines.engine.events import Recorder, summary_of
+    from texloom.pipelines.engine.run import StepFailedError
+    from texloom.pipelines.errors import is_resource_error
+    from texloom.pipelines.memory import keep_freed_memory
+    from texloom.pipelines.store.codec import ArtifactError
+    from texloom.pipelines.store.store import BrokenStoreError
+    from texloom.pipelines.terminal import Terminal
+    from texloom.stages.declare import InputError
+
+    opened.check(folder)
+    terminal = Terminal(text_stream(as_json))
+    recorder = Recorder(terminal)
+    exports: dict[str, Path] = {}
+    problem, code = None, Exit.DONE
+    gc.freeze()  # what is there stays; looking through it again and again takes a tenth of the run of a large set
+    keep_freed_memory()
+    try:
+        exports = scheduler.execute(opened, recorder, folder)
+        if recorder.problems:
+            problem, code = summary_of(recorder.problems, len(opened.items)), Exit.FAILED
+    except InputError as error:
+        problem, code = str(error), Exit.WRONG
+    except StepFailedError as error:
+        terminal.close()
+        if not is_resource_error(error.__cause__):
+            for line in "".join(traceback.format_exception(error.__cause__)).splitlines():
+                complain(line)
+        problem, code = f"{opened.flow.where('steps', error.step)}: failed: {error.reason}", Exit.FAILED
+    except ArtifactError as error:
+        problem, code = f"--out: {error}", Exit.FAILED
+    except BrokenStoreError as error:
+        problem, code = str(error), Exit.FAILED
+    except KeyboardInterrupt as error:
+        ended, code = ended_by(error)
+        problem = f"{ended}; what is finished is kept, and the next run goes on from there"
+    finally:
+        terminal.close()
+    if problem is not None:
+        complain(f"texloom: {problem}")
+    if opened.items and exports:
+        say(opened.out_folder(folder), as_json)
+    for name, path in exports.items():
+        if "/" not in name.removesuffix("/"):  # not an item's
+            say(path, as_json)
+    if code == Exit.DONE:
+        terminal.summarise(opened.main_scores(), opened.out_folder(folder) if exports else None)
+    if as_json:
+        print_json(
+            {
+                **_what(opened),
+                "runner": opened.flow.runner.name,
+                "steps": [_step(report) for report in recorder.reports.values()],
+                **({"items": recorder.items(len(opened.items))} if opened.items else {}),
+                "exports": {name: str(path) for name, path in exports.items()},
+                "seconds": time.perf_counter() - began,
+                "error": problem,
+            }
+        )
+    return code
+
+
+def _what(opened: Run) -> dict[str, Any]:
+    """How a report begins."""
+    return {
+        "flow": opened.flow.name,
+        "file": str(opened.flow.path),
+        "seed": opened.flow.seeds[0],
+        "store": str(opened.store.root),
+    }
+
+
+def _step(entry: StepReport | StepPlan) -> dict[str, Any]:
+    """A step's line of a report; ``item`` only over a set."""
+    return {name: value for name, value in dataclasses.asdict(entry).items() if name != "item" or value is not None}

@@ -1,0 +1,87 @@
+"""``texloom show``: the contents and provenance of EXR files."""
+
+from __future__ import annotations
+
+import os
+import textwrap
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from texloom.pipelines.cli.exits import Exit
+from texloom.pipelines.cli.options import memory_option
+from texloom.pipelines.cli.output import print_json, say
+
+
+@click.command(short_help="Show the contents and provenance of EXR files.")
+@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
+@click.option(
+    "--png",
+    "folder",
+    type=click.Path(path_type=Path),
+    help="Write each layer as a PNG into this folder; those of several files into folders of their own there. "
+    "Files that are there and hold something else are not replaced.",
+)
+@memory_option
+@click.option("--json", "as_json", is_flag=True, help="Print JSON; a list, if there are several files.")
+def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
+    """Show the contents of EXR files (layers, sizes, channels) and their provenance.
+
+    \b
+    texloom show mine/texture.exr
+    texloom show mine/texture.exr --png layers
+    """
+    from texloom.pipelines.store import codec
+    from texloom.pipelines.store.atomic import check_folder
+
+    several = len(files) > 1
+    folders: dict[Path, Path] = {}
+    if folder is not None:
+        check_folder("--png", folder)
+        folders = _folders_of_pictures(files, folder) if several else {files[0]: folder}
+        for file, place in folders.items():
+            codec.check_pictures(file, place)
+    reports = []
+    for file in files:
+        found = codec.describe(file)
+        written = codec.pictures(file, folders[file]) if folders else []
+        reports.append({**({"file": str(file)} if several else {}), **found, "pictures": list(map(str, written))})
+        if not as_json:
+            if several:
+                say(f"{file}:")
+            click.echo(textwrap.indent(_described(found), "  " if several else ""))
+            for path in written:
+                say(path)
+    if as_json:
+        print_json(reports if several else reports[0])
+    return Exit.DONE
+
+
+def _folders_of_pictures(files: Sequence[Path], folder: Path) -> dict[Path, Path]:
+    """A folder inside of ``folder`` for each file, placed as the files are, whatever links and dots name them."""
+    whole = {file: Path(os.path.realpath(file.parent), file.name) for file in files}
+    common = Path(os.path.commonpath([path.parent for path in whole.values()]))
+    # without what it ends in, where that leaves a name, and one of its own
+    short = {path: path.with_name(path.stem) if path.stem.strip(".") else path for path in set(whole.values())}
+    taken = Counter(short.values())
+    return {
+        file: folder / (short[path] if taken[short[path]] == 1 else path).relative_to(common)
+        for file, path in whole.items()
+    }
+
+
+def _described(found: dict[str, Any]) -> str:
+    import yaml
+
+    provenance = found.get("provenance")
+    if isinstance(provenance, dict) and isinstance(provenance.get("from"), dict):
+        digests = dict(provenance.get("inputs") or {})
+        inputs = {
+            name: f"{label}, sha256 {str(digests.get(name))[:12]}" for name, label in provenance["from"].items()
+        }
+        rest = {name: value for name, value in provenance.items() if name != "from"}
+        found = {**found, "provenance": {**rest, "inputs": {**digests, **inputs}}}
+    return yaml.safe_dump(found, sort_keys=False, allow_unicode=True, width=100, default_flow_style=None).rstrip()
