@@ -1,6 +1,7 @@
 """Textures by image melding: patches with gain and bias, and votes for gradients."""
 
 import dataclasses
+import functools
 from functools import partial
 from typing import Annotated, Any, TypeAlias
 
@@ -10,7 +11,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Channels, Correspondence, Image
 from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
-from texloom.stages.color import linear_from_lab
+from texloom.stages.color import lab_from_linear, linear_from_lab
 from texloom.stages.common.pyramid import resize
 from texloom.stages.declare import stage
 from texloom.stages.synthesis._patchmatch.correspondence import Patches, from_layers, to_layers
@@ -80,9 +81,13 @@ class _State:
 class _Optimisation(PlainOptimisation[ImageMeldingParams]):
     """The iterations at a scale."""
 
+    @functools.cached_property
+    def _planes(self) -> Float32[np.ndarray, "h w c"]:
+        return np.concatenate([lab_from_linear(self.image.color), self.compared.maps], axis=2)
+
     def planes(self, scale: PlainScale) -> Float32[np.ndarray, "h w c"]:
         """The exemplar's CIELAB colour and maps at a scale."""
-        return resize(self.compared.planes, *scale.exemplar)
+        return resize(self._planes, *scale.exemplar)
 
     def melding(self, scale: PlainScale) -> Melding:
         """Search and vote at a scale."""

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Channels, Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.checkpoints import Checkpoints, NoCheckpoints
+from texloom.stages.color import lab_from_linear
 from texloom.stages.common.maps import MapWeights
 from texloom.stages.common.pyramid import resize, scale_sizes, scaled
 from texloom.stages.declare import Params, stage
@@ -449,7 +450,7 @@ def optimise(
     match, done = _run(optimisation, scales, start, full, rng, checkpoints)
 
     if phase is not None and len(phase.origin) == 2 and keep is None and guides is None:
-        colors = optimisation.compared.planes[..., :3]
+        colors = lab_from_linear(optimisation.image.color)
         complete_cells(match, colors, params.patch_size, margin, wrap, generators, phase, scales[-1].allowed)
 
     made = optimisation.picture(match, scales[-1], margin)

@@ -9,15 +9,16 @@ from jaxtyping import Bool, Float32, Int16
 from texloom.stages.arrays import Image, Mask, ScalarMap
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.maps import map_features
-from texloom.stages.common.neighbourhoods import fixed_point
+from texloom.stages.common.neighbourhoods import UNIT, fixed_point
 from texloom.stages.common.pyramid import MAX_ROW_VALUES, resize
 from texloom.stages.scratch import bands, empty
 from texloom.stages.synthesis._patchmatch.guides import Guides
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
 from texloom.stages.synthesis._patchmatch.scale import Scale
 
-_LOWS = (0.0, -80.0, -80.0, 0.0)  # of histograms: L, a, b, guidance
-_HIGHS = (100.0, 80.0, 80.0, 100.0)
+_LOWS = (0.0, -80.0, -80.0)  # of histograms: L, a, b
+_HIGHS = (100.0, 80.0, 80.0)
+_FARTHEST = 100.0  # of guidance
 _GUIDE_RANGE = 300.0
 _COMPONENTS = 5  # of maps besides colour; nine tenths of their variance take four or five
 _OTHERS = 8  # maximum number of channels besides maps and guides: colour, guidance, phases
@@ -31,6 +32,8 @@ FeaturesOfScale: TypeAlias = tuple[
 
 class PatchFeatures:
     """The planes of an exemplar by which its patches are compared with the target's, [Kaspar2015]_ section 3.1.
+
+    A grey exemplar has lightness alone as colour: two planes that are 0 everywhere change no distance.
 
     Parameters
     ----------
@@ -59,17 +62,21 @@ class PatchFeatures:
         self.planes = lab_from_linear(image.color)
         colors = self.planes.reshape(-1, 3) if usable is None else self.planes[usable]
         spread = float(np.sqrt(colors.var(axis=0, dtype=np.float64).sum()))
+        if _is_grey(self.planes) and (given is None or _is_grey(lab_from_linear(given.color))):
+            self.planes = self.planes[..., :1]
+        self.colors = self.planes.shape[2]
+        """planes of colour, which are the first"""
         others = _OTHERS + (0 if guides is None else guides.exemplar.shape[2])
         components = min(_COMPONENTS, MAX_ROW_VALUES // patch_size - others)
         if given is None:
             self.maps = map_features(image, spread, weights, usable, components)
         else:
             self.maps, self.given_maps = _maps_of_both(image, given, spread, weights, usable, components)
-        self.factors = np.ones(3, np.float32)
+        self.factors = np.ones(self.colors, np.float32)
         self.guided = guidance is not None
         if guidance is not None:
             self.planes = np.concatenate([self.planes, guidance[..., None]], axis=2)
-            self.factors = np.array([1, 1, 1, weight], np.float32)
+            self.factors = np.append(self.factors, np.float32(weight))
         if self.maps.shape[2]:
             self.planes = np.concatenate([self.planes, self.maps], axis=2)
             self.factors = np.concatenate([self.factors, np.ones(self.maps.shape[2], np.float32)])
@@ -90,9 +97,9 @@ class PatchFeatures:
         """
         planes = resize(self.planes, *scale.exemplar) * self.factors
         if self.guided:  # distance fills its range at every scale
-            distance = planes[..., 3]
+            distance = planes[..., self.colors]
             span = max(float(np.ptp(distance)), 1e-6)
-            planes[..., 3] = (distance - distance.min()) * (100 * self.factors[3] / span)
+            distance[:] = (distance - distance.min()) * (_FARTHEST * self.factors[self.colors] / span)
         sides = (scale.patches[0] + self.patch_size - 1, scale.patches[1] + self.patch_size - 1)
         phase, radius = self.phase if phased else None, np.float32(self.regularity)
         own = [planes]
@@ -124,19 +131,17 @@ class PatchFeatures:
         """
         planes = np.zeros((given.height, given.width, channels), np.float32)
         known = np.zeros(channels, bool)
-        maps = 3 + self.guided
-        known[:3] = known[maps : maps + self.maps.shape[2]] = True
-        planes[..., :3] = lab_from_linear(given.color)
+        maps = self.colors + self.guided
+        known[: self.colors] = known[maps : maps + self.maps.shape[2]] = True
+        planes[..., : self.colors] = lab_from_linear(given.color)[..., : self.colors]
         planes[..., maps : maps + self.maps.shape[2]] = self.given_maps
         return planes, known
 
     def ranges(self, channels: int) -> tuple[np.ndarray, np.ndarray]:
         """Lows and highs of the histograms of the first ``channels`` features, CIELAB units."""
-        lows, highs = np.array(_LOWS), np.array(_HIGHS)
+        lows, highs = np.array(_LOWS[: self.colors]), np.array(_HIGHS[: self.colors])
         if self.guided:
-            highs[3] *= self.factors[3]
-        else:
-            lows, highs = lows[:3], highs[:3]
+            lows, highs = np.append(lows, 0.0), np.append(highs, _FARTHEST * self.factors[self.colors])
         if self.maps.shape[2]:
             lows = np.concatenate([lows, self.maps.min(axis=(0, 1))])
             highs = np.concatenate([highs, self.maps.max(axis=(0, 1))])
@@ -146,6 +151,11 @@ class PatchFeatures:
         circles = np.full(channels - lows.size, self.regularity)
         lows, highs = np.concatenate([lows, -circles]), np.concatenate([highs, circles])
         return lows.astype(np.float32), highs.astype(np.float32)
+
+
+def _is_grey(lab: Float32[np.ndarray, "h w 3"]) -> bool:
+    """Whether a and b are 0 in fixed point."""
+    return bool(np.abs(lab[..., 1:]).max() * UNIT < 0.5)
 
 
 def _maps_of_both(
