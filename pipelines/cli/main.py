@@ -57,6 +57,7 @@ def main() -> None:
     """
     gc.set_threshold(100_000, 20, 20)  # collecting the many objects of imports takes a tenth of a plan
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # the search for plug-ins takes as long
+    os.environ.setdefault("PYTHONSAFEPATH", "1")  # or worker processes would import modules of the working folder
     before = {number: signal.getsignal(number) for number in ENDING_SIGNALS}
     for number, handler in before.items():
         if handler != signal.SIG_IGN:  # as in a shell's background, where Ctrl-C is not for this process

@@ -42,7 +42,7 @@ def corners(path: Path) -> list[np.ndarray]:
 
 def _in_process(task: str, path: Path, *arguments: str) -> list[str]:
     """What a task tells; in a process with limited memory, as damaged files make OpenUSD take any amount."""
-    command = [sys.executable, "-m", __name__, task, str(path), *arguments]
+    command = [sys.executable, "-P", "-m", __name__, task, str(path), *arguments]
     done = subprocess.run(command, capture_output=True, check=False)  # noqa: S603
     try:
         told: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])

@@ -33,7 +33,7 @@ def unwrapped(
     with tempfile.TemporaryDirectory() as folder:
         given, made = Path(folder) / "in.npz", Path(folder) / "out.npy"
         np.savez(given, points=points, normals=normals, faces=faces, side=side)
-        command = [sys.executable, "-m", __name__, str(given), str(made)]
+        command = [sys.executable, "-P", "-m", __name__, str(given), str(made)]
         done = subprocess.run(command, capture_output=True, check=False)  # noqa: S603
         if done.returncode or not made.exists():
             raise UnwrapError(f"xatlas ended with code {done.returncode}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from tests.surfaces import cylinder, square
 from texloom.stages.common.surface.faces import Faces, pixels_of
 from texloom.stages.common.surface.gutters import nearest_known
 from texloom.stages.common.surface.texels import Texels, texels_of
+from texloom.stages.common.surface.unwrap import unwrapped
 from texloom.stages.common.surface.weld import weld
 from texloom.stages.kernels.surface.links import carry
 
@@ -116,3 +118,10 @@ def test_positions_are_carried_by_offsets_in_texture() -> None:
     carry(states, np.array([1, 2]), np.array([0, 0]), offsets, jacobian, 10, 10, 0, 2)
     assert states[1] == (4 * 256 << 32 | 6 * 256)
     assert states[2] == (640 << 32 | 4 * 256 + 128)
+
+
+def test_modules_of_the_working_folder_are_not_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "numpy.py").write_text("raise SystemExit(3)")
+    monkeypatch.chdir(tmp_path)
+    points, normals = np.eye(3, dtype=np.float32), np.ones((3, 3), np.float32)
+    assert unwrapped(points, normals, np.array([[0, 1, 2]], np.uint32), 64).shape == (3, 2)

@@ -27,6 +27,7 @@ import PIL.Image
 import pytest
 
 from tests.conftest import ROOT
+from tests.pipelines.flows import environment, write_set
 from tests.pipelines.pictures import png
 from texloom.pipelines import api
 from texloom.pipelines.cli import main as cli
@@ -76,17 +77,18 @@ class Result:
 def texloom(*arguments: object) -> Result:
     """Runs the command in this process."""
     out, err = io.StringIO(), io.StringIO()
-    before, interrupt_before = sys.argv, signal.getsignal(signal.SIGINT)
-    sys.argv = ["texloom", *map(str, arguments)]
+    interrupt_before = signal.getsignal(signal.SIGINT)
     try:
-        with (
-            contextlib.redirect_stdout(out),
-            contextlib.redirect_stderr(err),
-            pytest.raises(SystemExit) as stopped,
-        ):
-            cli.main()
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(sys, "argv", ["texloom", *map(str, arguments)])
+            patched.setenv("PYTHONSAFEPATH", "1")  # the command sets it for the rest of its process
+            with (
+                contextlib.redirect_stdout(out),
+                contextlib.redirect_stderr(err),
+                pytest.raises(SystemExit) as stopped,
+            ):
+                cli.main()
     finally:
-        sys.argv = before
         signal.signal(signal.SIGINT, interrupt_before)  # after an interrupted run it is the system's
     assert isinstance(stopped.value.code, int)
     return Result(stopped.value.code, out.getvalue(), err.getvalue())
@@ -568,6 +570,29 @@ def test_the_installed_command(empty: Path) -> None:
     ran = subprocess.run([command, "run", "gone.yaml"], check=False, capture_output=True, text=True, cwd=empty)
     assert_refused(Result(ran.returncode, ran.stdout, ran.stderr), "texloom: gone.yaml: no such flow")
     assert list(empty.iterdir()) == []
+
+
+@pytest.mark.parametrize("runner", ["local", "threads", "processes", "dask"])
+def test_modules_of_the_working_folder_are_not_imported(runner: str, tmp_path: Path) -> None:
+    """A folder of pictures may hold files that are called as modules of Python, of its packages, or texloom."""
+    command = Path(sys.executable).with_name("texloom")
+    if not command.exists():
+        pytest.skip("texloom is not installed beside this Python")
+    if runner == "dask":
+        pytest.importorskip("distributed")
+    path = write_set(tmp_path)
+    for name in ("multiprocessing", "random", "numpy", "distributed", "tornado", "texloom"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'imported')!r}, 'a').write('{name} ')\n")
+    known = {name: value for name, value in environment(tmp_path).items() if name != "PYTHONPATH"}
+    ran = subprocess.run(
+        [command, "run", path, "--runner", runner],
+        check=False,
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env=known,
+    )
+    assert (ran.returncode, (tmp_path / "imported").exists()) == (0, False), ran.stderr
 
 
 # -- self_tuning on all kinds of pictures

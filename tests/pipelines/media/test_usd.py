@@ -54,6 +54,12 @@ def test_texture_coordinates(tmp_path: Path, primvar: str) -> None:
     np.testing.assert_allclose(mesh[:, 6:8], CORNERS)
 
 
+def test_modules_of_the_working_folder_are_not_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "texloom.py").write_text("raise SystemExit(3)")
+    monkeypatch.chdir(tmp_path)
+    assert len(read(written(tmp_path / "square.usda", SQUARE % ""))) == 6
+
+
 def test_units_and_the_upper_axis(tmp_path: Path) -> None:
     normals = 'normal3f[] normals = [(0, 0, 1)] (interpolation = "uniform")'
     mesh = read(written(tmp_path / "square.usda", SQUARE % normals, 'metersPerUnit = 0.01\nupAxis = "Z"'))
