@@ -16,6 +16,14 @@ _LANES = 32  # 16-bit values in a wide vector register
 
 
 @intrinsic
+def row_distance(
+    typing_context: Any, first: Any, first_start: Any, second: Any, second_start: Any, length: Any
+) -> Any:
+    """`two_row_distance` for one row of each."""
+    return _distance_of(1, first, second, length)
+
+
+@intrinsic
 def two_row_distance(
     typing_context: Any, first: Any, first_start: Any, second: Any, second_start: Any, length: Any
 ) -> Any:
@@ -27,6 +35,11 @@ def two_row_distance(
     that stand in a module, which unlike those made in a function are kept compiled. Differences must fit 16 bits,
     ``length`` / 16 pairs of squares 32 bits.
     """
+    return _distance_of(2, first, second, length)
+
+
+def _distance_of(rows: int, first: Any, second: Any, length: Any) -> Any:
+    """What an intrinsic returns that adds the squared differences of so many rows."""
     if isinstance(length, types.IntegerLiteral):
         size = length.literal_value
     elif isinstance(length, types.containers.UniTuple):
@@ -38,11 +51,13 @@ def two_row_distance(
     def generate(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> ir.Value:
         int16, int32, int64 = ir.IntType(16), ir.IntType(32), ir.IntType(64)
 
-        def rows(array_type: Any, array: ir.Value, start: ir.Value) -> list[ir.Value]:
+        def starts(array_type: Any, array: ir.Value, start: ir.Value) -> list[ir.Value]:
             view = context.make_array(array_type)(context, builder, array)
             stride = cgutils.unpack_tuple(builder, view.strides)[0]
-            address = builder.add(builder.ptrtoint(view.data, int64), builder.shl(start, int64(1)))
-            return [address, builder.add(address, stride)]
+            found = [builder.add(builder.ptrtoint(view.data, int64), builder.shl(start, int64(1)))]
+            while len(found) < rows:
+                found.append(builder.add(found[-1], stride))
+            return found
 
         def piece(address: ir.Value, begin: int, count: int) -> ir.Value:
             place = builder.add(address, int64(2 * begin))
@@ -56,8 +71,8 @@ def two_row_distance(
 
         wide = ir.VectorType(int32, _LANES)
         total = ir.Constant(ir.VectorType(int32, _LANES // 2), None)
-        first_rows = rows(signature.args[0], values[0], values[1])
-        second_rows = rows(signature.args[2], values[2], values[3])
+        first_rows = starts(signature.args[0], values[0], values[1])
+        second_rows = starts(signature.args[2], values[2], values[3])
         for one, other in zip(first_rows, second_rows, strict=True):
             for begin in range(0, size, _LANES):
                 count = min(_LANES, size - begin)

@@ -11,9 +11,8 @@ import numba
 import numpy as np
 
 from texloom.stages.kernels.core.inner import inner
-from texloom.stages.kernels.core.row_distance import two_row_distance
+from texloom.stages.kernels.core.row_distance import row_distance, two_row_distance
 
-_LONG_RUN = 4  # patches from which differences of pixels are computed once
 _DRAWS = 5  # positions drawn for one random try until one passes the limit on the occurrence penalty
 _OPEN, _FORWARD, _BACKWARD = 1, 2, 4  # of `Target.active`
 ALL_ACTIVE = _OPEN | _FORWARD | _BACKWARD
@@ -197,17 +196,32 @@ def patch_distance(shape, target, target_row, target_column, exemplar, row, colu
         target_start += target_pitch + target_pitch
         exemplar_start += exemplar_pitch + exemplar_pitch
     if shape.size % 2:
-        for i in range(len(shape.run)):
-            difference = np.int64(target.flat[target_start + i]) - np.int64(exemplar.flat[exemplar_start + i])
-            total += difference * difference
+        total += row_distance(target, target_start, exemplar, exemplar_start, shape.run)
     return total
+
+
+@inner(forceinline=True)
+def _distance_beside(shape, target, target_row, target_column, exemplar, row, column, step, neighbour, distance):
+    """Distance of two patches, from the ``distance`` of those a row before both, or with a ``step`` of -1 after.
+
+    They share all but one row. ``neighbour`` is the row of the target patch before, on a torus perhaps the last.
+    """
+    gone, new = (0, shape.size - 1) if step > 0 else (shape.size - 1, 0)
+    target_pitch, exemplar_pitch = np.uint64(target.shape[1]), np.uint64(exemplar.shape[1])
+    target_start, exemplar_start = np.uint64(target_column * shape.channels), np.uint64(column * shape.channels)
+    distance += row_distance(
+        target, np.uint64(target_row + new) * target_pitch + target_start,
+        exemplar, np.uint64(row + new) * exemplar_pitch + exemplar_start, shape.run,
+    )  # fmt: skip
+    return distance - row_distance(
+        target, np.uint64(neighbour + gone) * target_pitch + target_start,
+        exemplar, np.uint64(row - step + gone) * exemplar_pitch + exemplar_start, shape.run,
+    )  # fmt: skip
 
 
 @numba.njit(cache=True, nogil=True)
 def match_distances(shape, target, exemplar, first, last):
     """Fill rows ``first`` to ``last`` of ``target.distance``; their sum, int64.
-
-    Patches side by side whose matches are side by side have pixels in common, whose differences are computed once.
 
     Parameters
     ----------
@@ -216,40 +230,16 @@ def match_distances(shape, target, exemplar, first, last):
     exemplar : (h, w * channels) int16, the exemplar's features
     """
     features, row, column, distance = target.features, target.row, target.column, target.distance
-    size, channels, across = shape.size, shape.channels, row.shape[1]
-    # Sums of at most 32 squares of differences below 2**14 fit 32 bits without a sign.
-    sums = np.empty((across + size - 1) * channels, np.uint32)
     no_limit, all_distances = np.int64(2**62), np.int64(0)
     for y in range(first, last):
-        x = 0
-        while x < across:
+        for x in range(row.shape[1]):
             r, c = np.int64(row[y, x]), np.int64(column[y, x])
-            n = 1
-            while x + n < across and column[y, x + n] == c + n and row[y, x + n] == r:
-                n += 1
-            if n < _LONG_RUN:
-                for k in range(n):
-                    distance[y, x + k] = patch_distance(shape, features, y, x + k, exemplar, r, c + k, no_limit)
+            if y > first and row[y - 1, x] + 1 == r and column[y - 1, x] == c:
+                d = _distance_beside(shape, features, y, x, exemplar, r, c, 1, y - 1, distance[y - 1, x])
             else:
-                values = (n + size - 1) * channels
-                sums[:values] = 0
-                for i in range(size):
-                    one = features[y + i, x * channels : x * channels + values]
-                    other = exemplar[r + i, c * channels : c * channels + values]
-                    for k in range(values):
-                        difference = np.int32(one[k]) - np.int32(other[k])
-                        sums[k] += np.uint32(difference * difference)
-                total = np.int64(0)
-                for k in range(size * channels):
-                    total += np.int64(sums[k])
-                distance[y, x] = total
-                for m in range(1, n):
-                    for k in range((m - 1) * channels, m * channels):
-                        total += np.int64(sums[k + size * channels]) - np.int64(sums[k])
-                    distance[y, x + m] = total
-            for k in range(n):
-                all_distances += distance[y, x + k]
-            x += n
+                d = patch_distance(shape, features, y, x, exemplar, r, c, no_limit)
+            distance[y, x] = d
+            all_distances += d
     return all_distances
 
 
@@ -365,6 +355,8 @@ def sweep(shape, target, exemplar, scan, first, last):
             best_penalty = np.int64(penalty[best_row, best_column])
             best_cost = best_distance + best_penalty
             limit = max(exemplar.penalty_limit, best_penalty - 1)
+            above = wrap_index(y - step, row.shape[0], wrap)  # or below, if the scan goes backward
+            last_row, last_column = np.int64(-1), np.int64(-1)  # compared; both neighbours often propose the same
             omitted = 0
             if scan.distance_per_try > 0:
                 omitted = tries - min(tries, best_distance // scan.distance_per_try)
@@ -385,10 +377,20 @@ def sweep(shape, target, exemplar, scan, first, last):
                 if r < 0 or r >= rows or c < 0 or c >= columns:
                     continue
                 added = np.int64(penalty[r, c]) + own_penalty
-                if added >= best_cost or (r == best_row and c == best_column):
+                if (
+                    added >= best_cost
+                    or (r == best_row and c == best_column)
+                    or (r == last_row and c == last_column)
+                ):
                     continue
+                last_row, last_column = r, c
                 compared += 1
-                d = patch_distance(shape, features, y, x, exemplar_features, r, c, best_cost - added)
+                if attempt == -2:
+                    d = _distance_beside(
+                        shape, features, y, x, exemplar_features, r, c, step, above, distance[above, x]
+                    )
+                else:
+                    d = patch_distance(shape, features, y, x, exemplar_features, r, c, best_cost - added)
                 if d + added < best_cost:
                     best_cost, best_distance, best_row, best_column = d + added, d, r, c
             if best_row != row[y, x] or best_column != column[y, x]:

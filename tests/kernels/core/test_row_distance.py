@@ -2,23 +2,26 @@ import numba
 import numpy as np
 import pytest
 
-from texloom.stages.kernels.core.row_distance import two_row_distance
+from texloom.stages.kernels.core.row_distance import row_distance, two_row_distance
 
 
-def compiled(length: int):
+def compiled(rows: int, length: int):
+    of_rows = two_row_distance if rows == 2 else row_distance
+
     @numba.njit
     def distance(first, first_start, second, second_start):
-        return two_row_distance(first, first_start, second, second_start, length)
+        return of_rows(first, first_start, second, second_start, length)
 
     return distance
 
 
+@pytest.mark.parametrize("rows", [1, 2])
 @pytest.mark.parametrize("length", [1, 9, 44])
-def test_equals_the_sum_of_squares_of_two_rows(length: int, rng: np.random.Generator) -> None:
+def test_equals_the_sum_of_squares_of_the_rows(rows: int, length: int, rng: np.random.Generator) -> None:
     first = rng.integers(-2000, 2000, (6, 60)).astype(np.int16)
     second = rng.integers(-2000, 2000, (5, 50)).astype(np.int16)
-    distance = compiled(length)
+    distance = compiled(rows, length)
     for (r, c), (s, d) in (((0, 0), (0, 0)), ((1, 3), (2, 5)), ((4, 60 - length), (3, 50 - length))):
-        difference = first[r : r + 2, c : c + length].astype(np.int64) - second[s : s + 2, d : d + length]
+        difference = first[r : r + rows, c : c + length].astype(np.int64) - second[s : s + rows, d : d + length]
         found = distance(first, np.uint64(60 * r + c), second, np.uint64(50 * s + d))
         assert found == (difference**2).sum()

@@ -120,6 +120,18 @@ def test_distances_equal_sums_of_squares(size: int, channels: int, wrap: bool, r
     assert (found[5:] == -1).all()
 
 
+def test_a_place_that_both_neighbours_propose_is_compared_once(rng: np.random.Generator) -> None:
+    problem = Problem(3, 3, False, rng)
+    problem.match[:, 2, 2] = 7, 1  # among patches that agree
+    problem.distance = naive.distances(problem.target, problem.exemplar, problem.match, 3, 3)
+    problem.distance[2, 2] = 0
+    penalty = np.zeros((9, 8))
+    penalty[7, 1] = 1  # so that what is proposed is compared, and rejected
+    problem.active[:] = 0
+    problem.active[2, 2] = ALL_ACTIVE
+    assert problem.sweep(penalty, tries=0, fill_tries=0) == 1
+
+
 @pytest.mark.parametrize("wrap", [False, True])
 @pytest.mark.parametrize(("size", "channels"), KINDS)
 def test_sweep_equals_twin(size: int, channels: int, wrap: bool, rng: np.random.Generator) -> None:
