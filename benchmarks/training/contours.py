@@ -1,6 +1,6 @@
 """Train the contour model that ships with texloom.
 
-    python -m benchmarks.training.contours                                  write stages/data/contours.yml.gz
+    python -m benchmarks.training.contours                                  write stages/data/contours.npz
     python -m benchmarks.training.contours --pictures 40 --out try.yml.gz   a quick test
 
 The same arguments give the same bytes, with any number of processes. `benchmarks.training.judge` measures the
@@ -25,7 +25,7 @@ from benchmarks.training.model_file import write_model
 from benchmarks.training.pictures import picture_of
 from benchmarks.training.trees import Growth, Tree, grow, levels_of, steps_of
 
-MODEL = Path(__file__).parents[2] / "stages" / "data" / "contours.yml.gz"
+MODEL = Path(__file__).parents[2] / "stages" / "data" / "contours.npz"
 """the model that ships with texloom"""
 
 

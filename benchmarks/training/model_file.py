@@ -1,9 +1,9 @@
-"""Structured forests as files that ``cv2.ximgproc.createStructuredEdgeDetection`` loads."""
+"""Structured forests as files: for texloom, or for ``cv2.ximgproc.createStructuredEdgeDetection``."""
 
 from __future__ import annotations
 
 import gzip
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,45 @@ detector slower, and contours no better"""
 _ROW = 1000  # numbers a row of a long table
 
 
+def bins_of(strengths: np.ndarray) -> np.ndarray:
+    """The pixels of a label, column by column, each as often as it has votes."""
+    votes = np.rint(strengths.T.ravel() * (VOTES / STRENGTHS)).astype(np.int64)
+    return np.repeat(np.arange(strengths.size), votes)
+
+
+def tables_of(trees: Sequence[Tree]) -> dict[str, np.ndarray]:
+    """The tables of `texloom.stages.analysis._contours.forest.Forest`; all trees as large as the largest one."""
+    shape = len(trees), max(len(tree.children) for tree in trees)
+    tables: dict[str, np.ndarray] = {
+        "children": np.zeros(shape, np.uint16),
+        "features": np.zeros(shape, np.uint16),
+        "thresholds": np.zeros(shape, np.float32),
+        "votes": np.zeros(shape, np.uint16),
+    }
+    bins = [[bins_of(leaf) for leaf in tree.strengths] for tree in trees]
+    for number, (tree, leaves) in enumerate(zip(trees, bins, strict=True)):
+        of_tree = (tree.children, tree.features, tree.thresholds, np.array([len(leaf) for leaf in leaves]))
+        for table, values in zip(tables.values(), of_tree, strict=True):
+            table[number, : len(values)] = values
+    return {**tables, "bins": np.concatenate([leaf for leaves in bins for leaf in leaves]).astype(np.uint8)}
+
+
+def opencv_text(tables: Mapping[str, np.ndarray]) -> str:
+    """A forest in OpenCV's dialect of YAML."""
+    bounds = np.concatenate([[0], np.cumsum(tables["votes"], dtype=np.int64)])
+    thresholds = ([f"{float(value):.4g}" for value in row] for row in tables["thresholds"])
+    options = {"numberOfTrees": len(tables["children"]), **OPTIONS}
+    return (
+        "%YAML:1.0\n---\noptions:\n"
+        + "".join(f"  {name}: {value}\n" for name, value in options.items())
+        + _table("childs", tables["children"])
+        + _table("featureIds", tables["features"])
+        + _table("thresholds", thresholds)
+        + _table("edgeBoundaries", _rows(bounds))
+        + _table("edgeBins", _rows(tables["bins"]))
+    )
+
+
 def _table(name: str, rows: Iterable[Iterable[object]]) -> str:
     return f"{name}:\n" + "".join(f"  - [ {', '.join(map(str, row))} ]\n" for row in rows)
 
@@ -33,36 +72,8 @@ def _rows(values: np.ndarray) -> Iterable[Iterable[object]]:
     return (values[start : start + _ROW].tolist() for start in range(0, len(values), _ROW))
 
 
-def bins_of(strengths: np.ndarray) -> np.ndarray:
-    """The pixels of a label, column by column, each as often as it has votes."""
-    votes = np.rint(strengths.T.ravel() * (VOTES / STRENGTHS)).astype(np.int64)
-    return np.repeat(np.arange(strengths.size), votes)
-
-
-def model_text(trees: Sequence[Tree]) -> str:
-    """The forest in OpenCV's dialect of YAML; all tables have as many nodes as the largest tree."""
-    nodes = max(len(tree.children) for tree in trees)
-
-    def filled(values: np.ndarray) -> list[object]:
-        return [*values.tolist(), *[0] * (nodes - len(values))]
-
-    bins = [[bins_of(leaf) for leaf in tree.strengths] for tree in trees]
-    lengths = [[*map(len, leaves), *[0] * (nodes - len(leaves))] for leaves in bins]
-    ends = np.concatenate([[0], np.cumsum(lengths)])
-    options = {"numberOfTrees": len(trees), **OPTIONS}
-    return (
-        "%YAML:1.0\n---\noptions:\n"
-        + "".join(f"  {name}: {value}\n" for name, value in options.items())
-        + _table("childs", (filled(tree.children) for tree in trees))
-        + _table("featureIds", (filled(tree.features) for tree in trees))
-        + _table("thresholds", ([f"{float(value):.4g}" for value in filled(tree.thresholds)] for tree in trees))  # type: ignore[arg-type]
-        + _table("edgeBoundaries", _rows(ends))
-        + _table("edgeBins", _rows(np.concatenate([leaf for leaves in bins for leaf in leaves])))
-    )
-
-
 def write_model(trees: Sequence[Tree], path: Path) -> None:
-    """Write a forest, compressed; equal forests give equal bytes.
+    """Write a forest, compressed: for texloom (.npz) or OpenCV (.yml.gz); equal forests give equal bytes.
 
     Raises
     ------
@@ -71,5 +82,9 @@ def write_model(trees: Sequence[Tree], path: Path) -> None:
     """
     if not trees or len(trees) < OPTIONS["numberOfTreesToEvaluate"]:
         raise ValueError(f"a forest has at least {OPTIONS['numberOfTreesToEvaluate']} trees, not {len(trees)}")
-    with path.open("wb") as file, gzip.GzipFile("", "wb", 9, file, mtime=0) as packed:
-        packed.write(model_text(trees).encode())
+    with path.open("wb") as file:
+        if path.suffix == ".npz":
+            np.savez_compressed(file, **tables_of(trees))  # type: ignore[arg-type]
+        else:
+            with gzip.GzipFile("", "wb", 9, file, mtime=0) as packed:
+                packed.write(opencv_text(tables_of(trees)).encode())

@@ -2,13 +2,14 @@
 
 import dataclasses
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
+from texloom.stages.analysis._contours.forest import Forest, load_forest
 from texloom.stages.arrays import ColorField, Image, ScalarMap
 from texloom.stages.color import lab_from_linear, srgb_from_linear
 from texloom.stages.declare import InputError, InputFile, Params, stage
@@ -22,9 +23,9 @@ _OPTIONS = (
 )  # fmt: skip
 _TABLES = ("childs", "featureIds", "thresholds", "edgeBoundaries", "edgeBins")
 
-MODEL = Path(__file__).parents[1] / "data" / "contours.yml.gz"
+MODEL = Path(__file__).parents[1] / "data" / "contours.npz"
 """the forest that ships with texloom; docs/contours.md tells how it was trained"""
-MODEL_DIGEST = "72dda537d2caa4f8b857b8570158c9af51fd2a2ab8ecb5a3ca999aa2ae061009"
+MODEL_DIGEST = "b5f5a4ebd714db0af1a9018fb7b841248a80e0c197dcceadfc51dbc9ffbd8ae4"
 """SHA-256 of `MODEL`; being part of the code, it changes the keys of results when the model changes"""
 
 _BORDER = 32  # px of padding; the detector does not respond at the border of its input
@@ -122,36 +123,36 @@ def _structured(image: Image, params: EdgesParams) -> ScalarMap:
     strength = np.ones(encoded.shape[:2], np.float32)
     if np.ptp(encoded, axis=(0, 1)).max() < 1e-3:
         return strength
-    detector = _shipped() if params.model is None else _loaded(params.model)
+    detect = _shipped().detect if params.model is None else _opencv_detector(params.model)
     used = magnifications(min(image.height, image.width), params.scales)
     # The last is usually the largest, with which a thread should begin.
-    calls = [(magnification, encoded, detector) for magnification in reversed(used)]
-    for response in reversed(run_all(_detect, calls)):
+    calls = [(magnification, encoded, detect) for magnification in reversed(used)]
+    for response in reversed(run_all(_magnified, calls)):
         strength *= np.maximum(response, 0)
     mean = strength ** np.float32(1 / len(used))
     return np.maximum(mean - np.float32(params.background_threshold), np.float32(0))
 
 
-def _loaded(model: Path) -> Any:
+@functools.cache
+def _shipped() -> Forest:
+    return load_forest(MODEL)
+
+
+def _opencv_detector(model: Path) -> Callable[[np.ndarray], np.ndarray]:
     import cv2
 
-    return cv2.ximgproc.createStructuredEdgeDetection(str(model))
+    return cv2.ximgproc.createStructuredEdgeDetection(str(model)).detectEdges
 
 
-@functools.cache
-def _shipped() -> Any:
-    return _loaded(MODEL)
-
-
-def _detect(magnification: float, encoded: np.ndarray, detector: Any) -> ScalarMap:
-    """The detector's response to the magnified image, resized to the image's own size."""
+def _magnified(magnification: float, encoded: np.ndarray, detect: Callable[[np.ndarray], np.ndarray]) -> ScalarMap:
+    """A detector's response to the magnified image, resized to the image's own size."""
     import cv2
 
     height, width = encoded.shape[:2]
     size = max(1, round(width * magnification)), max(1, round(height * magnification))
     resized = cv2.resize(encoded, size, interpolation=cv2.INTER_AREA if magnification < 1 else cv2.INTER_CUBIC)
     padded = np.pad(np.clip(resized, 0, 1), ((_BORDER, _BORDER), (_BORDER, _BORDER), (0, 0)), "symmetric")
-    inside = detector.detectEdges(np.ascontiguousarray(padded))[_BORDER:-_BORDER, _BORDER:-_BORDER]
+    inside = detect(np.ascontiguousarray(padded))[_BORDER:-_BORDER, _BORDER:-_BORDER]
     interpolation = cv2.INTER_AREA if magnification > 1 else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(np.nan_to_num(inside), (width, height), interpolation=interpolation), np.float32)
 

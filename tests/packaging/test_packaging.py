@@ -99,7 +99,7 @@ def test_wheel_holds_the_package_alone(built: tuple[Path, Path]) -> None:
         metadata = email.message_from_bytes(wheel.read("texloom-0.1.0.dist-info/METADATA"))
     assert metadata["Name"] == "texloom"
     assert {"texloom/py.typed", "texloom/stages/references.bib", "texloom/configs/self_tuning.yaml"} <= names
-    assert any(name.endswith(".yml.gz") for name in names)
+    assert any(name.endswith("contours.npz") for name in names)
 
 
 def test_wheel_holds_its_licence_and_bill_of_materials(built: tuple[Path, Path]) -> None:

@@ -1,4 +1,4 @@
-"""The trainer reads the features of OpenCV's detector, and writes files that the detector loads."""
+"""The trainer reads the features of OpenCV's detector, and writes files that it and texloom load."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from benchmarks.training import kernels
 from benchmarks.training.features import CELL, CHANNELS, DIRECT, FEATURES, GRID, Reader, triangle
 from benchmarks.training.model_file import VOTES, bins_of, write_model
 from benchmarks.training.trees import LEVELS, STRENGTHS, Growth, Tree, described, grow, levels_of, steps_of
+from texloom.stages.analysis._contours.forest import load_forest
 
 
 def random_tree(splits: int, rng: np.random.Generator) -> Tree:
@@ -43,7 +44,7 @@ def votes(strengths: np.ndarray) -> np.ndarray:
 
 
 def detect(trees: list[Tree], color: np.ndarray) -> np.ndarray:
-    """OpenCV's detector with a forest, patch by patch."""
+    """The detector with a forest, patch by patch."""
     height, width = color.shape[:2]
     reader = Reader(cv2.copyMakeBorder(color, 8, 8, 8, 8, cv2.BORDER_REFLECT))
     answer = np.zeros((height, width, 1), np.float32)
@@ -61,23 +62,28 @@ def detect(trees: list[Tree], color: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("splits", [[0, 0, 0, 0], [3, 6, 1, 9, 4]])
-def test_opencv_evaluates_a_written_forest_as_defined(
+def test_a_written_forest_is_evaluated_as_defined(
     splits: list[int], tmp_path: Path, rng: np.random.Generator
 ) -> None:
     trees = [random_tree(count, rng) for count in splits]
-    write_model(trees, tmp_path / "forest.yml.gz")
+    for suffix in (".yml.gz", ".npz"):
+        write_model(trees, tmp_path / f"forest{suffix}")
     color = cv2.resize(rng.integers(0, 256, (8, 9, 3), np.uint8), (40, 36), interpolation=cv2.INTER_CUBIC)
     detector = cv2.ximgproc.createStructuredEdgeDetection(str(tmp_path / "forest.yml.gz"))
     strength = detector.detectEdges(color.astype(np.float32) / 255)
     np.testing.assert_allclose(strength, detect(trees, color), atol=1e-6)
     assert strength.max() > 0
+    ours = load_forest(tmp_path / "forest.npz").detect(color.astype(np.float32) / 255)
+    np.testing.assert_array_equal(ours, strength)
 
 
 def test_equal_forests_are_equal_files(tmp_path: Path) -> None:
     for name in ("a", "b"):
-        rng = np.random.default_rng(1)
-        write_model([random_tree(5, rng) for _ in range(4)], tmp_path / name)
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+        for suffix in (".npz", ".yml.gz"):
+            rng = np.random.default_rng(1)
+            write_model([random_tree(5, rng) for _ in range(4)], tmp_path / f"{name}{suffix}")
+    for suffix in (".npz", ".yml.gz"):
+        assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
 
 
 def test_forests_that_opencv_would_misread_are_refused(tmp_path: Path, rng: np.random.Generator) -> None:

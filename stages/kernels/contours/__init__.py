@@ -1,0 +1,3 @@
+"""The forest that detects contours."""
+
+import texloom.stages.kernels.core.numba_loading  # noqa: F401
