@@ -74,7 +74,7 @@ class Patches:
     def at(self, rows: np.ndarray, columns: np.ndarray) -> Float32[np.ndarray, "n e"]:
         """Patches at some pixels as rows: every channel's SIDE x SIDE samples."""
         runs = self._runs[columns % self.step, rows, columns // self.step]
-        return runs.view(np.float32).reshape(len(runs), -1)
+        return runs.view(np.float32).reshape(len(runs), runs.shape[1] * SIDE**2)
 
 
 def sample_patches(patches: Patches, count: int, seed: int, whole: Whole | None) -> Float32[np.ndarray, "count e"]:

@@ -190,6 +190,13 @@ def test_an_exemplar_that_is_all_there_is_complete() -> None:
     assert measure(exemplar, result, match=match)["completeness"]["value"] == 0
 
 
+def test_completeness_of_a_result_that_shows_none_of_the_sampled_patches() -> None:
+    """As of a large exemplar and a small result."""
+    exemplar = encoded(tinted("gravel"))
+    match = grid(33, 33) + np.array([400, 20], np.uint32)
+    assert measure(exemplar, copied(exemplar, match), match=match)["completeness"]["value"] > 0.3
+
+
 @pytest.mark.parametrize("step", [1, 4])
 def test_copies_of_patches_are_found_by_a_sample_in_its_place(step: int) -> None:
     rng = np.random.default_rng(11)
