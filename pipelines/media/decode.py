@@ -172,9 +172,20 @@ def _plugin(kind: str) -> Any:
     return getattr(module, f"{name}ImageFile")
 
 
+def _opened(kind: str, file: BinaryIO) -> Any:
+    """A file opened by Pillow, which would refuse large WebP as broken."""
+    import PIL.Image
+
+    most, PIL.Image.MAX_IMAGE_PIXELS = PIL.Image.MAX_IMAGE_PIXELS, None
+    try:
+        return _plugin(kind)(file)
+    finally:
+        PIL.Image.MAX_IMAGE_PIXELS = most
+
+
 def _pillow_header(kind: str, file: BinaryIO, data: bool) -> Picture:
     """Pictures that Pillow opens."""
-    image = _plugin(kind)(file)
+    image = _opened(kind, file)
     width, height = image.size
     _check_size(height, width)
     raw = _raw_mode(image)

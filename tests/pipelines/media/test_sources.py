@@ -476,6 +476,14 @@ def test_large_pictures_are_opened_without_a_warning(path: Path) -> None:
     assert (source.height, source.width) == (16384, 16384)
 
 
+@pytest.mark.parametrize("lossless", [False, True])
+def test_the_limit_of_pillow_is_not_ours(path: Path, monkeypatch: pytest.MonkeyPatch, lossless: bool) -> None:
+    PIL.Image.new("RGB", (50, 40)).save(path, "webp", lossless=lossless)
+    monkeypatch.setattr(PIL.Image, "MAX_IMAGE_PIXELS", 900)
+    assert read(path).pixels.shape == (40, 50, 3)
+    assert PIL.Image.MAX_IMAGE_PIXELS == 900
+
+
 def test_too_many_bytes(path: Path) -> None:
     path.write_bytes(b"\x89PNG\r\n\x1a\n")
     os.truncate(path, 2**31 + 1)  # sparse
