@@ -15,7 +15,16 @@ from texloom.pipelines.flow.compose import compose, find_flow
 from texloom.pipelines.flow.draft import Draft, DraftStep, Entry
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Scope, Step, flat
 from texloom.pipelines.flow.runner import choose_runner
-from texloom.pipelines.flow.schema import EXPORT, OPTIONAL, REQUIRED, WRITTEN, FolderPart, SetPart, parse_flow
+from texloom.pipelines.flow.schema import (
+    EXPORT,
+    FILE_NAME,
+    OPTIONAL,
+    REQUIRED,
+    WRITTEN,
+    FolderPart,
+    SetPart,
+    parse_flow,
+)
 from texloom.pipelines.flow.source_files import is_pattern, source_of, stack_of
 from texloom.pipelines.flow.step_params import StepParams, resolved
 from texloom.pipelines.media.delivery import Delivery, parse_delivery
@@ -76,7 +85,7 @@ def _delivery(draft: Draft, overrides: Overrides) -> Delivery:
 def _export(file: str, reference: str) -> Entry:
     where = f"--export {file}"
     if not EXPORT.fullmatch(file):
-        raise refused(f"{where}: must end in {WRITTEN}, or in / for a folder of maps")
+        raise refused(f"{where}: must be {FILE_NAME}")
     return Entry(reference, Path(where), reference)
 
 

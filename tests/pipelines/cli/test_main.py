@@ -293,8 +293,8 @@ WRONG_COMMANDS = {
     "run self_tuning --export edges.png=edges.strenght": (
         "--export edges.png: edges.strenght: step 'edges' has no output 'strenght'; did you mean 'strength'?"
     ),
-    "run self_tuning --export edges.bmp=edges.strength": "--export edges.bmp: must end in .exr, .png, .json, ",
-    "run self_tuning --export ../edges.png=edges.strength": "--export ../edges.png: must end in",
+    "run self_tuning --export edges.bmp=edges.strength": "'.', '_' and '-' that ends in .exr, .png, ",
+    "run self_tuning --export ../edges.png=edges.strength": "--export ../edges.png: must be a file name of ",
     "run self_tuning --export offsets.png=lattice.generators": "export it as .exr",
     "run self_tuning --set start.size=[64,64,3]": (
         "--set start.size: list should have at most 2 items, not 3, got [64, 64, 3]; as in [1024, 1024]"

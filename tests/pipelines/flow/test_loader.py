@@ -299,7 +299,7 @@ WRONG = {  # change of GOOD => error
     "seed: 3 => seed: true": "seed: must be a whole number",
     "seed: 3 => seed: -3": "seed: must be a whole number",
     f"seed: 3 => seed: {2**63}": "seed: must be a whole number",
-    "edges.png => edges": "exports: 'edges' is not a file name ending in .exr, .png,",
+    "edges.png => edges": "exports: 'edges' is not a file name of letters, digits,",
     "edges.png => edges.bmp": "exports: 'edges.bmp' is not a file name",
     "edges.png => ../edges.png": "exports: '../edges.png' is not a file name",
     "edges.png: edges.strength => edges.png/: exemplar\n  edges.png: edges.strength": (
