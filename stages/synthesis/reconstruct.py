@@ -44,6 +44,7 @@ _LOG = logging.getLogger(__name__)
 
 _MIN_CORRELATION = 0.05  # share of the texture explained, below which a note is given
 _DISCRETE_RATIO = 1.8  # minimum ratio of scales of the discrete solver
+_PATCHES_UP_TO = 0.25  # of full size, the scales at which the mixed solver lays patches
 
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {"ratio": 1.5, "first_iterations": 12, "last_iterations": 3, "sweeps": 4, "tolerance": 0.005},
@@ -56,16 +57,17 @@ class ReconstructParams(Params):
 
     preset: Literal["default", "fast"] = "default"
     """`default`: best quality; `fast`: fewer scales and iterations"""
-    solver: Literal["optimise", "discrete"] = "optimise"
+    solver: Literal["optimise", "discrete", "mixed"] = "optimise"
     """`optimise`: patch search and voting alternate; `discrete`: pixels are replaced one by one by candidates that
-    continue their neighbours, faster but less coherent, and the only one that supports ``target_jacobian``"""
+    continue their neighbours, less coherent, but thin lines stay whole and detail sharp, and the only one that
+    supports ``target_jacobian``; `mixed`: patches up to a quarter of full size, for structure, then pixels"""
     size: Size | None = None
     """height and width of the result, px; null: those of the target or of its Jacobians"""
     control_weight: float = Field(CONTROL_WEIGHT, gt=0, le=100)
     """variance of control, all channels together, relative to that of the texture: 1 weighs both alike, 0.25 guides
     weakly, 10 enforces; the same scale as in `control_features`"""
     patch_size: int = Field(8, ge=3, le=32)
-    """side of a patch, px; of the discrete solver, of the blocks of its start"""
+    """side of a patch, px; with `discrete`, of the blocks of its start"""
     tileable: bool = False
     """the result continues across its borders, as the target should"""
     occurrence: float = Field(20.0, ge=0, le=1e4)
@@ -149,10 +151,22 @@ def check_sizes(params: ReconstructParams, known: Mapping[str, Any]) -> None:
 
 def _plan(exemplar: tuple[int, int], result: tuple[int, int], params: ReconstructParams) -> list[Scale]:
     """The scales, coarsest first."""
-    size = params.patch_size if params.solver == "optimise" else 1  # px that have one match together
+    patches, pixels = (_scales(exemplar, result, params, whole) for whole in (True, False))
+    if params.solver != "mixed":
+        return patches if params.solver == "optimise" else pixels
+    coarse = [scale for scale in patches if scale.factor <= _PATCHES_UP_TO] or patches[:1]
+    fine = [scale for scale in pixels if scale.factor > coarse[-1].factor]
+    return [dataclasses.replace(scale, level=level) for level, scale in enumerate(coarse + fine, 1)]
+
+
+def _scales(
+    exemplar: tuple[int, int], result: tuple[int, int], params: ReconstructParams, patches: bool
+) -> list[Scale]:
+    """The scales of a solver of patches or of pixels."""
+    size = params.patch_size if patches else 1  # px that have one match together
     min_result = 2 * size if params.tileable else size + 1
     coarsest = max(params.coarsest, math.ceil(1.5 * size), math.ceil(min_result * min(exemplar) / min(result)))
-    ratio = params.ratio if params.solver == "optimise" else max(params.ratio, _DISCRETE_RATIO)
+    ratio = params.ratio if patches else max(params.ratio, _DISCRETE_RATIO)
     factors = scale_sizes(*exemplar, coarsest, ratio)
     extra = size - 1
     lost = 0 if params.tileable else extra
@@ -199,7 +213,7 @@ def reconstruct(
     As in texture optimisation, patch search and voting alternate from coarse to fine; patches are compared by
     texture and control together, and the control of the result is always the target's. Finally every pixel
     becomes the exemplar pixel, of those that the patches over it vote for, whose surroundings are most similar
-    to the mean vote: a copy of all channels, as sharp as the exemplar.
+    to the mean vote: a copy of all channels, as sharp as the exemplar. For other solvers see ``params``.
 
     Parameters
     ----------
@@ -270,22 +284,22 @@ def reconstruct(
     scales = _plan((inputs.image.height, inputs.image.width), size, params)
     if start is not None:
         start = start + np.uint32(inputs.margin)
-    solver = _solver(inputs, scales, params, target_jacobian)
-    match, done = _run(solver, scales, start, params, rng, checkpoints)
-    picture, source = solver.picture(match, scales[-1])
+    solvers = _solvers(inputs, scales, params, target_jacobian)
+    match, done = _run(solvers, scales, start, params, rng, checkpoints)
+    picture, source = solvers[-1].picture(match, scales[-1])
     source = ((source.astype(np.int64) - inputs.margin) % shape).astype(np.uint32)
     return Reconstructed(picture, source, params.tileable, share, notes, done)
 
 
 def _run(
-    solver: Solver,
+    solvers: list[Solver],
     scales: list[Scale],
     start: Correspondence | None,
     params: ReconstructParams,
     rng: np.random.Generator,
     checkpoints: Checkpoints,
 ) -> tuple[Match, list[dict[str, Any]]]:
-    """Solve scale by scale, from the last checkpoint on; the match at full size, and a record of each scale."""
+    """Solve each scale by its solver, from the last checkpoint on; the match at full size, a record of each."""
     first_random, *randoms = rng.spawn(len(scales) + 1)
     match: Match | None = None
     done: list[dict[str, Any]] = []
@@ -296,15 +310,19 @@ def _run(
         layers = state.match.astype(np.int32) if state.places is None else state.places
         match, done = np.ascontiguousarray(np.moveaxis(layers, 2, 0)), list(state.scales)
     for level, random in list(zip(scales, randoms, strict=True))[first:]:
+        solver = solvers[level.level - 1]
         if match is not None:
-            match = solver.finer(match, level, level.factor / scales[level.level - 2].factor)
+            coarser, before = solvers[level.level - 2], scales[level.level - 2]
+            if solver is not coarser:
+                match = np.moveaxis(coarser.picture(match, before)[1], 2, 0).astype(np.int32)
+            match = solver.finer(match, level, level.factor / before.factor)
         elif start is not None:
             match = solver.from_pixels(start, level)
         else:
             match = solver.from_blocks(level, first_random)
         rounds = solver.rounds(match, level, random)
 
-        def preview(match: Match = match, level: Scale = level) -> Image:
+        def preview(solver: Solver = solver, match: Match = match, level: Scale = level) -> Image:
             return solver.picture(match, level)[0]
 
         done.append(improve(rounds, level, scales, params.tolerance, preview))
@@ -317,15 +335,17 @@ def _run(
     return match, done
 
 
-def _solver(inputs: Inputs, scales: list[Scale], params: ReconstructParams, jacobian: Jacobian | None) -> Solver:
-    """The solver of the params; the oriented discrete one if ``jacobian`` is given."""
+def _solvers(
+    inputs: Inputs, scales: list[Scale], params: ReconstructParams, jacobian: Jacobian | None
+) -> list[Solver]:
+    """The solver of each scale; the oriented discrete one if ``jacobian`` is given."""
     shared = (inputs, params.patch_size, params.tileable, params.occurrence)
-    if params.solver == "optimise":
-        effort = Effort(params.sweeps, params.random_tries, 0, params.tolerance)
-        return PatchSolver(*shared, effort, params.last_vote)
-    if jacobian is None:
-        return PixelSolver(*shared, params.random_tries, scales)
-    return OrientedSolver(*shared, params.random_tries, scales, jacobian)
+    effort = Effort(params.sweeps, params.random_tries, 0, params.tolerance)
+    patches = PatchSolver(*shared, effort, params.last_vote)
+    pixels = PixelSolver(*shared, params.random_tries, scales)
+    if jacobian is not None:
+        pixels = OrientedSolver(*shared, params.random_tries, scales, jacobian)
+    return [pixels if scale.places == scale.exemplar else patches for scale in scales]
 
 
 def _size(params: ReconstructParams, target: Image | None, jacobian: np.ndarray | None) -> tuple[int, int]:

@@ -28,7 +28,7 @@ from texloom.stages.synthesis.reconstruct import (
 )
 
 SHAPE = (72, 80)
-SOLVERS = ("optimise", "discrete")
+SOLVERS = ("optimise", "discrete", "mixed")
 
 
 def data(planes: np.ndarray, *names: str) -> Image:
@@ -326,7 +326,8 @@ def test_use_is_even_among_pixels_of_equal_control(rng: np.random.Generator) -> 
     assert cells.max() < 3
 
 
-def test_a_river_stays_one_line(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("solver", ["discrete", "mixed"])
+def test_a_river_stays_one_line(solver: Any, rng: np.random.Generator) -> None:
     rows, columns = np.indices((96, 96))
 
     def distance(swing: float) -> np.ndarray:
@@ -340,7 +341,7 @@ def test_a_river_stays_one_line(rng: np.random.Generator) -> None:
         np.where(river(own)[..., None], [0.03, 0.05, 0.3], [0.2, 0.4, 0.1])
         * (0.8 + 0.2 * rng.random((96, 96, 1)))
     )  # fmt: skip
-    params = ReconstructParams(solver="discrete", control_weight=1.5, patch_size=16, occurrence=25.0)
+    params = ReconstructParams(solver=solver, control_weight=1.5, patch_size=16, occurrence=25.0)
     control, target = (data(np.minimum(away, 30)) for away in (own, wanted))
     result = reconstruct(image, params, np.random.default_rng(5), control=control, target=target)
     wet = river(own)[tuple(np.moveaxis(result.match.astype(np.int64), 2, 0))]
