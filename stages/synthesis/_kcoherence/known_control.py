@@ -9,6 +9,7 @@ _LEVELS = 64  # of a channel's range
 _OVERUSE = 3.0  # times even use that the exemplar's pixels of some values may serve those of the target
 _ENOUGH = 0.04  # of the exemplar's pixels, which may serve any number
 _REACHES = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 63)  # levels to every side; the last contain all
+_FARTHEST = 16  # levels; values farther away are another material's, however few the pixels within
 _NOTABLE = 0.05 * _LEVELS  # change of a value that is reported
 _MAX_OUTSIDE = 0.01  # share of the target outside the range of control, above which a note is given
 _MAX_RARE = 0.02  # share of the target with values that are rare in control, above which a note is given
@@ -21,7 +22,8 @@ def extrapolated(
 
     Where a value occurs in a few pixels of the exemplar only, these would repeat over the whole region that asks
     for it. The mean is that of the exemplar's pixels within the least distance at which they are enough for all of
-    the target that asks for values there.
+    the target that asks for values there, within a quarter of the range if there are any: a label of a small part
+    of the exemplar keeps its material.
 
     Parameters
     ----------
@@ -51,6 +53,8 @@ def extrapolated(
     for reach in _REACHES:
         around = _around(totals, np.stack(np.unravel_index(cells, shape), axis=1), reach)
         enough = around[:, 0] >= np.minimum(around[:, 1] / _OVERUSE, _ENOUGH)
+        if reach >= _FARTHEST:
+            enough |= around[:, 0] > 0
         if reach > 0:
             means[cells[enough]] = around[enough, 2:] / around[enough, :1]
         cells = cells[~enough]

@@ -48,6 +48,18 @@ def test_a_line_is_not_replaced(rng: np.random.Generator) -> None:
     assert moved is target
 
 
+def test_a_label_that_is_asked_for_far_too_often_keeps_its_material() -> None:
+    """One of three labels in a fiftieth of the exemplar, and in half of the target; its edges are soft."""
+    labels = np.eye(3, dtype=np.float32) * 10
+    own = labels[np.repeat([0, 1], 50)][None].repeat(100, axis=0)
+    own[40:60, :10] = labels[2]
+    own[39:61, 10] = (labels[2] + labels[0]) / 2
+    target = labels[np.repeat([0, 2], 50)][None].repeat(100, axis=0)
+    moved, share = extrapolated(own, target, 10.0)
+    np.testing.assert_allclose(moved, target, atol=0.2)
+    assert share == 0
+
+
 def test_known_values_and_those_beside_them_stay(rng: np.random.Generator) -> None:
     own = rng.uniform(0, 10, (80, 80, 2)).astype(np.float32)
     own[..., 1] = own[..., 0]
