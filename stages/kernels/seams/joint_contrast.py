@@ -3,12 +3,15 @@
 import numba
 import numpy as np
 
+from texloom.stages.kernels.core.inner import inner
 
-@numba.njit(cache=True, nogil=True)
-def _squared_difference(one, other):
+
+@inner
+def _jump(exemplar, row, column, result, y, x):
+    """Squared difference of a pixel of the exemplar and one of the result."""
     total = np.float32(0)
     for channel in range(3):
-        difference = one[channel] - other[channel]
+        difference = exemplar[row, column, channel] - result[y, x, channel]
         total += difference * difference
     return total
 
@@ -43,9 +46,9 @@ def joint_contrast(exemplar, result, match, wraps, contrast, first, last):
                     continue
                 largest = max(largest, np.float32(0))
                 if after_row < exemplar.shape[0] and after_column < exemplar.shape[1]:
-                    jump = _squared_difference(exemplar[after_row, after_column], result[beside_row, beside_column])
+                    jump = _jump(exemplar, after_row, after_column, result, beside_row, beside_column)
                     largest = max(largest, jump)
                 if source_row >= down and source_column >= right:
-                    before = exemplar[source_row - down, source_column - right]
-                    largest = max(largest, _squared_difference(before, result[row, column]))
+                    jump = _jump(exemplar, source_row - down, source_column - right, result, row, column)
+                    largest = max(largest, jump)
             contrast[row, column] = largest
