@@ -12,6 +12,7 @@ _XYZ_FROM_LINEAR = np.array(
 )
 _WHITE = np.array([0.95047, 1.0, 1.08883])  # D65, 2 degree observer
 _LINEAR_LIMIT = 216 / 24389  # below it CIELAB's lightness is linear
+_CACHED = 2**15  # pixels converted at once: what is made of them on the way fits into the processor's cache
 _STRIP = 2**20  # values converted at once: numpy makes 8-byte indices of them
 
 
@@ -21,12 +22,16 @@ def lab_from_linear(color: Float32[np.ndarray, "h w 3"]) -> ColorField:
     L is 0..100 for 0..1 and above 100 for brighter light; negative light counts as 0.
     """
     matrix = (_XYZ_FROM_LINEAR / _WHITE[:, None]).astype(np.float32)
-    relative = np.maximum(color, 0) @ matrix.T
-    f = np.where(relative > _LINEAR_LIMIT, np.cbrt(relative), np.float32(841 / 108) * relative + np.float32(4 / 29))
-    lab = np.empty_like(f)
-    lab[..., 0] = 116 * f[..., 1] - 16
-    lab[..., 1] = 500 * (f[..., 0] - f[..., 1])
-    lab[..., 2] = 200 * (f[..., 1] - f[..., 2])
+    lab = np.empty(color.shape, np.result_type(color, np.float32))
+    rows = max(1, 3 * _CACHED // max(1, color[:1].size))
+    for top in range(0, color.shape[0], rows):
+        relative = np.maximum(color[top : top + rows], 0) @ matrix.T
+        is_light = relative > _LINEAR_LIMIT
+        f = np.where(is_light, np.cbrt(relative), np.float32(841 / 108) * relative + np.float32(4 / 29))
+        strip = lab[top : top + rows]
+        strip[..., 0] = 116 * f[..., 1] - 16
+        strip[..., 1] = 500 * (f[..., 0] - f[..., 1])
+        strip[..., 2] = 200 * (f[..., 1] - f[..., 2])
     return lab
 
 

@@ -75,3 +75,9 @@ def test_known_srgb_values() -> None:
 
 def test_srgb_of_light_outside_its_range_is_clipped() -> None:
     np.testing.assert_allclose(srgb_from_linear(np.array([-3.0, 0.0, 1.0, 7.0])), [0, 0, 1, 1], atol=1e-12)
+
+
+def test_large_pictures_are_converted_like_small_ones() -> None:
+    color = np.random.default_rng(1).random((150, 1200, 3), np.float32)
+    rows = np.concatenate([lab_from_linear(row[None]) for row in color])
+    np.testing.assert_array_equal(lab_from_linear(color), rows)
