@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
-from texloom.stages.arrays import Image, Mask
+from texloom.stages.arrays import ColorField, Image, Mask
 from texloom.stages.color import lab_from_linear
 from texloom.stages.masks import count_excluded, fill_excluded, valid_pixels
+from texloom.stages.scratch import bands
 
 FLAT = 1e-3
 """CIELAB units; a picture that varies less has one colour, the rest is rounding"""
@@ -88,9 +89,15 @@ def prepare(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[Pi
     variances, directions = np.linalg.eigh(np.cov(values, rowvar=False, bias=True))
     axis = directions[:, -1] * np.sign(directions[np.argmax(np.abs(directions[:, -1])), -1])
     deviation = max(float(np.sqrt(max(variances[-1], 0.0))), FLAT)
-    tones = [((lab - mean) @ axis / deviation).astype(np.float32) for lab in labs]
+    tones = [_tone(lab, mean, axis, deviation) for lab in labs]
     made = None if keep is None else ~keep
     return Picture(labs[0], tones[0], valid[0]), Picture(labs[1], tones[1], valid[1], made)
+
+
+def _tone(lab: ColorField, mean: np.ndarray, axis: np.ndarray, deviation: float) -> Float32[np.ndarray, "h w"]:
+    """See `Picture.tone`; in bands, as double precision takes twice the picture's memory."""
+    parts = [((lab[band] - mean) @ axis / deviation).astype(np.float32) for band in bands(len(lab))]
+    return np.concatenate(parts)
 
 
 def channel_variances(lab: Float32[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "3"]:
