@@ -38,7 +38,8 @@ Analysis: TypeAlias = tuple[Appearance, Basis, Candidates]
 
 _RADIUS = 2  # samples of a window on each side of its centre
 _SIDE = 2 * _RADIUS + 1
-_SAMPLE_SIZE = 10_000  # windows from which the components are computed
+_SAMPLE_SIZE = 4096  # windows from which the components are computed
+_GOLDEN_RATIO = (np.sqrt(5) - 1) / 2  # its multiples, modulo 1, are spread evenly
 _CLUSTER_SIZE = 40  # of the clusters in which sets are initially searched
 _ROUNDS = 3  # of propagation between neighbours
 _MAX_SEARCHED = 2**14  # whole neighbourhoods that may replace an incomplete one
@@ -76,10 +77,13 @@ def _shifted(padded: np.ndarray, shape: tuple[int, ...], offset: tuple[int, int]
 
 
 def _sample(complete: Mask) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of evenly spaced pixels of ``complete``."""
-    rows, columns = np.nonzero(complete)
-    step = max(1, rows.size // _SAMPLE_SIZE)
-    return rows[::step], columns[::step]
+    """Rows and columns of evenly spread pixels of ``complete``, whatever its width."""
+    places = np.flatnonzero(complete)
+    if places.size > _SAMPLE_SIZE:
+        shares = np.sort(np.arange(1, _SAMPLE_SIZE + 1) * _GOLDEN_RATIO % 1)
+        places = places[(shares * places.size).astype(np.int64)]
+    rows, columns = np.divmod(places, complete.shape[1])
+    return rows, columns
 
 
 def _around(

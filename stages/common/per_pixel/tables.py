@@ -205,7 +205,9 @@ def _core(nearest_valid: np.ndarray, margin: int) -> tuple[int, int, int, int]:
 
 def _strength(neighbourhoods: np.ndarray, control: np.ndarray, weight: float) -> float:
     """The factor by which control, (n, c), varies ``weight`` times as much as neighbourhoods, (n, 8), if it can."""
-    spread = float(control.astype(np.float64).var(axis=0).sum())
-    texture = float(neighbourhoods.astype(np.float64).var(axis=0).sum())
+    # statistics of rows take a fraction of the time of those of columns
+    spread, texture = (
+        float(values.T.astype(np.float64, order="C").var(axis=1).sum()) for values in (control, neighbourhoods)
+    )
     strength = np.sqrt(weight * max(texture, 1.0) / max(spread, 1e-6))
     return float(min(strength, _MAX_CONTROL_LENGTH / np.sqrt(control.shape[1])))

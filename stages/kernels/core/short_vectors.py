@@ -130,6 +130,25 @@ def squared_distance(typing_context: Any, one: Any, one_row: Any, other: Any, ot
 
 
 @intrinsic
+def copy_eight(typing_context: Any, out: Any, out_row: Any, values: Any, row: Any) -> Any:
+    """Copy 8 values; ``out_row`` and ``row`` (int64) are in units of 8."""
+    signature = types.void(out, types.int64, values, types.int64)
+
+    def generate(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> ir.Value:
+        to, source = (
+            _address(context, builder, signature.args[which], values[which], values[which + 1], WIDTH)
+            for which in (0, 2)
+        )
+        loaded = builder.load(source)
+        loaded.align = 2
+        store = builder.store(loaded, to)
+        store.align = 2
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
 def fetch_early(typing_context: Any, array: Any, row: Any, run: Any) -> Any:
     """Let the processor begin to read row ``row`` (int64) of ``array``, which may be of any type.
 

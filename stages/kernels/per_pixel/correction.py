@@ -13,6 +13,7 @@ import numba
 import numpy as np
 
 from texloom.stages.kernels.core.short_vectors import (
+    copy_eight,
     fetch_early,
     squared_distance,
     sum_of_eight,
@@ -216,8 +217,7 @@ def _describe_pixel(same, own, sampled, around, exemplar, appearance, distortion
     """Put what describes a pixel by its neighbours into the first 8 of ``wanted``; ``rows`` is scratch space."""
     base, length = sampled * exemplar.rows * exemplar.pitch, np.int64(1) << sampled
     if same and distortion is None:
-        for k in range(8):
-            wanted[0, k] = exemplar.values[base + own, k]
+        copy_eight(wanted, np.int64(0), exemplar.values, len(exemplar.run) // 8 * (base + own))
         return
     for i in range(8):
         rows[i] = base + place_beside(i, length, around, exemplar, distortion)
@@ -309,8 +309,8 @@ def correct(level, subpass, exemplar, appearance, distortion, bonuses, tolerance
             if free:
                 _gather_candidates(own, around, base, length, exemplar, distortion, tried)
                 _describe_pixel(same, own, sampled, around, exemplar, appearance, distortion, rows, wanted)
-                for k in range(len(exemplar.run) - 8):
-                    wanted[0, 8 + k] = given[y, x, k]
+                if len(exemplar.run) > 8:
+                    copy_eight(wanted, np.int64(1), given, np.int64(pixel))
                 best = _most_similar(same, own, base, length, around, exemplar, distortion, bonuses, wanted, tried)
                 best = snap(best, base, exemplar, distortion)
             if after[y, x] != best:

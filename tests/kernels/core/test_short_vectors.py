@@ -1,7 +1,7 @@
 import numba
 import numpy as np
 
-from texloom.stages.kernels.core.short_vectors import ONE, paired, squared_distance, sum_of_projections
+from texloom.stages.kernels.core.short_vectors import ONE, copy_eight, paired, squared_distance, sum_of_projections
 
 
 def test_vectors(rng: np.random.Generator) -> None:
@@ -21,6 +21,20 @@ def test_vectors(rng: np.random.Generator) -> None:
         for one, other in ((0, 1), (2, 6), (4, 4)):
             expected = ((rows[one].astype(int) - rows[other]) ** 2).sum()
             assert _compiled_distance()(rows, one, other, (0,) * size) == expected
+
+
+def test_copy(rng: np.random.Generator) -> None:
+    vectors, out = rng.integers(-700, 700, (4, 16)).astype(np.int16), np.zeros((3, 8), np.int16)
+    _compiled_copy()(out, vectors)
+    np.testing.assert_array_equal(out, [np.zeros(8), vectors[1, 8:], np.zeros(8)])
+
+
+def _compiled_copy():
+    @numba.njit
+    def run(out, vectors):
+        copy_eight(out, np.int64(1), vectors, np.int64(3))
+
+    return run
 
 
 def _compiled_sum():
