@@ -175,6 +175,47 @@ def sample_sources(texture, source, values, first, last):
 
 
 @numba.njit(cache=True, nogil=True)
+def matched_distances(windows, others, match, out, first, last):
+    """Fill entries ``first`` to ``last`` of ``out`` with squared distances of neighbourhoods and their matches.
+
+    Parameters
+    ----------
+    windows, others : (n, values) and (m, values) int16
+    match : (n,) int64, numbers among ``others``
+    out : (n,) float64, output
+    """
+    for n in range(first, last):
+        total, other = np.int64(0), match[n]
+        for k in range(windows.shape[1]):
+            difference = np.int64(windows[n, k]) - np.int64(others[other, k])
+            total += difference * difference
+        out[n] = total
+
+
+@numba.njit(cache=True, nogil=True)
+def add_votes(windows, match, size, sums, votes):
+    """Add the values of each neighbourhood to the compaction's pixels that it is matched with.
+
+    Parameters
+    ----------
+    windows : (n, size * size * channels) int16
+    match : (n,) int64, numbers of the compaction's neighbourhoods, row by row
+    size : side of a neighbourhood
+    sums : (H, W * channels) int64, changed in place
+    votes : (H, W) int64, how many values were added to each pixel; changed in place
+    """
+    across, run = votes.shape[1] - size + 1, windows.shape[1] // size
+    for n in range(match.size):
+        row, column = match[n] // across, match[n] % across
+        first = column * run // size
+        for i in range(size):
+            for j in range(size):
+                votes[row + i, column + j] += 1
+            for k in range(run):
+                sums[row + i, first + k] += windows[n, i * run + k]
+
+
+@numba.njit(cache=True, nogil=True)
 def _continued(angle, row, column, dy, dx):
     """The place in the texture that lies (dy, dx) from another in its frame; the frames are of whole pixels."""
     at = angle[np.int64(row + np.float32(0.5)), np.int64(column + np.float32(0.5))]

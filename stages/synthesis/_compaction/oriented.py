@@ -110,23 +110,21 @@ class OrientedLevel:
 
     def _mean_votes(self) -> tuple[Float32[np.ndarray, "H W c"], Float32[np.ndarray, "H W"]]:
         """The weighted mean of all values matched with each pixel, and the sum of the weights."""
-        height, width = self.source.shape[1:]
-        total = np.zeros((height * width, self.channels))
-        weight = np.zeros(height * width)
+        from texloom.stages.kernels.compaction.oriented import add_votes
+
+        shape = self.source.shape[1:]
+        total, weight = np.zeros(self.values.shape), np.zeros(shape)
         voters = [
             (self.inverse, self.windows, 1 / len(self.windows)),
             (np.arange(self.forward.size), self.windows[self.forward], self.alpha / self.forward.size),
         ]
-        for place, windows, share in voters:
-            row, column = np.divmod(place, self.across)
-            values = windows.reshape(len(windows), self.size, self.size, self.channels)
-            for i, j in np.ndindex(self.size, self.size):
-                at = (row + i) * width + column + j
-                weight += share * np.bincount(at, minlength=weight.size)
-                for k in range(self.channels):
-                    total[:, k] += share * np.bincount(at, values[:, i, j, k], weight.size)
-        mean = (total / weight[:, None]).astype(np.float32)
-        return mean.reshape(height, width, self.channels), weight.reshape(height, width).astype(np.float32)
+        for match, windows, share in voters:
+            sums, votes = np.zeros(self.values.shape, np.int64), np.zeros(shape, np.int64)
+            add_votes(windows, match, self.size, sums, votes)
+            total += share * sums
+            weight += share * votes
+        mean = total.reshape(*shape, self.channels) / weight[..., None]
+        return mean.astype(np.float32), weight.astype(np.float32)
 
     def _proposed(self) -> np.ndarray:
         """Two candidate places in the texture for each pixel, (2, 2, H, W); negative where there is none.
@@ -171,12 +169,16 @@ def _better(
     windows: np.ndarray, others: np.ndarray, proposed: np.ndarray, current: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The nearer of two matches of each row among the others, and its squared distance."""
-    distance, current_distance = (_distances(windows, others[match]) for match in (proposed, current))
+    current_distance = _distances(windows, others, current)
+    if proposed is current:
+        return current, current_distance
+    distance = _distances(windows, others, proposed)
     return np.where(distance < current_distance, proposed, current), np.minimum(distance, current_distance)
 
 
-def _distances(windows: np.ndarray, others: np.ndarray) -> np.ndarray:
-    difference = windows.astype(np.int32) - others
-    # Integers below 2^53, so that sums are exact in any order.
-    squares: np.ndarray = np.einsum("ij,ij->i", difference, difference, dtype=np.float64)
+def _distances(windows: np.ndarray, others: np.ndarray, match: np.ndarray) -> np.ndarray:
+    from texloom.stages.kernels.compaction.oriented import matched_distances
+
+    squares = np.empty(len(windows))
+    run_spans(matched_distances, (windows, others, match, squares), len(windows), _PIECES)
     return squares

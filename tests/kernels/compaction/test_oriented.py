@@ -7,7 +7,9 @@ from tests.synthetic import smooth_noise
 from texloom.stages.kernels.compaction.oriented import (
     AngleSearch,
     Texture,
+    add_votes,
     choose_oriented_places,
+    matched_distances,
     oriented_seam_sum,
     oriented_windows,
     refine_angles,
@@ -47,6 +49,32 @@ def test_windows_are_the_slow_ones(planes: np.ndarray, rng: np.random.Generator)
     for window, place, a in zip(found, places, angle, strict=True):
         slow = naive.oriented_window(planes, *place, float(a), SIZE)
         assert np.abs(window.reshape(SIZE, SIZE, CHANNELS) - slow).max() <= 1  # at halves, rounding may differ
+
+
+def test_every_value_of_a_neighbourhood_votes_for_its_pixel(rng: np.random.Generator) -> None:
+    down, across = 4, 6
+    given = rng.integers(-(2**15), 2**15, (50, SIZE, SIZE, CHANNELS)).astype(np.int16)
+    match = rng.integers(0, down * across, 50)
+    sums, votes = (
+        np.zeros((down + SIZE - 1, across + SIZE - 1, CHANNELS)),
+        np.zeros((down + SIZE - 1, across + SIZE - 1)),
+    )
+    for one, place in zip(given, match, strict=True):
+        row, column = divmod(int(place), across)
+        sums[row : row + SIZE, column : column + SIZE] += one
+        votes[row : row + SIZE, column : column + SIZE] += 1
+    found, counted = np.zeros((sums.shape[0], sums.shape[1] * CHANNELS), np.int64), np.zeros(votes.shape, np.int64)
+    add_votes(given.reshape(50, -1), match, SIZE, found, counted)
+    np.testing.assert_array_equal(found.reshape(sums.shape), sums)
+    np.testing.assert_array_equal(counted, votes)
+
+
+def test_distances_of_matches(rng: np.random.Generator) -> None:
+    one, other = (rng.integers(-(2**15), 2**15, (count, 18)).astype(np.int16) for count in (9, 5))
+    match, found = rng.integers(0, 5, 9), np.full(9, -1.0)
+    matched_distances(one, other, match, found, 2, 9)
+    slow = [((a.astype(float) - other[number]) ** 2).sum() for a, number in zip(one, match, strict=True)]
+    np.testing.assert_array_equal(found, [-1, -1, *slow[2:]])
 
 
 def test_right_angles_rotate_the_pixels(planes: np.ndarray) -> None:
