@@ -96,14 +96,14 @@ def _difference(windows, at_row, at_column, size, own, bound):
 
 
 @numba.njit(cache=True, nogil=True)
-def _least_around(compaction, size, own, row, column, within):
+def _least_around(compaction, size, own, row, column, within, bound):
     """Least squared difference of ``own`` to the compaction's neighbourhoods within some px of a place.
 
-    The nearest places come first, since the sooner a small difference is known, the fewer values are compared.
+    It is ``bound`` where none is less. The nearest places come first, since the sooner a small difference is known, the fewer values are compared.
     """
     channels = own.size // size**2
     down, across = compaction.shape[0] - size + 1, compaction.shape[1] // channels - size + 1
-    best = np.int64(2**62)
+    best = bound
     for ring in range(within + 1):
         for dy in range(-ring, ring + 1):
             step = 1 if abs(dy) == ring else 2 * ring
@@ -141,7 +141,7 @@ def refine_angles(texture, channels, compaction, search, places, match, mean, si
             for s in range(samples):
                 angle = centre - reach + 2 * reach * s / samples
                 _write_window(texture, channels, places[n, 0], places[n, 1], angle, size, own)
-                difference = _least_around(compaction, size, own, match[n, 0], match[n, 1], search.within)
+                difference = _least_around(compaction, size, own, match[n, 0], match[n, 1], search.within, least[2])
                 for rank in range(3):
                     if difference < least[rank]:
                         for lower in range(2, rank, -1):
