@@ -99,7 +99,8 @@ def _difference(windows, at_row, at_column, size, own, bound):
 def _least_around(compaction, size, own, row, column, within, bound):
     """Least squared difference of ``own`` to the compaction's neighbourhoods within some px of a place.
 
-    It is ``bound`` where none is less. The nearest places come first, since the sooner a small difference is known, the fewer values are compared.
+    It is ``bound`` where none is less. The nearest places come first, since the sooner a small difference is
+    known, the fewer values are compared.
     """
     channels = own.size // size**2
     down, across = compaction.shape[0] - size + 1, compaction.shape[1] // channels - size + 1
