@@ -28,28 +28,19 @@ if TYPE_CHECKING:
     from texloom.pipelines.engine.run import Run, StepPlan
 
 
+_item_option = click.option(
+    "--item", metavar="NAME",
+    help="Run only this item of a set, and no step that gathers, as the lines of `texloom commands` do.",
+)  # fmt: skip
+
+
 class WhichFlowError(Exception):
     """No flow is named."""
 
 
 @click.command(short_help="Run a flow and write its exports.")
-@with_options(
-    *flow_options, *delivery_options, *out_options,
-    click.option(
-        "--item", metavar="NAME",
-        help="Run only this item of a set, and no step that gathers, as the lines of `texloom commands` do.",
-    ),
-)  # fmt: skip
-def run(
-    flow: str | None,
-    pictures: tuple[str, ...],
-    as_json: bool,
-    out: Path | None,
-    runner: str | None,
-    workers: int | None,
-    address: str | None,
-    **options: Any,
-) -> int:
+@with_options(*flow_options, *delivery_options, *out_options, _item_option)
+def run(flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, **options: Any) -> int:
     """Run FLOW, one of `texloom flows` or a YAML file, and write its exports.
 
     \b
@@ -67,22 +58,24 @@ def run(
     long steps go on at the scale where they were.
     """
     began = time.perf_counter()
-    opened = _open(flow, pictures, **options, runner=runner_options(name=runner, workers=workers, address=address))
+    opened = _open(flow, pictures, **options)
     return execute(opened, out if out is not None else opened.default_out(), as_json, began)
 
 
 @click.command(short_help="Show what `run` would compute, and why.")
-@with_options(*flow_options)
-def plan(flow: str | None, pictures: tuple[str, ...], as_json: bool, **options: Any) -> int:
+@with_options(*flow_options, *delivery_options, *out_options, _item_option)
+def plan(flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, **options: Any) -> int:
     """Show what `run` would do with the same options: which steps are cached, which would run, and why.
 
     \b
     texloom plan self_tuning mine.png --preset fast
     texloom plan self_tuning mine.png --set texture.occurrence=20 --set texture.patch_size=12
 
-    Runs nothing and writes nothing.
+    Runs nothing and writes nothing. With --out it also says whether the exports can be written there.
     """
     opened = _open(flow, pictures, **options)
+    if out is not None:
+        opened.check(out)
     steps = opened.plan()
     for note in opened.notes:
         complain(note)
@@ -149,7 +142,9 @@ def _open(
     seed: int | None,
     seeds: int | range | None,
     store_folder: Path,
-    runner: dict[str, Any] | None = None,
+    runner: str | None = None,
+    workers: int | None = None,
+    address: str | None = None,
     item: str | None = None,
     **delivery: str | None,
 ) -> Run:
@@ -164,7 +159,8 @@ def _open(
         raise click.UsageError("--seed and a range of --seeds say the same; give one of them")
     changed = with_common_params(params, size, tileable, preset)
     written = {name: text for name, text in delivery.items() if text is not None}
-    overrides = Overrides(sources, changed, seed, seeds, runner or {}, pictures, exports, written, item)
+    chosen = runner_options(name=runner, workers=workers, address=address)
+    overrides = Overrides(sources, changed, seed, seeds, chosen, pictures, exports, written, item)
     with named_as_given(params):
         return open_run(flow, overrides, Store(store_folder))
 

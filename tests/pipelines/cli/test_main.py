@@ -492,7 +492,8 @@ def test_exports_that_would_replace_an_input(
     subprocess.run(prepare, shell=True, check=True)
     before = contents(folder)
     flow = "flow.yaml" if Path("flow.yaml").exists() else "threshold.json"
-    assert_refused(texloom("run", flow, *options), f"{file} would replace {what}; give another folder")
+    for command in ("plan", "run"):
+        assert_refused(texloom(command, flow, *options), f"{file} would replace {what}; give another folder")
     assert contents(folder) == before
 
 
@@ -965,6 +966,15 @@ def test_plan_for_people(again: Path) -> None:
         "texture    run     param occurrence: 10.0 -> 20.0",
         "scores     wait    waits for texture",
     ]
+
+
+def test_plan_takes_what_run_takes(folder: Path) -> None:
+    before = contents(folder)
+    options = ["--out", "out", "--runner", "threads", "--workers", "2", "--texel-size", "1mm"]
+    planned = texloom("plan", "flow.yaml", *options)
+    assert (planned.code, planned.out.split()[:2]) == (0, ["edges", "run"])
+    assert_refused(texloom("plan", "flow.yaml", "--workers", "2"), "--workers: needs a runner that has it")
+    assert contents(folder) == before
 
 
 # -- failures during a run
