@@ -115,6 +115,14 @@ def _remove_if_abandoned(path: Path) -> bool:
     return True
 
 
+def remove(path: Path) -> None:
+    """Remove a file, a link, or a folder with all that is in it, if it is there."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
 def probe_folder(folder: Path) -> None:
     """`OSError` where no file can be created in a folder."""
     with tempfile.TemporaryFile(dir=folder):

@@ -12,13 +12,12 @@ import dataclasses
 import json
 import os
 import re
-import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 from texloom.pipelines.store import run_log, usage
-from texloom.pipelines.store.atomic import remove_abandoned, write_atomically
+from texloom.pipelines.store.atomic import remove, remove_abandoned, write_atomically
 from texloom.pipelines.store.lease import protected_since
 from texloom.pipelines.store.record import record_name
 from texloom.pipelines.store.store import (
@@ -184,13 +183,13 @@ def _remove(store: Store, entry: Entry, oldest: float) -> bool:
     if entry.stage is None or entry.key is None:
         if _last_time(entry.folder) >= oldest:
             return False
-        _delete(entry.folder)
+        remove(entry.folder)
         return True
     with store.try_lock(entry.stage, entry.key) as is_locked:
         if not is_locked or store.used(store.location(entry.stage, entry.key)) >= oldest:  # it was used meanwhile
             return False
         store.forget(entry.stage, entry.key)
-        _delete(entry.folder)
+        remove(entry.folder)
         store.drop_checkpoints(entry.stage, entry.key)
     return True
 
@@ -204,13 +203,13 @@ def _sweep(store: Store, oldest: float) -> None:
         named = _NEW_FOLDER.fullmatch(path.name)
         with store.try_lock(path.parent.name, named[1]) if named else contextlib.nullcontext(True) as is_locked:
             if is_locked and (named or _time(path) < oldest):
-                _delete(path)
+                remove(path)
     for stage, key in list(_keys(store, "checkpoints")):
         path = store.root / "checkpoints" / stage / key
         with store.try_lock(stage, key) as is_locked:
             is_done = (store.records / record_name(stage, key)).exists()
             if is_locked and (is_done or _last_time(path) < oldest):
-                _delete(path)
+                remove(path)
     keys = {key: record_name(stage, key) for stage, key in _keys(store, "cache")}
     kept = set(keys.values())
     waiting = {record_name(stage, key) for stage, key in _keys(store, "checkpoints")}
@@ -237,13 +236,6 @@ def _remove_lock(store: Store, path: Path) -> None:
 
     with contextlib.suppress(filelock.Timeout, OSError), store.lock(path.stem, timeout=0):
         path.unlink()
-
-
-def _delete(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
 
 
 def _time(path: str | Path) -> float:

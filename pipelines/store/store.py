@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from texloom.pipelines.memory import memory_limit
 from texloom.pipelines.store import usage
-from texloom.pipelines.store.atomic import check_folder, file_digest, named, probe_folder, write_atomically
+from texloom.pipelines.store.atomic import check_folder, file_digest, named, probe_folder, remove, write_atomically
 from texloom.pipelines.store.lease import Lease
 from texloom.pipelines.store.record import ForeignRecordError, decode_record, record_name
 from texloom.stages.declare import InputError, Stage
@@ -269,7 +269,7 @@ class Store:
 
     def forget(self, stage: str, key: str) -> None:
         """Remove the record, so that the result is computed again."""
-        (self.records / record_name(stage, key)).unlink(missing_ok=True)
+        remove(self.records / record_name(stage, key))
 
     def drop_checkpoints(self, stage: str, key: str) -> None:
         """Remove the checkpoints of a step, whose result is complete."""

@@ -242,6 +242,7 @@ ALTERED: dict[str, Callable[[Path], object]] = {
     "text": lambda path: path.write_text("not JSON"),
     "deep": lambda path: path.write_text("[" * 100_000),
     "manifest too": manifest_too,
+    "a folder": lambda path: (path.unlink(), (path / "inside").mkdir(parents=True)),
 }
 
 
