@@ -204,6 +204,20 @@ def plan(
 
     Runs nothing and writes nothing.
 
+    Parameters
+    ----------
+    flow, sources, params, size, seed, seeds, tileable, preset, store : see `run`.
+
+    Returns
+    -------
+    for each step, over a set for each step of each item: ``name``, ``stage``, ``state`` (``cached``, ``run``,
+    ``wait`` for others, ``refused``), ``reasons`` why it is not cached, ``key`` if it is known, and ``item``.
+
+    Raises
+    ------
+    InputError
+        the request is wrong; it is a ValueError.
+
     Examples
     --------
     >>> import texloom

@@ -83,7 +83,13 @@ class LatticeSession:
     # -- changes
 
     def span(self, origin: Point, first: Point, second: Point) -> None:
-        """Begin again with the regular lattice that two vectors span, px, with vertex (0, 0) at ``origin``."""
+        """Begin again with the regular lattice that two vectors span; all points are rows and columns, px.
+
+        Parameters
+        ----------
+        origin : the vertex (0, 0).
+        first, second : the vectors.
+        """
         self._vectors = np.array([first, second], np.float64)
         self._placed = {(0, 0): (float(origin[0]), float(origin[1]))}
 
@@ -112,11 +118,17 @@ class LatticeSession:
         )
 
     def move(self, step: Step, to: Point) -> None:
-        """Move a vertex, which then keeps its position."""
+        """Move a vertex, which then keeps its position.
+
+        Parameters
+        ----------
+        step : the vertex, by its steps along the first vector and along the second.
+        to : its new row and column, px.
+        """
         self._placed[int(step[0]), int(step[1])] = (float(to[0]), float(to[1]))
 
     def release(self, step: Step) -> None:
-        """Let a vertex that was moved follow the others again."""
+        """Let the vertex of ``step`` that was moved follow the others again, see `move`."""
         self._placed.pop(step, None)
 
     # -- results

@@ -148,7 +148,7 @@ class PhotoSession:
         del self._entries[name]
 
     def move(self, name: str, offset: tuple[float, float]) -> None:
-        """Move all points of a patch by so many rows and columns."""
+        """Move all points of a patch by ``offset``, rows and columns, px."""
         entry = self._entry(name)
         kind = "corners" if "corners" in entry else "controls"
         entry[kind] = (np.array(entry[kind]) + np.array(offset, np.float64)).tolist()
@@ -176,6 +176,7 @@ class PhotoSession:
         Parameters
         ----------
         at : row and column of the control point, 0 to 3, in the direction of the texture.
+        to : its new row and column in the photograph, px.
         weight : its weight; None keeps it.
 
         Raises
@@ -219,6 +220,9 @@ class PhotoSession:
         ----------
         area : ``region``, ``without``, ``hole``, or ``features.NAME``. Erasing from a region that is not painted
             begins with all that patches cover.
+        points : rows and columns, px, which the brush passes in this order.
+        radius : of the brush, px.
+        erase : take away instead.
         """
         import cv2
 
@@ -230,7 +234,7 @@ class PhotoSession:
         self._areas[area] = pixels.astype(np.bool_)
 
     def outline(self, area: str, points: ArrayLike, *, erase: bool = False) -> None:
-        """Fill a polygon; see `stroke`."""
+        """Fill the polygon of ``points``, rows and columns, px; see `stroke`."""
         pixels = self._painted(area, erase).astype(np.bool_)
         pixels[pixels_inside([np.array(points, np.float64)], self.shape)] = not erase
         self._areas[area] = pixels
@@ -313,7 +317,14 @@ class PhotoSession:
     def texture(
         self, size: tuple[int, int] = (128, 128), *, tileable: bool = False, seed: int = 7
     ) -> UInt8[np.ndarray, "H W 3"]:
-        """A preview of the texture, sRGB, from the reduced photograph."""
+        """A preview of the texture, sRGB, from the reduced photograph.
+
+        Parameters
+        ----------
+        size : height and width, px.
+        tileable : whether it repeats without seams.
+        seed : equal seeds give equal previews.
+        """
         made = flat_texture(self.coarse_photo, self.coarse(), size, tileable, np.random.default_rng(seed))
         return np.rint(srgb_from_linear(made.color) * 255).astype(np.uint8)
 
