@@ -287,7 +287,6 @@ class _Optimisation:
         )  # fmt: skip
         self.fixed = fixed
         self.params = params
-        self.even = window(params.patch_size)
         self.final = window(params.patch_size, params.final_sigma)
         self.margin = 0 if params.tileable else params.patch_size - 1
 
@@ -315,7 +314,7 @@ class _Optimisation:
         def vote(current: np.ndarray | None) -> np.ndarray:
             target: np.ndarray
             if current is None or histogram is None:
-                target = mean_vote(match, exemplar, channels, self.even, wrap, current)
+                target = mean_vote(match, exemplar, channels, size, wrap, current)
             else:
                 target = histogram(match, current, random)
             if given is not None:

@@ -17,7 +17,7 @@ class Votes(NamedTuple):
     column: Any
     """(p, q) int32"""
     exemplar: Any
-    """(h, w * channels) int16, or float32 for `vote_sums` and `histogram_vote`"""
+    """(h, w * channels) float32, or int16 for `copy_votes`"""
     channels: int
     patch_size: int
     wrap: bool
@@ -31,10 +31,9 @@ def vote_sums(votes, window, line_window, sums, first, last):
     Parameters
     ----------
     votes : Votes
-    window : (patch_size,) int32 or float32, weights along one side of a patch; the weight of a pixel is the product
-    line_window : (patch_size * channels,) of the same type, each weight repeated for all channels
-    sums : (last - first, (q + patch_size - 1) * channels), of the window's type; the right margin is work space
-        on a torus
+    window : (patch_size,) float32, weights along one side of a patch; the weight of a pixel is the product
+    line_window : (patch_size * channels,) float32, each weight repeated for all channels
+    sums : (last - first, (q + patch_size - 1) * channels) float32; the right margin is work space on a torus
     """
     row, column, exemplar, channels, patch_size, wrap = votes
     down, across = row.shape
@@ -60,54 +59,97 @@ def vote_sums(votes, window, line_window, sums, first, last):
 
 
 @numba.njit(cache=True, nogil=True)
-def coherent_vote_sums(votes, steps, sums, first, last):
-    """Fill ``sums`` with what `vote_sums` does, a run of patches at a time.
+def find_runs(votes, longest, first, last):
+    """Find runs of patches side by side whose matches are side by side, of those over rows ``first`` to ``last``.
 
-    Patches side by side whose matches are side by side vote for the same pixels, so their weights are added first.
+    No run crosses a multiple of ``longest``, so that more of them are like the one above.
+
+    Returns
+    -------
+    (last - first + patch_size - 1, q, 6) int32, by row, from that of the patches which end in row ``first``: of
+    each run its first patch and length, the row and column of that one's match, in how many rows above the run is
+    the same, and whether it is in the row below; and the number of runs of each row.
+    """
+    row, column, before = votes.row, votes.column, votes.patch_size - 1
+    down, across = row.shape
+    runs = np.empty((last - first + before, across, 6), np.int32)
+    count = np.zeros(runs.shape[0], np.int64)
+    for k in range(runs.shape[0]):
+        y = wrap_index(first - before + k, down, votes.wrap)
+        if y < 0:
+            continue
+        x, beside = 0, 0
+        while x < across:
+            r, c = row[y, x], column[y, x]
+            end = min(across, x - x % longest + longest)
+            n = 1
+            while x + n < end and column[y, x + n] == c + n and row[y, x + n] == r:
+                n += 1
+            above = 0
+            if k > 0:
+                while beside < count[k - 1] and runs[k - 1, beside, 0] < x:
+                    beside += 1
+                if beside < count[k - 1]:
+                    other = runs[k - 1, beside]
+                    if other[0] == x and other[1] == n and other[2] == r - 1 and other[3] == c:
+                        above = other[4] + 1
+                        other[5] = 1
+            run = runs[k, count[k]]
+            run[0], run[1], run[2], run[3], run[4], run[5] = x, n, r, c, above, 0
+            count[k] += 1
+            x += n
+    return runs, count
+
+
+@inner
+def _add_runs(votes, shares, runs, count, place, line):
+    """Fill ``line`` with the votes for a row, of the runs from ``place`` on."""
+    exemplar, channels, before = votes.exemplar, votes.channels, votes.patch_size - 1
+    line[:] = 0
+    for i in range(before + 1):
+        k = place + before - i
+        for j in range(count[k]):
+            run = runs[k, j]
+            if run[5] and i > 0:
+                continue  # counted with the run below
+            x, n, r, c = run[0], run[1], run[2], run[3]
+            rows = np.float32(min(run[4], before - i) + 1)
+            values = (n + before) * channels
+            share = shares[n - 1, :values]
+            source = exemplar[r + i, c * channels : c * channels + values]
+            into = line[x * channels : x * channels + values]
+            for m in range(values):
+                into[m] += rows * share[m] * source[m]
+    if votes.wrap:
+        across = votes.row.shape[1]
+        for m in range(before * channels):
+            line[m] += line[across * channels + m]
+
+
+@numba.njit(cache=True, nogil=True)
+def coherent_vote_sums(votes, shares, runs, count, sums):
+    """Fill ``sums`` with what `vote_sums` does for votes of equal weight, a run of patches at a time.
+
+    Patches of a run vote for the same pixels, so their weights are added first, and those of the same runs one
+    above the other.
 
     Parameters
     ----------
-    votes : Votes
-    steps : ((2 * n + patch_size) * channels,) int32, or float32 as the exemplar, for runs of at most n patches:
-        n zeros, then the sums of the first 0, 1, ... weights along a side of a patch, each repeated for all
-        channels
-    sums : (last - first, (q + patch_size - 1) * channels), of the type of ``steps``
+    votes : Votes, of float32
+    shares : (n, (n + patch_size - 1) * channels) float32, for runs of up to n patches: how many of them vote for
+        each of the values that they cover
+    runs, count : see `find_runs`
+    sums : (last - first, (q + patch_size - 1) * channels) float32
     """
-    row, column, exemplar, channels, patch_size, wrap = votes
-    down, across = row.shape
-    longest = (steps.size // channels - patch_size) // 2
-    for y in range(first, last):
-        line = sums[y - first]
-        line[:] = 0
-        for i in range(patch_size):
-            q = wrap_index(y - i, down, wrap)
-            if q < 0:
-                continue
-            weight = steps[(longest + i + 1) * channels] - steps[(longest + i) * channels]
-            x = 0
-            while x < across:
-                r, c = row[q, x], column[q, x]
-                n = 1
-                while n < longest and x + n < across and column[q, x + n] == c + n and row[q, x + n] == r:
-                    n += 1
-                values = (n + patch_size - 1) * channels
-                begun = steps[(longest + 1) * channels : (longest + 1) * channels + values]
-                ended = steps[(longest + 1 - n) * channels : (longest + 1 - n) * channels + values]
-                source = exemplar[r + i, c * channels : c * channels + values]
-                into = line[x * channels : x * channels + values]
-                for k in range(values):
-                    into[k] += weight * (begun[k] - ended[k]) * source[k]
-                x += n
-        if wrap:
-            for k in range((patch_size - 1) * channels):
-                line[k] += line[across * channels + k]
+    for y in range(sums.shape[0]):
+        _add_runs(votes, shares, runs, count, y, sums[y])
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")  # a test for zero would prevent vectors
 def round_votes(sums, weights_across, weights_down, target, first, last):
     """Set rows ``first`` to ``last`` of the int16 ``target`` to the votes' mean; halves are rounded up.
 
-    ``sums`` are those of these rows.
+    ``sums`` are those of these rows, float32, whole numbers.
     The weight of all votes for a value is the product of its entries in ``weights_down`` and ``weights_across``,
     float64. The quotients of such small numbers are never rounded to a whole number that they do not reach, and
     vectors of them are divided faster than integers.
@@ -172,44 +214,38 @@ def surplus(counts, wanted):
 
 
 @numba.njit(cache=True, nogil=True)
-def histogram_votes(votes, steps, lows, widths, rows, stops, target, counts, wanted, exemplar, bins):
-    """`histogram_vote` for chunks of ``rows``, before each of which `weighted_values` are updated.
-
-    Parameters
-    ----------
-    stops : (n,) int64, where each chunk ends
-    counts : (channels, bins) int64, histograms of the target, updated
-    wanted : (channels, bins) float64, what they should be
-    exemplar, bins : see `weighted_values`
-    """
-    start = 0
-    for stop in stops:
-        weighted_values(exemplar, bins, surplus(counts, wanted), votes.exemplar, np.int64(0), exemplar.shape[0])
-        histogram_vote(votes, steps, lows, widths, rows[start:stop], target, counts)
-        start = stop
-
-
-@numba.njit(cache=True, nogil=True)
-def histogram_vote(votes, steps, lows, widths, rows, target, change):
+def histogram_votes(
+    votes, shares, runs, count, lows, widths, rows, stops, target, counts, wanted, exemplar, bins, is_filled
+):
     """Set rows of the target to a weighted mean that avoids colours which the target has too often.
 
     Parameters
     ----------
     votes : Votes, of the table that `weighted_values` fills
-    steps : see `coherent_vote_sums`
+    shares : see `coherent_vote_sums`
+    runs, count : see `find_runs`, for all rows
     lows, widths : (channels,) float32, lower end and width of the histograms' bins
     rows : (n,) int64
+    stops : (m,) int64, where each chunk of ``rows`` ends
     target : (H, W * channels) int16, changed in place
-    change : (channels, bins) int64, to which the change of the target's histograms is added
+    counts : (channels, bins) int64, histograms of the target, or anything to which their change is added
+    wanted : (channels, bins) float64, what they should be
+    exemplar, bins : see `weighted_values`
+    is_filled : the table is; else it is filled by ``counts`` before each chunk
     """
     channels = lows.size
-    sums = np.empty((1, (votes.row.shape[1] + votes.patch_size - 1) * votes.channels), np.float32)
-    for y in rows:
-        coherent_vote_sums(votes, steps, sums, y, y + 1)
-        for x in range(target.shape[1] // channels):
-            total = sums[0, x * votes.channels : (x + 1) * votes.channels]
-            for c in range(channels):
-                value = np.int16(np.rint(total[c] / total[channels]))
-                change[c, _bin(target[y, x * channels + c], lows[c], widths[c], change.shape[1])] -= 1
-                change[c, _bin(value, lows[c], widths[c], change.shape[1])] += 1
-                target[y, x * channels + c] = value
+    sums = np.empty((votes.row.shape[1] + votes.patch_size - 1) * votes.channels, np.float32)
+    start = 0
+    for stop in stops:
+        if not is_filled:
+            weighted_values(exemplar, bins, surplus(counts, wanted), votes.exemplar, np.int64(0), exemplar.shape[0])
+        for y in rows[start:stop]:
+            _add_runs(votes, shares, runs, count, y, sums)
+            for x in range(target.shape[1] // channels):
+                total = sums[x * votes.channels : (x + 1) * votes.channels]
+                for c in range(channels):
+                    value = np.int16(np.rint(total[c] / total[channels]))
+                    counts[c, _bin(target[y, x * channels + c], lows[c], widths[c], counts.shape[1])] -= 1
+                    counts[c, _bin(value, lows[c], widths[c], counts.shape[1])] += 1
+                    target[y, x * channels + c] = value
+        start = stop

@@ -190,7 +190,6 @@ class PatchSolver(Solver):
     """``copy``: each pixel is one of those that the patches over it propose; ``mean``: their average"""
 
     def __post_init__(self) -> None:
-        self.even = window(self.patch_size)
         self.channels = self.inputs.texture.shape[2] + self.inputs.control.shape[2]
 
     def rounds(self, match: Match, scale: Scale, random: np.random.Generator) -> Rounds:
@@ -234,7 +233,7 @@ class PatchSolver(Solver):
 
     def _vote(self, match: Patches, exemplar: np.ndarray, control: np.ndarray) -> np.ndarray:
         """The mean vote, with the control of the target."""
-        target: np.ndarray = mean_vote(match, exemplar, self.channels, self.even, self.wrap)
+        target: np.ndarray = mean_vote(match, exemplar, self.channels, self.patch_size, self.wrap)
         target.reshape(len(control), -1, self.channels)[..., self.inputs.texture.shape[2] :] = control
         return target
 

@@ -13,7 +13,7 @@ from texloom.stages.scratch import bands, empty, run_bands
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 
 _BINS = 100
-_RUN = 48  # patches that are added at once
+_RUN = 32  # patches that are added at once
 _PIECE = 8192  # pixels; the call for fewer takes longer than what a thread saves
 _TABLE_PIECE = 65536  # the same for values of a table
 _CHUNKS = 32  # after each the histogram is updated; more would be more exact and less parallel
@@ -30,7 +30,7 @@ def window(patch_size: int, sigma: float | None = None) -> Window:
         return np.ones(patch_size, np.int32)
     offset = np.arange(patch_size) - (patch_size - 1) / 2
     weights = np.exp(-(offset**2) / (2 * sigma**2))
-    peak = min(64, 600 / weights.sum())  # the sum of all votes for a pixel must stay below 2**31
+    peak = min(64, 600 / weights.sum())  # the sum of all weights for a pixel is exact in single precision
     return np.maximum(1, np.rint(peak * weights)).astype(np.int32)
 
 
@@ -40,35 +40,39 @@ def _weights_along(patches: int, window: Window, wrap: bool) -> np.ndarray:
     return np.convolve(np.ones(patches, np.int64), window.astype(np.int64))
 
 
-def run_steps(window: Window, channels: int) -> Int32[np.ndarray, "m"]:  # type: ignore[name-defined]
-    """Sums of a window's first weights, as `coherent_vote_sums` reads them."""
-    steps = np.pad(np.cumsum(window, dtype=np.int32), (_RUN + 1, _RUN - 1), constant_values=(0, window.sum()))
-    return np.repeat(steps, channels)
+def run_shares(patch_size: int, channels: int) -> Float32[np.ndarray, "n m"]:
+    """How many patches of a run vote for each value that they cover, as `coherent_vote_sums` reads them."""
+    shares = np.zeros((_RUN, _RUN + patch_size - 1), np.float32)
+    for length in range(1, _RUN + 1):
+        shares[length - 1, : length + patch_size - 1] = np.convolve(np.ones(length), np.ones(patch_size))
+    return np.repeat(shares, channels, axis=1)
 
 
 def mean_vote(
     match: Patches,
     exemplar: Int16[np.ndarray, "h wc"],
     channels: int,
-    window: Window,
+    patch_size: int,
     wrap: bool,
     target: Int16[np.ndarray, "H Wc"] | None = None,
 ) -> Int16[np.ndarray, "H Wc"]:
-    """Average of all votes; a torus is padded by a patch less one pixel. It replaces a ``target`` that is given."""
-    from texloom.stages.kernels.patchmatch.voting import Votes, coherent_vote_sums, round_votes
+    """Average of all votes; a torus is padded by a patch less one pixel. It replaces a ``target`` that is given.
 
-    votes = Votes(match[0], match[1], exemplar, channels, window.size, wrap)
-    down = _weights_along(match.shape[1], window, wrap)
-    across = _weights_along(match.shape[2], window, wrap)
-    steps = run_steps(window, channels)
+    Sums are whole numbers below 2**24, which single precision adds exactly.
+    """
+    from texloom.stages.kernels.patchmatch.voting import Votes, coherent_vote_sums, find_runs, round_votes
+
+    votes = Votes(match[0], match[1], exemplar.astype(np.float32), channels, patch_size, wrap)
+    down, across = (_weights_along(count, window(patch_size), wrap) for count in match.shape[1:])
+    shares = run_shares(patch_size, channels)
     weights = np.repeat(across, channels).astype(np.float64), down.astype(np.float64)
-    extra = window.size - 1 if wrap else 0
+    extra = patch_size - 1 if wrap else 0
     if target is None:
         target = empty((down.size + extra, (across.size + extra) * channels), np.int16)
 
     def vote(first: int, last: int) -> None:
-        sums = np.empty((last - first, (match.shape[2] + window.size - 1) * channels), np.int32)
-        coherent_vote_sums(votes, steps, sums, first, last)
+        sums = np.empty((last - first, (match.shape[2] + patch_size - 1) * channels), np.float32)
+        coherent_vote_sums(votes, shares, *find_runs(votes, _RUN, first, last), sums)
         round_votes(sums, *weights, target, first, last)
 
     run_bands(vote, (), down.size, (match, target))
@@ -180,7 +184,7 @@ class HistogramVote:
         self.wrap = wrap
         self.lows = np.asarray(lows * UNIT, np.float32)
         self.widths = np.asarray((highs - lows) * UNIT / _BINS, np.float32)
-        self.steps = run_steps(window(patch_size), self.channels + 1).astype(np.float32)
+        self.shares = run_shares(patch_size, self.channels + 1)
         self.bins = self._bins(exemplar).reshape(exemplar.shape)
         counted = self.bins.reshape(-1, self.channels)
         if usable is not None:
@@ -203,7 +207,7 @@ class HistogramVote:
         self, match: Patches, target: Int16[np.ndarray, "H Wc"], order: np.random.Generator
     ) -> Int16[np.ndarray, "H Wc"]:
         """The next target, given the current one."""
-        from texloom.stages.kernels.patchmatch.voting import Votes, count_bins, histogram_votes
+        from texloom.stages.kernels.patchmatch.voting import Votes, count_bins, find_runs, histogram_votes
 
         extra = 0 if self.wrap else self.patch_size - 1
         height, width = match.shape[1] + extra, match.shape[2] + extra
@@ -215,12 +219,12 @@ class HistogramVote:
             (self.exemplar.shape[0], self.exemplar.shape[1] // self.channels * (self.channels + 1)), np.float32
         )
         votes = Votes(match[0], match[1], table, self.channels + 1, self.patch_size, self.wrap)
-        voting = (votes, self.steps, self.lows, self.widths)
+        voting = (votes, self.shares, *find_runs(votes, _RUN, 0, height), self.lows, self.widths)
         rows = order.permutation(height)
         chunks = np.array_split(rows, min(_CHUNKS, height))
         if table.size < _TABLE_PIECE and len(chunks[0]) * width < _PIECE:
             stops = np.cumsum([len(chunk) for chunk in chunks])
-            histogram_votes(*voting, rows, stops, target, counts, wanted, self.exemplar, self.bins)
+            histogram_votes(*voting, rows, stops, target, counts, wanted, self.exemplar, self.bins, False)
         else:
             for chunk in chunks:
                 self._vote_for(chunk, voting, target, counts, wanted)
@@ -229,8 +233,8 @@ class HistogramVote:
     def _vote_for(
         self, chunk: np.ndarray, voting: tuple[Any, ...], target: np.ndarray, counts: np.ndarray, wanted: np.ndarray
     ) -> None:
-        """What `histogram_votes` does for one chunk, on all threads."""
-        from texloom.stages.kernels.patchmatch.voting import histogram_vote, surplus, weighted_values
+        """`histogram_votes` for one chunk, on all threads."""
+        from texloom.stages.kernels.patchmatch.voting import histogram_votes, surplus, weighted_values
 
         table = voting[0].exemplar
         filled = (self.exemplar, self.bins, surplus(counts, wanted), table)
@@ -238,7 +242,11 @@ class HistogramVote:
         parts = spans(len(chunk), min(4, 1 + len(chunk) * target.shape[1] // self.channels // _PIECE))
         changes = np.zeros((len(parts), *counts.shape), np.int64)
         calls = [
-            (*voting, chunk[slice(*part)], target, change) for part, change in zip(parts, changes, strict=True)
-        ]
-        run_all(histogram_vote, calls)
+            (
+                *voting, chunk[slice(*part)], np.array([part[1] - part[0]]), target, change, wanted,
+                self.exemplar, self.bins, True,
+            )
+            for part, change in zip(parts, changes, strict=True)
+        ]  # fmt: skip
+        run_all(histogram_votes, calls)
         counts += changes.sum(axis=0)

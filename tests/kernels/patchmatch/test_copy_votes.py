@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tests.kernels.patchmatch import naive
-from texloom.stages.synthesis._patchmatch.vote import copy_vote, mean_vote, window
+from texloom.stages.synthesis._patchmatch.vote import copy_vote, mean_vote
 
 
 @pytest.mark.parametrize("wrap", [False, True])
@@ -12,7 +12,7 @@ def test_the_best_proposal_is_copied(reach: int, wrap: bool, rng: np.random.Gene
     exemplar = rng.integers(-50, 50, (*shape, channels)).astype(np.int16)
     match = np.stack([rng.integers(0, side - size + 1, (7, 8)) for side in shape]).astype(np.int32)
     flat = np.ascontiguousarray(exemplar.reshape(shape[0], -1))
-    target = mean_vote(match, flat, channels, window(size), wrap)
+    target = mean_vote(match, flat, channels, size, wrap)
     source = copy_vote(match, target, flat, channels, size, reach, wrap)
     whole = (7, 8) if wrap else (9, 10)
     assert source.shape == (*whole, 2)

@@ -24,7 +24,7 @@ from texloom.stages.kernels.patchmatch.search import (
 )
 from texloom.stages.synthesis._patchmatch.allowed import Allowed
 from texloom.stages.synthesis._patchmatch.search import Effort, Search
-from texloom.stages.synthesis._patchmatch.vote import mean_vote, window
+from texloom.stages.synthesis._patchmatch.vote import mean_vote
 
 EFFORT = Effort(sweeps=3, tries=3, fill_tries=2, tolerance=0.0)
 
@@ -262,7 +262,7 @@ def search(exemplar: np.ndarray, wrap: bool, occurrence: float = 0.0) -> Search:
 def test_search_is_the_same_for_any_number_of_threads(
     exemplar: np.ndarray, match: np.ndarray, wrap: bool, occurrence: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    target = mean_vote(match, flat(exemplar), CHANNELS, window(SIZE), wrap)
+    target = mean_vote(match, flat(exemplar), CHANNELS, SIZE, wrap)
     reports = []
 
     def step(seed: int = 1) -> np.ndarray:
@@ -280,7 +280,7 @@ def test_search_is_the_same_for_any_number_of_threads(
 def test_search_without_penalty_never_makes_the_target_worse(
     exemplar: np.ndarray, match: np.ndarray, wrap: bool
 ) -> None:
-    target = mean_vote(match, flat(exemplar), CHANNELS, window(SIZE), wrap)
+    target = mean_vote(match, flat(exemplar), CHANNELS, SIZE, wrap)
     keys, before = np.random.default_rng(1), naive.distances(target, flat(exemplar), match, CHANNELS, SIZE)
     for _ in range(3):
         energy, *_, changed = search(exemplar, wrap).step(target, match, EFFORT, keys)
@@ -308,7 +308,7 @@ def test_energy_counts_the_occurrence_once(exemplar: np.ndarray) -> None:
 def test_a_match_moves_only_for_more_than_its_own_penalty(exemplar: np.ndarray, match: np.ndarray) -> None:
     """A new use makes a patch more expensive by ``penalty_per_use``; less gain would draw patches to and fro."""
     match = np.ascontiguousarray(match[:, :40])  # one strip, so that one price map holds for the sweep
-    target = mean_vote(match, flat(exemplar), CHANNELS, window(SIZE), True)
+    target = mean_vote(match, flat(exemplar), CHANNELS, SIZE, True)
     step = Search(flat(exemplar), CHANNELS, SIZE, PLACES, (40, 20), True, 1000.0, 2.0)
     penalty = naive.occurrence_penalty(match, SIZE, PLACES, step.penalty_per_use)
 
@@ -325,7 +325,7 @@ def test_a_match_moves_only_for_more_than_its_own_penalty(exemplar: np.ndarray, 
 
 
 def test_energy_is_that_of_the_matches_that_are_left(exemplar: np.ndarray, match: np.ndarray) -> None:
-    target = mean_vote(match, flat(exemplar), CHANNELS, window(SIZE), False)
+    target = mean_vote(match, flat(exemplar), CHANNELS, SIZE, False)
     again = search(exemplar, False, 10.0)
     random = np.random.default_rng(1)
     for _ in range(3):
@@ -342,10 +342,10 @@ def test_the_penalty_spreads_the_matches(exemplar: np.ndarray, match: np.ndarray
     spread = []
     for occurrence in (0.0, 20.0):
         own, keys = match.copy(), np.random.default_rng(1)
-        target = mean_vote(own, flat(exemplar), CHANNELS, window(SIZE), True)
+        target = mean_vote(own, flat(exemplar), CHANNELS, SIZE, True)
         for _ in range(3):
             search(exemplar, True, occurrence).step(target, own, EFFORT, keys)
-            target = mean_vote(own, flat(exemplar), CHANNELS, window(SIZE), True)
+            target = mean_vote(own, flat(exemplar), CHANNELS, SIZE, True)
         spread.append(naive.occurrence_map(own, SIZE, PLACES).std())
     assert spread[1] < 0.7 * spread[0]
 
@@ -388,7 +388,7 @@ def test_what_is_not_allowed_is_never_taken(
     allowed = Allowed(usable, *usable.shape, SIZE)
     forbidden = np.argwhere(~allowed.places)
     wanted = forbidden[rng.integers(0, len(forbidden), PATCHES)].transpose(2, 0, 1).astype(np.int32)
-    target = mean_vote(np.ascontiguousarray(wanted), flat(exemplar), CHANNELS, window(SIZE), wrap)
+    target = mean_vote(np.ascontiguousarray(wanted), flat(exemplar), CHANNELS, SIZE, wrap)
     match = allowed.moved(wanted)
     own = match.copy()
     step = Search(flat(exemplar), CHANNELS, SIZE, PLACES, PATCHES, wrap, occurrence, 2.0, allowed).step

@@ -9,7 +9,7 @@ from tests.synthetic import identity
 from texloom.stages import scratch
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.correspondence import from_pixels, rescale, to_pixels
-from texloom.stages.synthesis._patchmatch.vote import mean_vote
+from texloom.stages.synthesis._patchmatch.vote import vote_pixels
 
 SIZES = [3, 4, 5, 10]
 """patch sides, odd and even"""
@@ -34,10 +34,10 @@ def test_pixels_are_those_of_the_patch_about_them(size: int, rng: np.random.Gene
     """A vote in which only the patch counts in whose middle a pixel lies."""
     places = (9, 8)
     match = np.stack([rng.integers(0, n, (12, 11)) for n in places]).astype(np.int32)
-    exemplar = rng.integers(0, 1000, (places[0] + size - 1, places[1] + size - 1)).astype(np.int16)
+    exemplar = rng.integers(0, 1000, (places[0] + size - 1, places[1] + size - 1, 1)).astype(np.float32)
     middle = np.zeros(size, np.int32)
     middle[size // 2] = 1
-    voted = mean_vote(match, exemplar, 1, middle, True)[:12, :11]
+    voted = vote_pixels(match, exemplar, middle, True)
     pixels = to_pixels(match, size, wrap=True)
     np.testing.assert_array_equal(exemplar[pixels[..., 0], pixels[..., 1]], voted)
 

@@ -76,8 +76,6 @@ def test_a_torus_has_no_place_of_its_own(rng: np.random.Generator) -> None:
     """Turning the correspondence around turns the vote around."""
     exemplar = rng.integers(-900, 900, (14, 13)).astype(np.int16)
     match = np.stack([rng.integers(0, n, (12, 11)) for n in (11, 10)]).astype(np.int32)
-    voted = mean_vote(match, exemplar, 1, window(4, 1.3), True)[:12, :11]
-    turned = mean_vote(np.ascontiguousarray(np.roll(match, (5, 3), (1, 2))), exemplar, 1, window(4, 1.3), True)[
-        :12, :11
-    ]
+    voted = mean_vote(match, exemplar, 1, 4, True)[:12, :11]
+    turned = mean_vote(np.ascontiguousarray(np.roll(match, (5, 3), (1, 2))), exemplar, 1, 4, True)[:12, :11]
     np.testing.assert_array_equal(turned, np.roll(voted, (5, 3), (0, 1)))
