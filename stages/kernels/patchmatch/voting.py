@@ -195,7 +195,7 @@ def _bin(value, low, step, count):
 
 @numba.njit(cache=True, nogil=True)
 def count_bins(values, lows, widths, counts):
-    """Add the histograms of ``values``, (h, w * channels) int16, to ``counts``; see `histogram_vote`."""
+    """Add the histograms of ``values``, (h, w * channels) int16, to ``counts``; see `histogram_votes`."""
     channels = lows.size
     for y in range(values.shape[0]):
         for x in range(values.shape[1] // channels):
