@@ -177,6 +177,7 @@ SQUARE = [[0, 0, 10, 10], [1, 0, 40, 10], [0, 1, 10, 40]]
         ({"vertices": SQUARE, "generators": [[1, 2], [3]]}, r"generators\.1\.1: Field required, got \[3\]"),
         ({"vertices": SQUARE, "generators": [[9, 2], [9, 2]]}, "the lattice's cells are smaller than 4 px"),
         ({"vertices": [*SQUARE, [1, 1, 900, 40]]}, r"vertices\.3: \(900, 40\) is far outside the exemplar"),
+        ({"vertices": [*SQUARE, [1, 1, 4e9, 40]]}, r"vertices\.3\.2: Input should be less than or equal to 100000"),
         ({"vertices": SQUARE, "generators": [[0, 30], [30, 0]]}, r"the cell at step \[0, 0\] is inverted"),
     ],
 )

@@ -13,9 +13,10 @@ from pydantic import Field
 from texloom.stages.declare import InputError, first_problem
 
 _MAX_STEPS = 10_000  # larger step numbers are taken for mistakes
+_MAX_PIXELS = 100_000.0  # as are positions that are farther than thrice the largest side of a picture
 
 _Step = Annotated[int, Field(ge=-_MAX_STEPS, le=_MAX_STEPS)]
-_Pixels = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+_Pixels = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-_MAX_PIXELS, le=_MAX_PIXELS)]
 _Vector = tuple[_Pixels, _Pixels]
 
 
