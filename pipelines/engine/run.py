@@ -163,6 +163,19 @@ class Run:
                     )
                 if problem is not None:
                     raise InputError(one_line(f"--out {out}: {problem}"))
+        self._check_tiles()
+
+    def _check_tiles(self) -> None:
+        """`InputError` where a result of a size that is known cannot be cut into equal UDIM tiles."""
+        if self.flow.delivery.udim is None:
+            return
+        rows, columns = self.flow.delivery.udim
+        for file, reference in self.flow.exports.items():
+            step = self.flow.steps.get(reference.name) if file.endswith("/") else None
+            size = getattr(step.params, "size", None) if step is not None else None
+            if isinstance(size, tuple) and (size[0] % rows or size[1] % columns):
+                sides, tiles = f"{size[0]}x{size[1]}", f"{rows}x{columns}"
+                raise InputError(f"--udim: {sides} px cannot be cut into {tiles} equal tiles; change --size")
 
     def footprint(self) -> Footprint | None:
         """What a large result takes of memory and disk; none where none is large."""

@@ -405,6 +405,14 @@ def test_layouts_and_documents_are_exports(folder: Path, monkeypatch: pytest.Mon
     assert marks(folder / "made")["texture.usda"] != after["texture.usda"]
 
 
+def test_a_size_that_tiles_do_not_divide_is_refused_first(folder: Path) -> None:
+    (folder / "flow.yaml").write_text(MATERIAL)
+    before = files(folder)
+    with pytest.raises(InputError, match=r"^--udim: 32x48 px cannot be cut into 3x1 equal tiles; change --size$"):
+        run_material(folder, layout="unreal", udim="3x1")
+    assert files(folder) == before
+
+
 def test_maps_of_a_document_replace_no_source(folder: Path) -> None:
     (folder / "made").mkdir()
     (folder / "material").rename(folder / "made" / "texture_maps")
