@@ -44,7 +44,7 @@ _LOG = logging.getLogger(__name__)
 
 _MIN_CORRELATION = 0.05  # share of the texture explained, below which a note is given
 _DISCRETE_RATIO = 1.8  # minimum ratio of scales of the discrete solver
-_PATCHES_UP_TO = 0.25  # of full size, the scales at which the mixed solver lays patches
+_PATCHES_UP_TO = 0.5  # of full size, the scales at which the mixed solver lays patches
 
 PRESETS: dict[str, dict[str, Any]] = {
     "default": {"ratio": 1.5, "first_iterations": 12, "last_iterations": 3, "sweeps": 4, "tolerance": 0.005},
@@ -60,7 +60,7 @@ class ReconstructParams(Params):
     solver: Literal["optimise", "discrete", "mixed"] = "optimise"
     """`optimise`: patch search and voting alternate; `discrete`: pixels are replaced one by one by candidates that
     continue their neighbours, less coherent, but thin lines stay whole and detail sharp, and the only one that
-    supports ``target_jacobian``; `mixed`: patches up to a quarter of full size, for structure, then pixels"""
+    supports ``target_jacobian``; `mixed`: patches up to half of full size, for structure, then pixels"""
     size: Size | None = None
     """height and width of the result, px; null: those of the target or of its Jacobians"""
     control_weight: float = Field(CONTROL_WEIGHT, gt=0, le=100)
