@@ -148,12 +148,12 @@ def _is_grey(image: Image) -> bool:
 
 def _varying(planes: Float32[np.ndarray, "h w c"]) -> np.ndarray:
     """Whether each plane is not constant."""
-    rows = _by_plane(planes, np.float32)
+    rows = by_plane(planes, np.float32)
     low, high = rows.min(axis=1), rows.max(axis=1)
     return np.asarray(high - low > _MIN_RANGE * np.maximum(-low, high))
 
 
-def _by_plane(values: np.ndarray, dtype: type) -> np.ndarray:
+def by_plane(values: np.ndarray, dtype: type) -> np.ndarray:
     """A row for each plane, the last axis; statistics of rows take a fraction of the time of those of columns."""
     return values.reshape(-1, values.shape[-1]).T.astype(dtype, order="C")
 
@@ -292,7 +292,7 @@ def response_curve(
     moved = np.concatenate([[0.0], rise / rise[-1], [1.0]])[::-1][last]
     moved = (moved - moved[0]) / max(float(moved[-1] - moved[0]), 1e-9)
     gained = float((means**2).sum(axis=1).mean())
-    total = explained + float(_by_plane(rest, np.float64).var(axis=1).sum())
+    total = explained + float(by_plane(rest, np.float64).var(axis=1).sum())
     weight = min(0.5, gained / max(gained + explained + _RESPONSE_CHANCE * total, 1e-9))
     return values, (1 - weight) * values + weight * moved
 
@@ -304,7 +304,7 @@ def _not_proportional(
     centred, own = (part - part.mean(axis=0, dtype=np.float64) for part in (texture, shares))
     moments, products = (np.einsum("nk,nc->kc", own, part) for part in (own, centred))  # no threads, as BLAS has
     proportional = np.einsum("nk,kc->nc", own, np.linalg.lstsq(moments, products, rcond=None)[0])
-    return (centred - proportional).astype(np.float32), float(_by_plane(proportional, np.float64).var(axis=1).sum())
+    return (centred - proportional).astype(np.float32), float(by_plane(proportional, np.float64).var(axis=1).sum())
 
 
 def fit_scale(image: Image, control: Image | None, weight: float, linear: bool = False) -> ControlScale:
@@ -318,7 +318,7 @@ def fit_scale(image: Image, control: Image | None, weight: float, linear: bool =
     """
     is_stack = frame_count(image.channels) > 1
     light = lab_of_frames(image) if is_stack else lab_from_linear(image.color)
-    colour = _by_plane(light, np.float64).var(axis=1)
+    colour = by_plane(light, np.float64).var(axis=1)
     first = 1 if image.channels[0] == "Y" else 3
     deviation = float(np.sqrt(colour.mean()))
     further = {}
