@@ -29,6 +29,7 @@ from benchmarks.timing import Seconds, fastest
 from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store import preview
+from texloom.pipelines.store.png_file import png
 from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
 from texloom.stages.analysis.k_coherence import KCoherenceParams, k_coherence
 from texloom.stages.analysis.tsvq import Tsvq, TsvqParams, tsvq
@@ -192,7 +193,7 @@ def as_png(image: Image) -> bytes:
     """A PNG of an image."""
     levels = preview.picture(dict(zip(image.channels, np.moveaxis(image.pixels, 2, 0), strict=True)))
     assert levels is not None
-    return preview.png(levels)
+    return png(levels)
 
 
 def opened(name: str) -> Image:

@@ -14,11 +14,11 @@ import numpy as np
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.flow.model import Flow, Reference
 from texloom.pipelines.media.arrays import Picture, kinds_of
-from texloom.pipelines.media.material_export import channels_of, codes_of, encode_png, write_maps
+from texloom.pipelines.media.material_export import channels_of, codes_of, write_maps
 from texloom.pipelines.media.sources import Source
 from texloom.pipelines.media.writers.registry import WRITERS, Job, write, writer_of
 from texloom.pipelines.store.atomic import write_atomically
-from texloom.pipelines.store.preview import png
+from texloom.pipelines.store.png_file import png
 from texloom.pipelines.store.store import Artifact, Store
 from texloom.pipelines.store.types import Hint
 from texloom.stages.arrays import Image
@@ -200,7 +200,7 @@ class Texture:
             names = channels_of("albedo", self._linear.channels)
             names = ["Y", *names[3:]] if names[0] == "Y" else names
             bits = 16 if self.image.dtype == np.uint16 else 8
-            write_atomically(target, encode_png(codes_of(self._linear, names, "albedo", bits, False), provenance))
+            write_atomically(target, png(codes_of(self._linear, names, "albedo", bits, False), provenance))
         return target
 
     def _repr_png_(self) -> bytes:

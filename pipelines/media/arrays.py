@@ -86,10 +86,10 @@ def _encoded(given: Any) -> tuple[str, bytes]:
     if not isinstance(given, np.ndarray | Image):
         raise InputError(f"a {type(given).__name__} is no picture; a path and an array (h, w) or (h, w, 3) are")
     if isinstance(given, np.ndarray) and given.dtype in (np.uint8, np.uint16):
-        from texloom.pipelines.media.material_export import encode_png
+        from texloom.pipelines.store.png_file import png
 
         Image.of(given[:1, :1])  # its shape is checked
-        return ".png", encode_png(given[..., None] if given.ndim == 2 else given)
+        return ".png", png(given)
     image = Image.of(given) if isinstance(given, np.ndarray) else given
     if isinstance(given, np.ndarray) and given.shape[2:] >= (3,) and given.max() > 1 and not (given % 1).any():
         raise InputError(

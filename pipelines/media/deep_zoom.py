@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from texloom.pipelines.store.atomic import write_atomically
-from texloom.pipelines.store.preview import eight_bits, png
+from texloom.pipelines.store.png_file import png
+from texloom.pipelines.store.preview import eight_bits
 from texloom.stages.scratch import empty, release
 
 TILE = 512  # px
@@ -62,7 +63,7 @@ def write_deep_zoom(path: str | os.PathLike[str], height: int, width: int, read:
                 small = _halved(pixels)
                 half[top // 2 : top // 2 + len(small), left // 2 : left // 2 + small.shape[1]] = small
                 levels = eight_bits(pixels)
-                content = png(levels[..., 0] if levels.shape[2] == 1 else levels)
+                content = png(levels)
                 write_atomically(folder / f"{column}_{row}.png", content, durable=False)
                 written[f"{room}/{level}/{column}_{row}.png"] = hashlib.sha256(content).hexdigest()
             assert half is not None

@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from texloom.pipelines.media.delivery import Delivery
-from texloom.pipelines.media.material_export import channels_of, codes_of, encode_png
+from texloom.pipelines.media.material_export import channels_of, codes_of
 from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
+from texloom.pipelines.store.png_file import png
 from texloom.stages.arrays import Image
 from texloom.stages.frames import frames_of
 
@@ -44,7 +45,7 @@ def write_frames(
             continue
         file, grey = f"{stem}.png", frame.channels == ("Y",)
         names = ["Y"] if grey else channels_of("albedo", frame.channels)
-        content = encode_png(codes_of(frame, names, "albedo", bits, directx=False), provenance)
+        content = png(codes_of(frame, names, "albedo", bits, directx=False), provenance)
         write_atomically(folder / file, content)
         written[file] = hashlib.sha256(content).hexdigest()
     return written

@@ -14,8 +14,7 @@ from texloom.pipelines.media.material_set import COLORS, ROLES, Map, normal_code
 from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
-from texloom.pipelines.store.png_file import LARGE, write_png
-from texloom.pipelines.store.preview import png
+from texloom.pipelines.store.png_file import LARGE, png, write_png
 from texloom.stages.arrays import Image
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.normals import NORMAL, rounding, unit
@@ -78,7 +77,7 @@ def write_maps(
             levels = codes_of(image, channels, role, bits[role], directx)
             if role == "normal" and one is not None:
                 _keep_codes(levels, image, one)
-            write(file, encode_png(levels, provenance))
+            write(file, png(levels, provenance))
             bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx))
     write(f"{_NAME}.mtlx", document(_NAME, bound, delivery.size(image.height, image.width)).encode())
     return written
@@ -94,7 +93,7 @@ def write_deep_png(image: Image, path: Path) -> str:
     has_alpha = "A" in image.channels
     grey = image.channels[0] == "Y" and not has_alpha
     channels = ["Y"] if grey else channels_of("albedo", image.channels)
-    content = encode_png(codes_of(image, channels, "albedo", 16, directx=False))
+    content = png(codes_of(image, channels, "albedo", 16, directx=False))
     write_atomically(path, content)
     return hashlib.sha256(content).hexdigest()
 
@@ -166,17 +165,3 @@ def _code_strips(
             levels[..., place] = np.rint(np.clip(values, 0, 1) * most)
         release(image.pixels)
         yield levels
-
-
-def encode_png(levels: np.ndarray, provenance: Mapping[str, Any] | None = None) -> bytes:
-    """A PNG of integers, (h, w, c); the provenance is stored in 8 bits only."""
-    grey = levels.shape[2] == 1
-    if levels.dtype == np.uint8:
-        return png(levels[..., 0] if grey else levels, provenance)
-    import cv2  # Pillow writes 16 bits in grey alone
-
-    order = [0] if grey else [2, 1, 0, *range(3, levels.shape[2])]
-    done, content = cv2.imencode(".png", levels[..., order])
-    if not done:
-        raise OSError("a PNG of 16 bits could not be made")
-    return bytes(content)

@@ -37,8 +37,8 @@ from texloom.pipelines.store.atomic import atomic_path, file_digest, write_atomi
 from texloom.pipelines.store.capture import capture_output
 from texloom.pipelines.store.outputs import Array, Layout, outputs_of, prepared
 from texloom.pipelines.store.page import with_run
-from texloom.pipelines.store.png_file import LARGE, write_png
-from texloom.pipelines.store.preview import picture, png
+from texloom.pipelines.store.png_file import LARGE, png, write_png
+from texloom.pipelines.store.preview import picture
 from texloom.pipelines.store.types import Hint, hints_of
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError

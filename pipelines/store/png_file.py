@@ -1,7 +1,12 @@
-"""PNG files of pictures larger than memory, written strip by strip."""
+"""PNG pictures; those larger than memory are written strip by strip.
+
+Every line is filtered by the difference to the one above, and runs of equal bytes are shortened (RLE). To choose a
+filter for each line takes two to three times longer and makes textures 2 to 9 % smaller.
+"""
 
 from __future__ import annotations
 
+import io
 import json
 import struct
 import zlib
@@ -16,7 +21,20 @@ from texloom.pipelines.store.atomic import atomic_path, file_digest
 LARGE = 2**24
 """pixels of a picture above which it is written in strips"""
 _COLOR_TYPES = {1: 0, 2: 4, 3: 2, 4: 6}  # by number of channels: grey, grey and alpha, RGB, RGBA
-_SUB = 1  # filter: each byte less that of the pixel on its left
+_UP = 2  # filter: each byte less that of the line above
+_STRIP = 2**20  # pixels compressed at once
+
+
+def png(levels: np.ndarray, provenance: Mapping[str, Any] | None = None) -> bytes:
+    """A PNG of a picture: uint8 or uint16, (h, w) or (h, w, c) with 1 to 4 channels.
+
+    ``provenance``: stored as JSON in its text ``texloom.provenance``.
+    """
+    height, width = levels.shape[:2]
+    rows = max(1, _STRIP // width)
+    file = io.BytesIO()
+    _write(file, height, width, (levels[top : top + rows] for top in range(0, height, rows)), provenance)
+    return file.getvalue()
 
 
 def write_png(
@@ -29,39 +47,51 @@ def write_png(
     strips : uint8 or uint16, (rows, width, c), from top to bottom, with 1 to 4 channels.
     provenance : stored as JSON in its text ``texloom.provenance``.
     """
-    compressor = zlib.compressobj(1)
     with atomic_path(path) as temporary:
         with temporary.open("wb") as file:
-            is_first = True
-            for strip in strips:
-                if is_first:
-                    _begin(file, height, width, strip, provenance)
-                    is_first = False
-                _chunk(file, b"IDAT", compressor.compress(_filtered(strip)))
-            _chunk(file, b"IDAT", compressor.flush())
-            _chunk(file, b"IEND", b"")
+            _write(file, height, width, strips, provenance)
         return file_digest(temporary)
+
+
+def _write(
+    file: BinaryIO,
+    height: int,
+    width: int,
+    strips: Iterable[np.ndarray],
+    provenance: Mapping[str, Any] | None,
+) -> None:
+    compressor = zlib.compressobj(1, strategy=zlib.Z_RLE)
+    above: np.ndarray | None = None
+    for strip in strips:
+        big_endian = np.ascontiguousarray(strip.astype(strip.dtype.newbyteorder(">"), copy=False))
+        lines = big_endian.view(np.uint8).reshape(len(strip), -1)
+        if above is None:
+            _begin(file, height, width, strip, provenance)
+            above = np.zeros_like(lines[0])
+        _chunk(file, b"IDAT", compressor.compress(_filtered(lines, above).data))
+        above = lines[-1]
+    _chunk(file, b"IDAT", compressor.flush())
+    _chunk(file, b"IEND", b"")
 
 
 def _begin(
     file: BinaryIO, height: int, width: int, strip: np.ndarray, provenance: Mapping[str, Any] | None
 ) -> None:
     file.write(b"\x89PNG\r\n\x1a\n")
-    kind = (8 * strip.dtype.itemsize, _COLOR_TYPES[strip.shape[2]], 0, 0, 0)
+    channels = strip.shape[2] if strip.ndim == 3 else 1
+    kind = (8 * strip.dtype.itemsize, _COLOR_TYPES[channels], 0, 0, 0)
     _chunk(file, b"IHDR", struct.pack(">2I5B", width, height, *kind))
     if provenance is not None:
         _chunk(file, b"iTXt", b"texloom.provenance\0\0\0\0\0" + json.dumps(provenance).encode())
 
 
-def _filtered(strip: np.ndarray) -> bytes:
-    rows = np.ascontiguousarray(strip.astype(strip.dtype.newbyteorder(">"), copy=False))
-    values = rows.view(np.uint8).reshape(len(strip), strip.shape[1], -1)
-    lines = np.empty((len(strip), 1 + values[0].size), np.uint8)
-    lines[:, 0] = _SUB
-    differences = lines[:, 1:].reshape(values.shape)
-    differences[:, 0] = values[:, 0]
-    np.subtract(values[:, 1:], values[:, :-1], out=differences[:, 1:])
-    return lines.tobytes()
+def _filtered(lines: np.ndarray, above: np.ndarray) -> np.ndarray:
+    """Lines of bytes after the line ``above``, each with the number of its filter."""
+    filtered = np.empty((len(lines), 1 + lines.shape[1]), np.uint8)
+    filtered[:, 0] = _UP
+    np.subtract(lines[0], above, out=filtered[0, 1:])
+    np.subtract(lines[1:], lines[:-1], out=filtered[1:, 1:])
+    return filtered
 
 
 def _chunk(file: BinaryIO, kind: bytes, content: bytes) -> None:

@@ -1,12 +1,8 @@
-"""8-bit PNG pictures of arrays."""
+"""8-bit pictures of arrays."""
 
 from __future__ import annotations
 
-import io
-import json
-import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
 
 import numpy as np
 
@@ -104,20 +100,6 @@ def color_strips(planes: Mapping[str, np.ndarray], colors: str) -> Iterator[np.n
 def eight_bits(linear: np.ndarray) -> np.ndarray:
     """8-bit sRGB codes of linear light, which is clipped to 0..1."""
     return _rounded(srgb_from_linear(linear))
-
-
-def png(levels: np.ndarray, provenance: Mapping[str, Any] | None = None) -> bytes:
-    """A PNG of a `picture`; the provenance is stored as JSON in its text ``texloom.provenance``."""
-    import PIL.Image
-    import PIL.PngImagePlugin
-
-    text = PIL.PngImagePlugin.PngInfo()
-    if provenance is not None:
-        text.add_itxt("texloom.provenance", json.dumps(provenance))
-    buffer = io.BytesIO()
-    # Stronger compression takes longer and hardly reduces textures.
-    PIL.Image.fromarray(levels).save(buffer, "PNG", compress_level=1, compress_type=zlib.Z_RLE, pnginfo=text)
-    return buffer.getvalue()
 
 
 def _rounded(levels: np.ndarray) -> np.ndarray:

@@ -16,7 +16,8 @@ import numpy as np
 
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.capture import capture_output
-from texloom.pipelines.store.preview import picture, png, range_of
+from texloom.pipelines.store.png_file import png
+from texloom.pipelines.store.preview import picture, range_of
 from texloom.pipelines.studio.layers import Channels, layers_of
 from texloom.pipelines.studio.work import Encoded, Places, TileWork
 from texloom.stages.declare import InputError

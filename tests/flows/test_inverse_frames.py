@@ -10,7 +10,7 @@ import numpy as np
 from tests.aged import aged
 from tests.pipelines.media.test_material_export import saved
 from tests.pipelines.media.test_material_set import save
-from texloom.pipelines.media.material_export import encode_png
+from texloom.pipelines.store.png_file import png
 
 
 def test_every_pixel_of_a_compaction_has_a_whole_history(ran: Any, tmp_path: Path) -> None:
@@ -18,7 +18,7 @@ def test_every_pixel_of_a_compaction_has_a_whole_history(ran: Any, tmp_path: Pat
     (tmp_path / "frames").mkdir()
     for number, frame in enumerate(frames):
         codes = np.rint(np.clip(frame, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8)
-        (tmp_path / "frames" / f"t{number}.png").write_bytes(encode_png(codes))
+        (tmp_path / "frames" / f"t{number}.png").write_bytes(png(codes))
     save(tmp_path / "control.png", np.rint(control * 255).astype(np.uint8))
     sources = {"stack": tmp_path / "frames", "control": tmp_path / "control.png"}
     exports = ran(tmp_path / "out", "inverse_frames", sources, size="32x32", preset="fast")

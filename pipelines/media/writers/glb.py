@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.media.delivery import Delivery
-from texloom.pipelines.media.material_export import encode_png, with_unit_normals
+from texloom.pipelines.media.material_export import with_unit_normals
 from texloom.pipelines.media.writers.layouts import GLTF, levels_of, material_name, parts_of
 from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
+from texloom.pipelines.store.png_file import png
 from texloom.stages.arrays import Image
 from texloom.stages.common.surface.mesh import along_texture, unit_tangents
 from texloom.stages.common.surface.weld import weld
@@ -50,7 +51,7 @@ def binary(name: str, image: Image, delivery: Delivery, mesh: np.ndarray | None 
     arrays = _plane(image, delivery) if mesh is None else _indexed(mesh)
     blobs = [array.astype(array.dtype.newbyteorder("<")).tobytes() for array in arrays]
     parts = parts_of(image, GLTF)
-    blobs += [encode_png(levels_of(image, part, directx=False)) for part in parts]
+    blobs += [png(levels_of(image, part, directx=False)) for part in parts]
     views, content = [], b""
     for blob in blobs:
         views.append({"buffer": 0, "byteOffset": len(content), "byteLength": len(blob)})

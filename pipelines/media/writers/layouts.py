@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.media.delivery import Delivery
-from texloom.pipelines.media.material_export import channels_of, codes_of, encode_png, with_unit_normals
+from texloom.pipelines.media.material_export import channels_of, codes_of, with_unit_normals
 from texloom.pipelines.media.material_set import COLORS
 from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
+from texloom.pipelines.store.png_file import png
 from texloom.stages.arrays import Image
 
 SMOOTHNESS = "smoothness"
@@ -186,7 +187,7 @@ def write_maps_of(
                 color = part.role in COLORS
                 written[file] = write_texture(folder / file, piece, delivery, color, repeats)
             else:
-                content = encode_png(piece, provenance)
+                content = png(piece, provenance)
                 write_atomically(folder / file, content)
                 written[file] = hashlib.sha256(content).hexdigest()
     return files, written

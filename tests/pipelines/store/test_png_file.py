@@ -1,7 +1,8 @@
-"""PNG files that are written strip by strip."""
+"""PNG pictures, whole and written strip by strip."""
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
@@ -30,6 +31,24 @@ def test_strips_are_read_back(channels: int, dtype: type, tmp_path: Path) -> Non
     if channels in (3, 4):
         order = [2, 1, 0, 3][: max(3, channels)]
         np.testing.assert_array_equal(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[..., order[:channels]], levels)
+
+
+@pytest.mark.parametrize("shape", [(23, 17), (23, 17, 1), (23, 17, 2), (23, 17, 3), (1, 1, 4)])
+@pytest.mark.parametrize("strip", [2**20, 40])
+def test_a_picture_is_read_back(shape: tuple[int, ...], strip: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(png_file, "_STRIP", strip)
+    levels = np.random.default_rng(1).integers(0, 255, (*shape, 2), np.uint8, endpoint=True)
+    levels = levels[..., 0]  # not contiguous
+    with PIL.Image.open(io.BytesIO(png_file.png(levels, {"name": "Fläche"}))) as picture:
+        assert json.loads(picture.text["texloom.provenance"]) == {"name": "Fläche"}
+        np.testing.assert_array_equal(np.asarray(picture).reshape(shape), levels)
+
+
+def test_smooth_pictures_are_small() -> None:
+    """A ramp in either direction is a run of equal differences, or of equal values."""
+    ramp = np.broadcast_to(np.arange(256, dtype=np.uint8)[:, None], (256, 256))
+    assert len(png_file.png(ramp)) < 3000
+    assert len(png_file.png(np.ascontiguousarray(ramp.T))) < 3000
 
 
 def test_large_exports_are_the_same_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
