@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import io
+import itertools
 import json
 import logging
 import struct
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -24,9 +25,13 @@ from texloom.pipelines.store.atomic import file_digest
 from texloom.stages.common.surface.weld import weld
 
 SUFFIXES = (".obj", ".ply", ".glb", ".gltf", ".stl", ".off", *usd.SUFFIXES)
-_VERSION = 2  # to be raised when files are read to other values
+_VERSION = 3  # to be raised when files are read to other values
 _MAX_FACES = 20_000_000
+_MAX_NODES = 100_000  # of a glTF, which take 15 s
 _MEMORY = 12  # bytes that reading takes for a byte of a file, about
+_MEMORY_OF_WORD = 100  # bytes, for a word of text, of which polygons may be triangles
+_MEMORY_OF_FACE = 450  # bytes, of a triangle with all its corners
+_WORDS = (".obj", ".off")  # text whose faces may have any number of corners
 _SCHEME = "texloom:"
 
 
@@ -48,14 +53,22 @@ def inspect(reference: str) -> str:
     if importlib.util.find_spec(module) is None:
         raise Refusal(f"{name} is needed to read it; pip install 'texloom[{extra}]'")
     digest = hashlib.sha256(str(_VERSION).encode())
-    size = 0
+    needed = 0
     for one in _files(path):
         with opened(one) as file:
-            size += one.stat().st_size
+            needed += _MEMORY * one.stat().st_size
             digest.update(file_digest(file).encode())
-    if problem := check_memory(_MEMORY * size):
+            if one.suffix.lower() in _WORDS:
+                file.seek(0)
+                needed += _MEMORY_OF_WORD * _word_count(file)
+    if problem := check_memory(needed):
         raise Refusal(problem)
     return digest.hexdigest()
+
+
+def _word_count(file: BinaryIO) -> int:
+    """Words between spaces and tabs, about."""
+    return sum(part.count(b" ") + part.count(b"\t") for part in iter(lambda: file.read(1 << 20), b""))
 
 
 def read(reference: str, digest: str) -> np.ndarray:
@@ -113,17 +126,23 @@ def _corners(path: Path) -> np.ndarray:
     suffix = path.suffix.lower().removeprefix(".")
     try:
         parts = usd.corners(path) if _is_usd(path) else _by_trimesh(path, suffix)
-    except MemoryError:
+    except (MemoryError, Refusal):
         raise
     except Exception as error:
         reason = (str(error) or type(error).__name__).splitlines()[0]
         raise Refusal(f"cannot be read as {suffix}: {reason}") from None
-    count = sum(len(part) for part in parts) // 3
+    _check_faces(sum(len(part) for part in parts) // 3)
+    return np.concatenate(parts)
+
+
+def _check_faces(count: int) -> None:
+    """`Refusal` of none, or too many for the limit or the memory."""
     if not count:
         raise Refusal("has no faces")
     if count > _MAX_FACES:
         raise Refusal(f"has {count} faces, at most {_MAX_FACES}")
-    return np.concatenate(parts)
+    if problem := check_memory(_MEMORY_OF_FACE * count):
+        raise Refusal(f"has {count} faces; it {problem}")
 
 
 def _by_trimesh(path: Path, suffix: str) -> list[np.ndarray]:
@@ -137,12 +156,30 @@ def _by_trimesh(path: Path, suffix: str) -> list[np.ndarray]:
         content = _with_plain_material(content)
         options = {"resolver": trimesh.resolvers.FilePathResolver(str(path))}
     scene = trimesh.load_scene(io.BytesIO(content), file_type=suffix, process=False, **options)
-    return [
-        _of_object(scene.geometry[name], np.asarray(scene.graph[node][0]))
-        for node in sorted(scene.graph.nodes_geometry)
-        for name in [scene.graph[node][1]]
-        if isinstance(scene.geometry[name], trimesh.Trimesh)
-    ]
+    nodes = scene.graph.transforms.node_data
+    geometry = {node: scene.geometry[nodes[node]["geometry"]] for node in sorted(scene.graph.nodes_geometry)}
+    objects = {node: one for node, one in geometry.items() if isinstance(one, trimesh.Trimesh)}
+    _check_faces(sum(len(one.faces) for one in objects.values()))  # of a mesh for each node that shows it
+    transforms = _transforms(scene)
+    return [_of_object(one, transforms[node]) for node, one in objects.items()]
+
+
+def _transforms(scene: Any) -> dict[Any, np.ndarray]:
+    """From each node's coordinates to the scene's, (4, 4).
+
+    `trimesh.scene.transforms.SceneGraph.get` takes time by the square of the depth.
+    """
+    forest = scene.graph.transforms
+    known = {scene.graph.base_frame: np.eye(4)}
+    for shown in scene.graph.nodes_geometry:
+        path = [shown]
+        while path[-1] not in known:
+            if path[-1] not in forest.parents or len(path) > len(forest.parents) + 1:
+                raise ValueError("its nodes are no tree")
+            path.append(forest.parents[path[-1]])
+        for above, below in itertools.pairwise(reversed(path)):
+            known[below] = known[above] @ forest.edge_data[above, below]["matrix"]
+    return known
 
 
 def _with_plain_material(content: bytes) -> bytes:
@@ -151,6 +188,8 @@ def _with_plain_material(content: bytes) -> bytes:
     length = struct.unpack_from("<I", content, 12)[0] if is_binary else len(content)
     start = 20 if is_binary else 0
     document = json.loads(content[start : start + length])
+    if (count := len(document.get("nodes", []))) > _MAX_NODES:
+        raise Refusal(f"has {count} nodes, at most {_MAX_NODES}")
     for name in ("textures", "images", "samplers"):
         document.pop(name, None)
     document["materials"] = [{}]

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.surfaces import square
+from texloom.pipelines import memory
 from texloom.pipelines.media import meshes, shapes
 from texloom.pipelines.media.sources import SourceError, open_mesh
 from texloom.pipelines.media.writers.registry import Job, write
@@ -164,6 +165,72 @@ def test_what_is_no_mesh_is_refused_by_one_line(tmp_path: Path, file: str, conte
         open_mesh("mesh", str(tmp_path / file)).value()
     assert "\n" not in str(error.value)
     assert str(error.value).startswith(f"sources.mesh: {tmp_path / file}: ")
+
+
+def nodes_of(path: Path, nodes: list[dict[str, object]]) -> None:
+    """A glTF of a square for each node that has a mesh; the first node is the scene's."""
+    trimesh = pytest.importorskip("trimesh")
+    one = trimesh.Trimesh([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2], [0, 2, 3]], process=False)
+    content = trimesh.Scene([one]).export(file_type="glb")
+    length = struct.unpack("<I", content[12:16])[0]
+    document = json.loads(content[20 : 20 + length]) | {"nodes": nodes, "scenes": [{"nodes": [0]}], "scene": 0}
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    rest = content[20 + length :]
+    head = struct.pack("<4sIII4s", b"glTF", 2, 20 + len(text) + len(rest), len(text), b"JSON")
+    path.write_bytes(head + text + rest)
+
+
+def test_nodes_below_each_other_are_placed(tmp_path: Path) -> None:
+    """2,000 levels; with a path from the root for each node it would take a minute."""
+    levels = 2000
+    nodes: list[dict[str, object]] = [{"translation": [1, 0, 0], "children": [i + 1]} for i in range(levels)]
+    nodes[0]["scale"] = [2, 2, 2]
+    nodes[3]["mesh"] = 0
+    nodes_of(tmp_path / "deep.glb", [*nodes, {"mesh": 0}])
+    mesh = read(tmp_path / "deep.glb").reshape(2, 6, 12)
+    lowest = sorted(part[:, 0].min() for part in mesh)
+    assert lowest == [1 + 2 * 3, 1 + 2 * (levels - 1)]
+    np.testing.assert_allclose(np.ptp(mesh[:, :, :2], axis=1), 2)
+
+
+def test_nodes_that_hold_each_other_are_refused(tmp_path: Path) -> None:
+    nodes_of(tmp_path / "round.glb", [{"mesh": 0, "children": [1]}, {"mesh": 0, "children": [0]}])
+    with pytest.raises(SourceError, match="cannot be read as glb"):
+        read(tmp_path / "round.glb")
+
+
+def test_too_many_nodes_or_faces_are_refused_before_they_take_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nodes: list[dict[str, object]] = [{"children": [*range(1, 41)]}, *({"mesh": 0} for _ in range(40))]
+    nodes_of(tmp_path / "many.glb", nodes)
+    monkeypatch.setattr(meshes, "placed", lambda *_, **__: pytest.fail("placed"))
+    monkeypatch.setattr(meshes, "_MAX_FACES", 79)
+    with pytest.raises(SourceError, match="has 80 faces, at most 79"):
+        read(tmp_path / "many.glb")
+    monkeypatch.setattr(meshes, "_MAX_FACES", 80)
+    monkeypatch.setenv(memory.VARIABLE, "35kB")
+    with pytest.raises(SourceError, match=r"has 80 faces; it takes up to 36\.0 kB of memory"):
+        read(tmp_path / "many.glb")
+    monkeypatch.setattr(meshes, "_MAX_NODES", 40)
+    with pytest.raises(SourceError, match="has 41 nodes, at most 40"):
+        read(tmp_path / "many.glb")
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".off"])
+def test_a_polygon_of_many_corners_is_estimated_by_these(
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("trimesh")
+    corners = " ".join(["1", "2", "3"] * 1000)
+    points = "0 0 0\n1 0 0\n0 1 0\n"
+    obj = "".join(f"v {line}\n" for line in points.splitlines()) + f"f {corners}\n"
+    off = f"OFF\n3 1 0\n{points}3000 {corners}\n"
+    (tmp_path / f"polygon{suffix}").write_text(obj if suffix == ".obj" else off)
+    monkeypatch.setenv(memory.VARIABLE, "300kB")
+    with pytest.raises(SourceError, match=r"takes up to 37\d\.\d kB of memory"):
+        open_mesh("mesh", str(tmp_path / f"polygon{suffix}"))
 
 
 def test_a_shape_that_does_not_ship_is_refused() -> None:
