@@ -14,6 +14,7 @@ from texloom.stages.declare import InputError
 
 _FIELDS = ("name", "workers", "address")
 _MAX_WORKERS = 1024
+_NUMBA = ".numba_config.yaml"  # settings that it takes from the working folder, whoever wrote them
 _ADDRESS = re.compile(r"(tcp|tls|ws|wss|ucx)://[^\s/]+:\d{1,5}")
 
 Fail = Callable[[str, str], InputError]
@@ -45,7 +46,7 @@ def require_installed(runner: Runner) -> None:
 
 
 def check_environment() -> None:
-    """`InputError` where an environment variable that says how to compute is wrong."""
+    """`InputError` where an environment variable or a file that says how to compute is wrong."""
     from texloom.stages.kernels.core.threads import thread_count
 
     try:
@@ -56,6 +57,8 @@ def check_environment() -> None:
         from texloom.stages.common.per_pixel.device import wanted_device
 
         wanted_device()
+    if os.path.lexists(_NUMBA):
+        raise refused(f"{_NUMBA}: Numba would obey this file; remove it, or work in another folder")
 
 
 def _fields(declared: Any, fail: Fail) -> dict[str, Any]:

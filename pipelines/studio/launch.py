@@ -14,6 +14,7 @@ import click
 import uvicorn
 
 from texloom.pipelines.errors import refused
+from texloom.pipelines.flow.runner import check_environment
 from texloom.pipelines.studio.page import check_page
 from texloom.pipelines.studio.server import application
 from texloom.pipelines.studio.work import Places
@@ -37,6 +38,7 @@ class _Server(uvicorn.Server):
 
 def launch(folder: Path, store: Path, port: int, browser: bool) -> None:
     """Serve the studio of a folder until Ctrl-C; port 0 takes a free one."""
+    check_environment()
     check_page()
     if not folder.is_dir():
         raise refused(f"{folder}: is not a folder")

@@ -371,6 +371,22 @@ def test_a_wrong_environment(
     assert tree(empty) == before
 
 
+def test_settings_of_numba_beside_the_pictures_are_refused(empty: Path) -> None:
+    """Numba reads this file of the working folder whenever it is imported, whoever wrote it."""
+    save(empty / "a.png", blobs())
+    (empty / ".numba_config.yaml").write_text("opt: 0\n")
+    before = tree(empty)
+    for command in (("run", "quilting"), ("compare", "quilting", "hybrid", "--over", "*.png"), ("studio",)):
+        assert_refused(texloom(*command), ".numba_config.yaml: Numba would obey this file")
+    assert tree(empty) == before
+
+
+def test_numba_still_reads_the_file_that_is_refused() -> None:
+    from numba.core import config
+
+    assert config._config_fname == ".numba_config.yaml"
+
+
 def test_a_gpu_that_is_not_there(empty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(device, "gpu_problem", lambda: "there is none")
     monkeypatch.setenv("TEXLOOM_DEVICE", "gpu")
