@@ -40,12 +40,17 @@ def _weights_along(patches: int, window: Window, wrap: bool) -> np.ndarray:
     return np.convolve(np.ones(patches, np.int64), window.astype(np.int64))
 
 
-def run_shares(patch_size: int, channels: int) -> Float32[np.ndarray, "n m"]:
-    """How many patches of a run vote for each value that they cover, as `coherent_vote_sums` reads them."""
-    shares = np.zeros((_RUN, _RUN + patch_size - 1), np.float32)
+def run_shares(window: Window, channels: int) -> Float32[np.ndarray, "lengths values"]:
+    """Weight of the votes of a run of patches for each value that they cover, as `vote_sums` reads it."""
+    shares = np.zeros((_RUN, _RUN + window.size - 1), np.float32)
     for length in range(1, _RUN + 1):
-        shares[length - 1, : length + patch_size - 1] = np.convolve(np.ones(length), np.ones(patch_size))
+        shares[length - 1, : length + window.size - 1] = np.convolve(np.ones(length), window)
     return np.repeat(shares, channels, axis=1)
+
+
+def _sums_down(window: Window) -> Float32[np.ndarray, "rows"]:  # type: ignore[name-defined]
+    """Sums of the weights of a patch's first rows, from none to all."""
+    return np.concatenate([[0], window.cumsum()]).astype(np.float32)
 
 
 def mean_vote(
@@ -60,11 +65,12 @@ def mean_vote(
 
     Sums are whole numbers below 2**24, which single precision adds exactly.
     """
-    from texloom.stages.kernels.patchmatch.voting import Votes, coherent_vote_sums, find_runs, round_votes
+    from texloom.stages.kernels.patchmatch.voting import Votes, find_runs, round_votes, vote_sums
 
     votes = Votes(match[0], match[1], exemplar.astype(np.float32), channels, patch_size, wrap)
-    down, across = (_weights_along(count, window(patch_size), wrap) for count in match.shape[1:])
-    shares = run_shares(patch_size, channels)
+    even = window(patch_size)
+    down, across = (_weights_along(count, even, wrap) for count in match.shape[1:])
+    shares = run_shares(even, channels), _sums_down(even)
     weights = np.repeat(across, channels).astype(np.float64), down.astype(np.float64)
     extra = patch_size - 1 if wrap else 0
     if target is None:
@@ -72,7 +78,7 @@ def mean_vote(
 
     def vote(first: int, last: int) -> None:
         sums = np.empty((last - first, (match.shape[2] + patch_size - 1) * channels), np.float32)
-        coherent_vote_sums(votes, shares, *find_runs(votes, _RUN, first, last), sums)
+        vote_sums(votes, *shares, *find_runs(votes, _RUN, first, last), sums)
         round_votes(sums, *weights, target, first, last)
 
     run_bands(vote, (), down.size, (match, target))
@@ -101,12 +107,12 @@ def vote_pixels(
     match: Patches, pixels: Float32[np.ndarray, "h w c"], window: Window, wrap: bool, margin: int = 0
 ) -> Float32[np.ndarray, "H W c"]:
     """Average of all votes in any number of planes, in floating point, without ``margin`` px at every side."""
-    from texloom.stages.kernels.patchmatch.voting import Votes, vote_sums
+    from texloom.stages.kernels.patchmatch.voting import Votes, find_runs, vote_sums
 
     height, width, channels = pixels.shape
     flat = np.ascontiguousarray(pixels.reshape(height, width * channels))
     votes = Votes(match[0], match[1], flat, channels, window.size, wrap)
-    weights = window.astype(np.float32)
+    shares = run_shares(window, channels), _sums_down(window)
     down = _weights_along(match.shape[1], window, wrap)
     across = _weights_along(match.shape[2], window, wrap)
     inner = slice(margin, across.size - margin)
@@ -115,7 +121,9 @@ def vote_pixels(
     def vote(first: int, last: int) -> None:
         first, last = first + margin, last + margin
         sums = np.empty((last - first, (match.shape[2] + window.size - 1) * channels), np.float32)
-        vote_sums(votes, weights, np.repeat(weights, channels), sums, first, last)
+        runs, count = find_runs(votes, _RUN, first, last)
+        runs[..., 4:] = 0  # no blocks, which end where these rows end: sums are rounded
+        vote_sums(votes, *shares, runs, count, sums)
         sums = sums[:, : across.size * channels].reshape(last - first, across.size, channels)
         total = np.outer(down[first:last], across[inner]).astype(np.float32)
         np.divide(sums[:, inner], total[..., None], out=result[first - margin : last - margin])
@@ -184,7 +192,7 @@ class HistogramVote:
         self.wrap = wrap
         self.lows = np.asarray(lows * UNIT, np.float32)
         self.widths = np.asarray((highs - lows) * UNIT / _BINS, np.float32)
-        self.shares = run_shares(patch_size, self.channels + 1)
+        self.shares = run_shares(window(patch_size), self.channels + 1)
         self.bins = self._bins(exemplar).reshape(exemplar.shape)
         counted = self.bins.reshape(-1, self.channels)
         if usable is not None:

@@ -66,6 +66,27 @@ def test_runs_of_patches_vote_as_each_by_itself(wrap: bool, rng: np.random.Gener
     np.testing.assert_allclose(voted, expected, atol=0.51)
 
 
+@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("sigma", [None, 1.3])
+def test_sums_do_not_depend_on_where_rows_are_cut(
+    wrap: bool, sigma: float | None, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Equal runs lie above one another across every cut, and overlap others that begin and end elsewhere."""
+    pixels = rng.random((50, 60, 2), np.float32)
+    match = np.indices((40, 40), np.int32)
+    for _ in range(60):
+        y, x = rng.integers(0, 36, 2)
+        height, width = rng.integers(1, 16, 2)
+        part = match[:, y : y + height, x : x + width]
+        part[:] = np.indices(part.shape[1:]) + rng.integers(0, (30, 40))[:, None, None]
+    voted = {}
+    for rows in (2, 7, 100):
+        monkeypatch.setattr("texloom.stages.scratch._MIN_ROWS", rows)
+        voted[rows] = vote_pixels(match, pixels, window(SIZE, sigma), wrap)
+    np.testing.assert_array_equal(voted[2], voted[100])
+    np.testing.assert_array_equal(voted[7], voted[100])
+
+
 def test_votes_are_rounded_half_up() -> None:
     sums = np.arange(-6, 7, dtype=np.float32)[None]
     target = np.empty((1, 13), np.int16)
@@ -100,7 +121,7 @@ def test_histogram_vote_equals_twin(size: int, channels: int, wrap: bool, rng: n
     weighted_values(flat(exemplar), flat(bins), excess, table, 0, exemplar.shape[0])
     votes = Votes(*match, table, channels + 1, size, wrap)
     lows, widths = np.full(channels, -4000, np.float32), np.full(channels, 800, np.float32)
-    change, shares = np.zeros((channels, 10), np.int64), run_shares(size, channels + 1)
+    change, shares = np.zeros((channels, 10), np.int64), run_shares(window(size), channels + 1)
     runs = find_runs(votes, len(shares), 0, height)
     histogram_votes(
         votes, shares, *runs, lows, widths, rows, np.array([len(rows)]), target, change, np.zeros(change.shape),
