@@ -17,6 +17,7 @@ from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import InFlight, Outcome
 from texloom.pipelines.engine.worker_progress import DaskReceiver
 from texloom.pipelines.engine.workers import worker_count
+from texloom.pipelines.store.store import program_version
 from texloom.stages.declare import InputError
 
 _SECONDS = 10.0  # to wait for a scheduler, and for its first worker
@@ -61,7 +62,7 @@ class DaskCluster:
     def _probe_workers(self, where: str) -> None:
         with self._store.lock(worker.PROBE):
             probe = functools.partial(
-                worker.probe_worker, str(self._store.root), self._store.identity(), worker.program_version()
+                worker.probe_worker, str(self._store.root), self._store.identity(), program_version()
             )
             probes = self.client.run(probe, on_error="return")
         for address, answer in probes.items():

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.metadata
 import socket
 from pathlib import Path
 
 from texloom.pipelines.store.atomic import probe_folder
-from texloom.pipelines.store.store import Store
+from texloom.pipelines.store.store import Store, program_version
 from texloom.stages.declare import InputError
 
 PROBE = "probe"
@@ -41,8 +40,3 @@ def probe_worker(folder: str, identity: str, version: str) -> WorkerProbe:
         return WorkerProbe(host, str(error))
     problem = f"it can take a lock in {folder} that is held here: the file system must support flock"
     return WorkerProbe(host, problem)
-
-
-def program_version() -> str:
-    """The program that results name as their maker."""
-    return f"texloom {importlib.metadata.version('texloom')}"

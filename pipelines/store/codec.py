@@ -91,13 +91,14 @@ def _digest(output: Any) -> str:
     return content.hexdigest()
 
 
-def write(result: Any, folder: Path, provenance: Mapping[str, Any]) -> list[str]:
+def write(result: Any, folder: Path, provenance: Mapping[str, Any], previews: bool = True) -> list[str]:
     """Write a stage's result into an empty folder.
 
     Parameters
     ----------
     result : as for `digests`.
     provenance : of the result, ready for JSON.
+    previews : also write the pictures of arrays.
 
     Returns
     -------
@@ -115,7 +116,7 @@ def write(result: Any, folder: Path, provenance: Mapping[str, Any]) -> list[str]
         if tables:
             files[TABLES] = json.dumps(tables, indent=1).encode()
         files |= {f"{name}.{hints[name].text}": text.encode() for name, text in texts.items()}
-        for name, array in arrays.items():
+        for name, array in arrays.items() if previews else ():
             sides = array.layout.sides
             step = math.ceil(math.sqrt(math.prod(sides) / LARGE))
             levels = array.picture(step) if len(sides) == 2 and min(sides) >= _MIN_SIDE else None

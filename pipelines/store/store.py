@@ -4,7 +4,7 @@
 
     artifacts/
       cache/<stage>/<key>/             one result: result.exr, tables.json, previews, manifest.json
-      checkpoints/<stage>/<key>/<level>/   the same for the scales of a long step
+      checkpoints/<stage>/<key>/<level>/   the same for the scales of a long step, without previews
       records/<stage>-<key>            Prefect's record of a finished step; a result without one is ignored
       locks/                           one file a key; its lock is released when the holding process ends
       history/<flow>                   what a flow's last runs used, see `texloom.pipelines.store.history`
@@ -26,6 +26,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
+import functools
 import hashlib
 import importlib.metadata
 import json
@@ -33,7 +34,7 @@ import os
 import secrets
 import shutil
 import stat
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -327,22 +328,25 @@ class StoredCheckpoints:
     def save(self, level: int, state: Any) -> None:
         """Store ``state``; after a power failure it may be broken, and then an earlier one is the latest."""
         provenance = {**self.provenance, "level": level}
-        _write(self.folder / f"{level:02d}", state, provenance, is_durable=False)
+        _write(self.folder / f"{level:02d}", state, provenance, is_checkpoint=True)
 
 
 def _write(
-    folder: Path, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0, is_durable: bool = True
+    folder: Path, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0, is_checkpoint: bool = False
 ) -> tuple[dict[str, str], str]:
-    """File ``result`` as ``folder``; content digests of its outputs, and the manifest's."""
+    """File ``result`` as ``folder``; content digests of its outputs, and the manifest's.
+
+    A checkpoint is not flushed to the disk and has no previews.
+    """
     from texloom.pipelines.store.outputs import outputs_of
 
     result = outputs_of(result)
     with named(folder):
-        return _write_as(folder, result, provenance, seconds, is_durable)
+        return _write_as(folder, result, provenance, seconds, is_checkpoint)
 
 
 def _write_as(
-    folder: Path, result: Any, provenance: Mapping[str, Any], seconds: float, is_durable: bool
+    folder: Path, result: Any, provenance: Mapping[str, Any], seconds: float, is_checkpoint: bool
 ) -> tuple[dict[str, str], str]:
     from texloom.pipelines.store import codec
 
@@ -353,20 +357,22 @@ def _write_as(
     temporary = folder.with_name(prefix + secrets.token_hex(4))
     temporary.mkdir()
     try:
-        made = {"program": f"texloom {importlib.metadata.version('texloom')}", **provenance}
-        names = codec.write(result, temporary, made)
-        entries = run_all(_entry, [(temporary / name, is_durable) for name in names])
+        made = {"program": program_version(), **provenance}
+        names = codec.write(result, temporary, made, previews=not is_checkpoint)
+        # the digests of the outputs are computed while others wait for the disk
+        work: list[Callable[[], Any]] = [functools.partial(codec.digests, result)]
+        work += [functools.partial(_entry, temporary / name, not is_checkpoint) for name in names]
+        outputs, *entries = run_all(lambda one: one(), [(one,) for one in work])
         files = dict(zip(names, entries, strict=True))
-        outputs = codec.digests(result)
         times = {"created": _now(), "seconds": round(seconds, 3)}
         manifest = json.dumps({**made, **times, "outputs": outputs, "files": files}, indent=2).encode()
-        write_atomically(temporary / MANIFEST, manifest, is_durable)
-        if is_durable:
+        write_atomically(temporary / MANIFEST, manifest, not is_checkpoint)
+        if not is_checkpoint:
             _flush(temporary)
         if folder.exists():  # broken, or it would not be computed again
             shutil.rmtree(folder)
         temporary.rename(folder)
-        if is_durable:
+        if not is_checkpoint:
             _flush(folder.parent)
     except BaseException:
         shutil.rmtree(temporary, ignore_errors=True)
@@ -392,6 +398,12 @@ def _read(folder: Path, kind: type[Any], names: Collection[str] | None) -> dict[
         return codec.read(kind, folder, names)
     except codec.ArtifactError as error:
         raise BrokenArtifactError(str(error)) from None
+
+
+@functools.cache
+def program_version() -> str:
+    """The program that results name as their maker."""
+    return f"texloom {importlib.metadata.version('texloom')}"
 
 
 def read_manifest(folder: str | Path) -> tuple[dict[str, Any], str]:

@@ -37,7 +37,7 @@ from texloom.pipelines.engine.scheduler import InFlight, InlineExecutor, Outcome
 from texloom.pipelines.engine.task import TaskSpec, check_same, run_task
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides, Runner
-from texloom.pipelines.store.store import Store
+from texloom.pipelines.store.store import Store, program_version
 from texloom.stages.declare import InputError
 from texloom.stages.progress import Progress
 
@@ -257,7 +257,7 @@ def test_another_texloom_or_store_is_refused(folder: Path, tmp_path: Path) -> No
 
 def test_a_worker_says_whether_it_can_work_for_a_run(folder: Path) -> None:
     store = opened(folder).store
-    identity, version = store.identity(), worker.program_version()
+    identity, version = store.identity(), program_version()
     with store.lock(worker.PROBE):
         assert worker.probe_worker(str(store.root), identity, version).problem == ""
         assert "texloom 0" in worker.probe_worker(str(store.root), identity, "texloom 9").problem

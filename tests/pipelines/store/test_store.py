@@ -132,7 +132,7 @@ def test_a_store_can_be_moved(store: Store, tmp_path: Path) -> None:
 
 
 def test_a_failed_write_leaves_nothing(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    def write(_result: Any, folder: Path, _provenance: Any) -> list[str]:
+    def write(_result: Any, folder: Path, *_: Any, **__: Any) -> list[str]:
         (folder / "result.exr").write_bytes(b"half of it")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -162,6 +162,14 @@ def test_checkpoints_resume_at_the_last_whole_level(store: Store) -> None:
     level, state = checkpoints.latest(Otsu) or (0, None)
     assert level == 2
     np.testing.assert_array_equal(state.structure, result(2).structure)
+
+
+def test_a_checkpoint_has_no_previews(store: Store) -> None:
+    """Nobody looks at the scales of a step that goes on."""
+    checkpoints = store.checkpoints(STAGE.name, KEY)
+    checkpoints.save(1, result())
+    assert sorted(path.name for path in (checkpoints.folder / "01").iterdir()) == ["manifest.json", "result.exr"]
+    assert (store.save(STAGE, KEY, result(), {}).folder / "structure.png").exists()
 
 
 def test_a_store_below_a_file_is_refused(tmp_path: Path) -> None:
