@@ -363,6 +363,7 @@ def optimise(
     given: Image | None = None,
     exemplar_guide: Float32[np.ndarray, "h w k"] | None = None,
     target_guide: Float32[np.ndarray, "H W k"] | None = None,
+    guiding: Bool[np.ndarray, "_ _"] | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Optimised:
     """Make every patch of the result similar to a patch of the exemplar, and use the exemplar uniformly.
@@ -400,6 +401,8 @@ def optimise(
         units; see `guide`. Patches are also compared by it, and the exemplar's patches of every value of the guide
         are used uniformly. The target's is resized to the result, and NaN where it asks for nothing. None without a
         guide.
+    guiding : true where pixels of ``keep`` are only matched to: the result has the votes of its patches there,
+        which resemble them. None for none.
 
     Raises
     ------
@@ -428,7 +431,7 @@ def optimise(
     >>> texloom.stages.optimise(brick, start, preset="fast").image.shape
     (48, 64, 1)
     """
-    _check_inputs(image, start, guidance, keep, given)
+    _check_inputs(image, start, guidance, keep, given, guiding)
     wrap, (height, width) = params.tileable, start.shape[:2]
     border = Border(params.patch_size if params.border else 1)
     guides = _guides(image, start, exemplar_guide, target_guide, border)
@@ -443,7 +446,7 @@ def optimise(
     margin = 0 if wrap else params.patch_size - 1
     full = (height + 2 * margin, width + 2 * margin)
     usable = valid_pixels(image)
-    fixed = None if keep is None else FixedPixels(keep, start, margin, given)
+    fixed = None if keep is None else FixedPixels(keep, start, margin, given, guiding)
     scales = _plan((image.height, image.width), full, generators if phase else None, usable, params)
     optimisation = _Optimisation(image, guidance, weight, guides, phase, regularity, fixed, params)
     match, done = _run(optimisation, scales, start, full, rng, checkpoints)
@@ -478,6 +481,7 @@ def _check_inputs(
     guidance: ScalarMap | None,
     keep: Bool[np.ndarray, "_ _"] | None,
     given: Image | None,
+    guiding: Bool[np.ndarray, "_ _"] | None,
 ) -> None:
     height, width = start.shape[:2]
     if guidance is not None and guidance.shape != (image.height, image.width):
@@ -485,6 +489,8 @@ def _check_inputs(
     check_start(image, start)
     if keep is not None and keep.shape != (height, width):
         raise ValueError(f"keep of shape {keep.shape} for a start of {height}x{width} px")
+    if guiding is not None and guiding.shape != (height, width):
+        raise ValueError(f"guiding of shape {guiding.shape} for a start of {height}x{width} px")
     if given is not None:
         if (given.height, given.width) != (height, width):
             raise ValueError(f"given of {given.height}x{given.width} px for a start of {height}x{width} px")

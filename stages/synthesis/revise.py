@@ -313,13 +313,19 @@ class Revision:
         return np.asarray(filling.match.astype(np.uint32))
 
     def optimised(
-        self, texture: Image, start: Correspondence, keep: Mask, wrap: bool, rng: np.random.Generator
+        self,
+        texture: Image,
+        start: Correspondence,
+        keep: Mask,
+        wrap: bool,
+        rng: np.random.Generator,
+        guiding: Mask | None = None,
     ) -> Optimised:
-        """The result of the optimisation that keeps the pixels of ``keep`` of a texture."""
+        """The result of the optimisation that keeps the pixels of ``keep`` of a texture, see `optimise`."""
         options = {name: getattr(self.params, name) for name in OptimiseParams.model_fields} | {"tileable": wrap}
         return optimise(
             self.exemplar, start, OptimiseParams(**options), rng, self.guidance, self.weight, self.generators,
-            keep, texture,
+            keep, texture, guiding=guiding,
         )  # fmt: skip
 
 

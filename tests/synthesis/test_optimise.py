@@ -21,7 +21,7 @@ from texloom.stages.synthesis.optimise import PRESETS, Optimised, OptimiseParams
 SHAPE, LARGE, SIZE = (56, 64), (96, 104), (72, 80)
 """an exemplar, a large one and a result, px"""
 
-INPUTS = ("guidance", "weight", "generators", "keep", "checkpoints")
+INPUTS = ("guidance", "weight", "generators", "keep", "guiding", "checkpoints")
 """optional arguments of the stage"""
 
 QUICK = {"first_iterations": 6, "last_iterations": 2}
@@ -564,6 +564,18 @@ def test_holes_in_a_pattern_are_filled_with_the_pattern(
     filled = run(holes, identity(LARGE), preset="default", tileable=tileable, keep=keep).image.pixels
     spread = float(np.abs(whole.pixels - whole.pixels.mean(axis=(0, 1))).mean())
     assert float(np.abs(filled - whole.pixels)[~keep].mean()) < 0.25 * spread
+
+
+def test_guiding_pixels_are_matched_to_but_not_copied(large: Image, keep: np.ndarray) -> None:
+    guiding = keep & (np.arange(keep.shape[1]) < keep.shape[1] // 2)
+    params: dict[str, Any] = {"preset": "fast", "keep": keep}
+    start = random_start(large, LARGE)
+    whole, part = (run(large, start, guiding=mask, **params) for mask in (None, guiding))
+    np.testing.assert_array_equal(part.image.pixels[~guiding], whole.image.pixels[~guiding])
+    np.testing.assert_array_equal(part.match[~guiding], whole.match[~guiding])
+    assert (part.match[guiding] != whole.match[guiding]).any()
+    with pytest.raises(ValueError, match="guiding of shape"):
+        run(large, start, guiding=guiding.T, **params)
 
 
 def test_keeping_everything_is_a_copy(large: Image) -> None:

@@ -22,10 +22,19 @@ class FixedPixels:
     margin : px by which the target exceeds the result on every side; they are not fixed.
     given : of the result's size, with the exemplar's channels; none for the exemplar's pixels. Its pixels with an
         alpha below a half stay, but nothing is matched to them.
+    guiding : fixed pixels that are not set in the result; none for none.
     """
 
-    def __init__(self, mask: Mask, start: Correspondence, margin: int, given: Image | None = None):
+    def __init__(
+        self,
+        mask: Mask,
+        start: Correspondence,
+        margin: int,
+        given: Image | None = None,
+        guiding: Mask | None = None,
+    ):
         self.mask = mask
+        self.lasting = mask if guiding is None else mask & ~guiding
         self.start = start
         self.margin = margin
         self.given = given
@@ -69,10 +78,10 @@ class FixedPixels:
         return fixed[..., None] & known, np.pad(own, [*beyond, (0, 0)], mode="wrap")
 
     def put(self, pixels: np.ndarray, match: Correspondence, image: Image) -> None:
-        """Set the fixed pixels of a result, and their sources."""
-        own = self.start[self.mask]
+        """Set the fixed pixels of a result, and their sources, but for those that only guide."""
+        own = self.start[self.lasting]
         if self.given is None:
-            pixels[self.mask] = image.pixels[own[:, 0], own[:, 1]]
+            pixels[self.lasting] = image.pixels[own[:, 0], own[:, 1]]
         else:
-            pixels[self.mask] = self.given.pixels[self.mask]
-        match[self.mask] = own
+            pixels[self.lasting] = self.given.pixels[self.lasting]
+        match[self.lasting] = own
