@@ -36,6 +36,12 @@ def blobs(shape: tuple[int, ...], rng: np.random.Generator, sigma: float = 2.5) 
     return np.clip(4 * smooth_noise(shape, sigma, rng) - 1.5, 0.02, 1)
 
 
+def spots(shape: tuple[int, int], rng: np.random.Generator) -> np.ndarray:
+    """Spots of a few px with soft borders, 0..1, ever more to the right."""
+    density = np.linspace(0, 1, shape[1])
+    return np.asarray(np.clip(4 * (smooth_noise(shape, 1.5, rng) + density - 1) + 0.5, 0, 1))
+
+
 def masked(image: Image, usable: np.ndarray, value: float) -> Image:
     """``image`` with ``value`` in the pixels that are not ``usable``, which a further channel marks."""
     pixels = np.where(usable[..., None], image.pixels, np.float32(value))

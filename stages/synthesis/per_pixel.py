@@ -27,6 +27,7 @@ from texloom.stages.common.per_pixel.phases import phases_of
 from texloom.stages.common.per_pixel.tables import CONTROLS, Tables, make_tables
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.sizes import Size
+from texloom.stages.synthesis._kcoherence.detail_of_control import as_smooth_as
 from texloom.stages.synthesis._kcoherence.known_control import extrapolated, notes_on_target
 
 _LOG = logging.getLogger(__name__)
@@ -184,7 +185,7 @@ def check_sources(params: PerPixelParams, known: Mapping[str, Any]) -> None:
         raise InputError(f"origin: {list(params.origin)} for a tileable result, which begins at [0, 0]")
 
 
-@stage(version=2, check=check_sources)
+@stage(version=3, check=check_sources)
 def per_pixel(
     image: Image,
     appearance: Annotated[Int16[np.ndarray, "levels h w 8"], Channels(tuple(f"c{n}" for n in range(8)))],
@@ -222,6 +223,7 @@ def per_pixel(
     appearance, basis, candidates, toroidal : its analysis, see `appearance_stack`.
     control : the exemplar's control map, of any number of channels up to 8 and of any size of its aspect ratio.
     target : the control map of the result, with the same channels; beyond it the texture goes on as at its border.
+        If it is smooth and ``control`` is not, ``control`` is blurred.
     jacobian : how the texture is distorted in the exemplar; the one that the analysis was made with.
     target_jacobian : how it is to be distorted in the result.
     fixed : pixels of the result that stay as ``fixed_match`` says.
@@ -270,7 +272,9 @@ def per_pixel(
     wanted, weight = None, params.control_weight
     notes: list[str] = []
     if target is not None and scale is not None and own is not None:
-        wanted, rare = extrapolated(own, scale.of_control(target, *(params.extent or size)) / scale.strength, 1.0)
+        wanted = scale.of_control(target, *(params.extent or size)) / np.float32(scale.strength)
+        own = as_smooth_as(own, wanted, toroidal)
+        wanted, rare = extrapolated(own, wanted, 1.0)
         notes = notes_on_target(scale.beyond(target), rare)
     for note in notes:
         _LOG.warning(note)

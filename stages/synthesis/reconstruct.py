@@ -189,7 +189,7 @@ def _scales(
     return scales
 
 
-@stage(version=3, check=check_sizes)
+@stage(version=4, check=check_sizes)
 def reconstruct(
     image: Image,
     params: ReconstructParams,
@@ -221,6 +221,7 @@ def reconstruct(
     control : its control map, of any number of channels; resampled to the exemplar's size. None for a stationary
         texture; then there is no target, but ``params.size`` or ``target_jacobian``.
     target : control map of the result, with the same channels; values outside the range of ``control`` are clipped.
+        If it is smooth and ``control`` is not, ``control`` is blurred.
     start : source of every pixel of the result in the exemplar, to start from; none starts from blocks with similar
         control.
     target_jacobian : orientation of the texture in the result, as in `per_pixel`; see `compact_oriented`.

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.runs import run_with_progress, run_with_threads
-from tests.synthetic import WALL, in_step, jump, picture, smooth_noise, soiled_wall, tiled
+from tests.synthetic import WALL, in_step, jump, picture, smooth_noise, soiled_wall, spots, tiled
 from texloom.stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
 from texloom.stages.arrays import Image
 from texloom.stages.common.per_pixel.levels import Level, Levels, Rect
@@ -196,6 +196,19 @@ def test_the_result_follows_the_control(image: Image, stack: AppearanceStack, co
     wanted = np.linspace(SHAPE[1] - 1, 0, 96)
     assert abs(match[..., 1].mean(axis=1)[8:-8] - wanted[8:-8]).mean() < 4
     assert match.shape == (96, 96, 2)
+
+
+def test_spots_remain_under_a_smooth_target() -> None:
+    """Where control is half, half is covered with spots; not all is half a spot."""
+    contrasts = []
+    for seed in (1, 2, 3):
+        own = spots((96, 96), np.random.default_rng(seed))
+        image = picture(own[..., None] * [0.6, 0.5, 0.4])
+        stack = appearance_stack(image, AppearanceStackParams(coarsest=12))
+        inputs = {"control": picture(own), "target": picture(np.full((96, 96), 0.5))}
+        match = made(image, stack, seed, inputs, size=None, control_weight=3.0).match
+        contrasts.append(own[match[..., 0], match[..., 1]].std())
+    assert np.mean(contrasts) > 0.2
 
 
 @pytest.mark.parametrize("block", [6, 24])

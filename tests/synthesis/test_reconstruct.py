@@ -12,7 +12,7 @@ import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from tests.runs import MemoryCheckpoints, run_with_progress, run_with_threads
-from tests.synthetic import WALL, in_step, picture, smooth_noise, soiled_wall
+from tests.synthetic import WALL, in_step, picture, smooth_noise, soiled_wall, spots
 from texloom.pipelines.media.sources import open_source
 from texloom.stages.analysis.orientation_field import OrientationFieldParams, orientation_field
 from texloom.stages.arrays import Image
@@ -293,6 +293,18 @@ def test_discrete_pixels_do_not_repeat_on_smooth_targets(rng: np.random.Generato
     wanted = 0.2 * 96**2  # pixels of the exemplar whose control is asked for
     assert use.max() < 8 * 90 * 120 / wanted
     assert (places[:, 1:] == places[:, :-1]).all(axis=2).mean() < 0.005
+
+
+@pytest.mark.parametrize("solver", ["discrete", "mixed"])
+def test_spots_remain_under_a_smooth_target(solver: Any) -> None:
+    """Where control is half, half is covered with spots; not all is half a spot."""
+    contrasts = []
+    for seed in (1, 2, 3):
+        own = spots((96, 96), np.random.default_rng(seed))
+        image, target = picture(own[..., None] * [0.6, 0.5, 0.4]), data(np.full((96, 96), 0.5))
+        match = run(image, data(own), target, seed, solver=solver, control_weight=10.0).match
+        contrasts.append(own[match[..., 0], match[..., 1]].std())
+    assert np.mean(contrasts) > 0.34
 
 
 def test_the_little_that_control_asks_for_is_not_copied_side_by_side() -> None:

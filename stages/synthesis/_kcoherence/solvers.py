@@ -13,6 +13,7 @@ from texloom.stages.common.control import ControlScale
 from texloom.stages.common.lattice_phase import phase_planes
 from texloom.stages.common.neighbourhoods import fixed_point
 from texloom.stages.common.pyramid import resize
+from texloom.stages.synthesis._kcoherence.detail_of_control import as_smooth_as
 from texloom.stages.synthesis._kcoherence.discrete import (
     LARGEST,
     DiscreteSolver,
@@ -81,7 +82,9 @@ class Inputs:
             return np.zeros((*size, 0), np.float32) if control is None else scale.of_control(control, *size)
 
         own = planes(control, (image.height, image.width))
-        wanted, rare = extrapolated(own, planes(target, size), scale.strength)
+        wanted = planes(target, size)
+        own = as_smooth_as(own, wanted, toroidal)
+        wanted, rare = extrapolated(own, wanted, scale.strength)
         phases = None if repetition is None else phase_planes(*repetition[:2], own, wanted, repetition.wrap)
         if phases is not None:
             own, wanted = (np.concatenate(parts, axis=2) for parts in ((own, phases.own), (wanted, phases.wanted)))
