@@ -22,9 +22,9 @@ class Canvas:
     """A texture of a fixed size that follows a control map.
 
     The control map holds the exemplar's control values as they were painted: 0..1 for 0..255 of an 8-bit image, one
-    plane for each of ``channels``. The texture is always bit-identical to that of a new canvas with the same control
-    map; `per_pixel` also adapts a map of rare values, and the exemplar's to a smooth one. A canvas must be used by
-    one thread at a time.
+    plane for each of ``channels``. The texture is always bit-identical to that of a new canvas with the same map;
+    `per_pixel` also adapts a map of rare values, and the exemplar's to a smooth one. A canvas must be used by one
+    thread at a time.
 
     Parameters
     ----------
