@@ -1,4 +1,4 @@
-"""What memory and disk the steps of a large result take, told before any of them runs.
+"""What memory and disk the steps of large pictures take, told before any of them runs.
 
 Disk is what self-tuning stores, its checkpoints of all scales, its exports and its scratch files (see
 `texloom.stages.scratch`), all of them raw and at the same time; and the image of each further step of synthesis.
@@ -15,25 +15,41 @@ from texloom.pipelines.flow.model import Step
 from texloom.pipelines.memory import machine_memory, memory_limit
 
 LARGE = 4096**2
-"""pixels of a result above which memory and disk are estimated"""
+"""pixels of an exemplar or result above which memory and disk are estimated"""
 _DISK, _DISK_OF_CHANNEL = 55, 22  # bytes a pixel
 _SELF_TUNING = 2  # steps of synthesis, which these hold
 _DISK_OF_IMAGE = 12  # bytes a pixel and channel: read, made and stored
-_IN_MEMORY = 100  # bytes a pixel, at least, of a step that has all of it in memory
+_OF_EXEMPLAR: Mapping[str, int] = {
+    "analysis.offset_statistics": 300,
+    "evaluation.metrics": 140,
+    "synthesis.bidirectional": 120,
+    "synthesis.graph_cut": 60,
+    "synthesis.initialise": 90,
+    "synthesis.hybrid": 75,
+    "synthesis.adaptive": 75,
+    "synthesis.optimise": 90,
+    "synthesis.patch_based": 45,
+    "synthesis.quilting": 65,
+}
+"""bytes that a stage takes at least for a pixel of an exemplar of three channels: the growth of the largest memory
+from 1024x1024 to 2048x2048 px, of quilting to 4096x4096 px"""
+_OF_ANY_EXEMPLAR = 24  # of others: the exemplar and a copy of it
+_OF_RESULT: Mapping[str, int] = {"synthesis.graph_cut": 70, "synthesis.patch_based": 45, "synthesis.quilting": 45}
+_OF_ANY_RESULT = 40  # bytes a pixel, as above, of a step that has all of the result in memory
 _BASE = 16 * 10**8  # bytes of a step that works in bands
 _SHARE = 0.25  # of the memory limit, that it takes besides
 
 
 @dataclasses.dataclass(frozen=True)
 class Footprint:
-    """What a large result takes at most."""
+    """What large pictures take."""
 
     memory: int
-    """bytes, of steps that work in bands"""
+    """bytes, of steps that work in bands, at most"""
     disk: int
-    """bytes"""
+    """bytes at most, of a large result"""
     in_memory: Mapping[str, int]
-    """steps that have all of it in memory, and the bytes of each, at least"""
+    """steps that have all of the exemplar or the result in memory, and the bytes of each, at least"""
 
     @property
     def problem(self) -> str:
@@ -42,34 +58,57 @@ class Footprint:
         for step, needed in self.in_memory.items():
             if needed > most:
                 return (
-                    f"steps.{step}: takes {format_byte_size(needed)} of memory or more for a result of this size, "
-                    f"this machine has {format_byte_size(most)}; make it smaller, or leave the step out"
+                    f"steps.{step}: takes {format_byte_size(needed)} of memory or more for pictures of this size, "
+                    f"this machine has {format_byte_size(most)}; make them smaller, or leave the step out"
                 )
         return ""
 
     def __str__(self) -> str:
-        memory = max(self.memory, *self.in_memory.values()) if self.in_memory else self.memory
-        return f"takes up to {format_byte_size(self.disk)} of disk, and {format_byte_size(memory)} of memory"
+        memory = format_byte_size(max(self.memory, *self.in_memory.values(), 0))
+        if not self.disk:
+            return f"takes {memory} of memory or more"
+        return f"takes up to {format_byte_size(self.disk)} of disk, and {memory} of memory"
 
 
 def footprint(steps: Mapping[str, Step], scopes: list[Scope]) -> Footprint | None:
-    """What the largest result of a flow takes; none where there is no large one, or its size is not known yet."""
-    pixels = pixels_of_steps(steps, scopes)
+    """What the largest pictures of a flow take; none where none is large, or their sizes are not known yet."""
+    pixels, taken = pixels_of_steps(steps, scopes), _exemplar_pixels(steps, scopes)
     largest = max(pixels.values(), default=0)
-    if largest <= LARGE:
+    if max(largest, *taken.values(), 0) <= LARGE:
         return None
+    whole = {}
+    for name, step in steps.items():
+        is_result = pixels[name] > taken[name] and not step.stage.in_bands  # else it is of the exemplar's size
+        own = pixels[name] if is_result else 0
+        if max(own, taken[name]) > LARGE:
+            stage = step.stage.name
+            whole[name] = _OF_RESULT.get(stage, _OF_ANY_RESULT) * own
+            whole[name] += _OF_EXEMPLAR.get(stage, _OF_ANY_EXEMPLAR) * taken[name]
+    if largest <= LARGE:
+        return Footprint(0, 0, whole)
     channels = max((len(source.channels) for scope in scopes for source in scope.sources.values()), default=3)
-    whole = {
-        name: _IN_MEMORY * count
-        for name, count in pixels.items()
-        if count > LARGE and not steps[name].stage.in_bands
-    }
     made = [
         name for name, count in pixels.items() if count > LARGE and steps[name].stage.name.startswith("synthesis.")
     ]
     further = max(0, len(made) - _SELF_TUNING)
     disk = largest * (_DISK + channels * (_DISK_OF_CHANNEL + _DISK_OF_IMAGE * further))
     return Footprint(int(_BASE + _SHARE * memory_limit()), disk, whole)
+
+
+def _exemplar_pixels(steps: Mapping[str, Step], scopes: list[Scope]) -> dict[str, int]:
+    """The number of pixels of the largest source that each step takes, or of what was made of one in its size."""
+    taken: dict[str, int] = {}
+    for name, step in steps.items():  # each after those that it needs
+        sources = {given.name for given in step.references if given.output is None}
+        own = [
+            source.height * source.width
+            for scope in scopes
+            for source in scope.sources.values()
+            if source.name in sources
+        ]
+        made = [taken[needed] for needed in step.needs if not hasattr(steps[needed].params, "size")]
+        taken[name] = max([0, *own, *made])
+    return taken
 
 
 def pixels_of_steps(steps: Mapping[str, Step], scopes: list[Scope]) -> dict[str, int]:
