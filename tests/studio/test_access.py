@@ -115,3 +115,21 @@ def test_everything_has_a_name_and_fits(watched: Watched) -> None:
                 page.get_by_role("radio", name=mode, exact=True).locator("visible=true").click()
             assert page.evaluate(NAMELESS) == [], (name, mode)
             assert page.evaluate(TOO_WIDE) == [], (name, mode)
+
+
+def test_a_narrow_window_shows_all(chromium: Any, served: Served) -> None:
+    """Pictures, result and settings below each other; views are reached by scrolling their names."""
+    context = chromium.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
+    try:
+        page = context.new_page()
+        page.goto(served.address)
+        for tab in page.get_by_role("tab").all():
+            tab.click()
+            assert page.evaluate("document.documentElement.scrollWidth") == 390
+            stage = page.locator("main .stage").locator("visible=true").first.bounding_box()
+            assert stage is not None
+            assert stage["x"] >= 0
+            assert 300 < stage["width"] <= 390
+            assert stage["height"] > 300
+    finally:
+        context.close()
