@@ -19,6 +19,8 @@ from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.masks import fill_excluded
 from texloom.stages.progress import part
 from texloom.stages.sizes import SIDES
+from texloom.stages.synthesis._seams.overlap import compared
+from texloom.stages.synthesis._seams.seams import FILLED, FREE, KEPT, SeamCosts, cheapest_cut
 from texloom.stages.synthesis.gradient_domain import GradientDomainParams, gradient_domain
 from texloom.stages.synthesis.initialise import InitialiseParams, initialise
 from texloom.stages.synthesis.optimise import OptimiseParams, optimise
@@ -71,7 +73,7 @@ class WangBorders:
     match: Correspondence
     """source of each pixel in the exemplar"""
     keep: Mask
-    """true on the borders, which all tiles with the same colour share"""
+    """true on the borders, which interiors are made to fit to"""
     filled: Mask
     """true there and as far again beside them, where interiors may begin"""
     table: dict[str, Any]
@@ -103,6 +105,16 @@ def _usual_side(image: Image | Outline) -> int:
 
 def _border(side: int, params: WangBordersParams) -> int:
     return params.border or max(params.patch_size, side // 12)
+
+
+def core(border: int) -> int:
+    """Px beside a border that all tiles with its colour share, of the ``border`` px that interiors fit to."""
+    return border // 2 + 1
+
+
+def _reach(tile: int, border: int) -> int:
+    """px on each side of a border up to which an interior may begin; the middle of a tile is beyond."""
+    return min(max(2 * border, tile // 4), 3 * tile // 8)
 
 
 def tile_side(wanted: int, generators: Vectors | None) -> tuple[int, float]:
@@ -146,6 +158,16 @@ def offsets(length: int, tile: int) -> tuple[Lines, Lines]:
     return nearest % (length // tile), lines - nearest * tile
 
 
+def to_borders(
+    shape: tuple[int, int], tile: int
+) -> tuple[Int64[np.ndarray, " rows"], Int64[np.ndarray, " columns"]]:  # type: ignore[name-defined]
+    """Px between each row of an atlas and the nearest border across, and between each column and those down."""
+    down, across = (
+        np.where(offset < 0, -1 - offset, offset) for _, offset in (offsets(side, tile) for side in shape)
+    )
+    return down, across
+
+
 class Synthesis:
     """The main method on one exemplar, which continues what is fixed."""
 
@@ -184,11 +206,16 @@ class Synthesis:
         self,
         known: Torus,
         keep: Mask,
+        shared: Mask,
         filled: Mask,
         rng: np.random.Generator,
         parts: Int64[np.ndarray, "H W"] | None = None,
     ) -> Torus:
-        """A torus that keeps some pixels, and continues more that are filled, up to a cut.
+        """A torus that fits to the pixels of ``keep``, and has those of ``shared`` among them unchanged.
+
+        From there on it continues what is known, where ``filled`` is true at most, up to the line along which this
+        differs least from what the main method has made: the border of ``keep`` itself would show as a straight
+        line, since patches across it are averaged on one side only.
 
         Of several starts it is the one with least difference between the mean colours of its ``parts``, numbers
         from 1, and that of the exemplar.
@@ -205,8 +232,32 @@ class Synthesis:
         if parts is not None:
             starts.sort(key=lambda start: self._deviation(start, parts))
         with part(0.2, 1.0):
-            made = self.revision.optimised(known.image, starts[0], keep, True, optimising)
-        return self._level(made.image, made.match, keep)
+            made = self.revision.optimised(known.image, starts[0], keep, True, optimising, keep & ~shared)
+        own = self._cut(known.image, made.image, shared, filled)[..., None]
+        joined = Image(np.where(own, made.image.pixels, known.image.pixels), known.image.channels)
+        return self._level(joined, np.where(own, made.match, known.match), shared)
+
+    def _cut(self, known: Image, made: Image, shared: Mask, filled: Mask) -> Mask:
+        """Where ``made`` is shown and not ``known``, joined along minimum cuts.
+
+        Each tile is cut by itself: those whose lines between them are shared as they are, others from middle to
+        middle.
+        """
+        shift = 0 if shared[0].all() else self.tile // 2
+        state = np.where(shared, KEPT, np.where(filled, FREE, FILLED)).astype(np.int8)
+        first, second, state = (
+            np.roll(plane, shift, (0, 1))
+            for plane in (compared(fill_excluded(known)), compared(fill_excluded(made)), state)
+        )
+        costs = SeamCosts(np.concatenate([first, second]), gradients=False)
+        old = np.moveaxis(np.indices(state.shape, np.int32), 0, 2)
+        new = old + np.array([state.shape[0], 0], np.int32)
+        taken = np.zeros(state.shape, bool)
+        for row in range(0, state.shape[0], self.tile):
+            for column in range(0, state.shape[1], self.tile):
+                at = np.s_[row : row + self.tile, column : column + self.tile]
+                taken[at], _ = cheapest_cut(costs, old[at], new[at], state[at])
+        return np.roll(taken, -shift, (0, 1))
 
     def _deviation(self, match: Correspondence, parts: Int64[np.ndarray, "H W"]) -> float:
         """Sum of squared differences of mean colours, CIELAB units."""
@@ -221,7 +272,7 @@ class Synthesis:
         return Torus(smooth.image, match)
 
 
-@stage(version=1, check=check_size, outlines=outlines)
+@stage(version=2, check=check_size, outlines=outlines)
 def wang_borders(
     image: Image,
     params: WangBordersParams,
@@ -275,11 +326,13 @@ def wang_borders(
             known = start.at(across[:, None], colors + along)
         else:
             known = start.at(along[:, None], colors[:, None] + across)
-        keep, filled = (_squares(known, tile, width) for width in (border, max(2 * border, tile // 4)))
+        # The bands have the same corners wherever interiors fit to them, so that all borders continue each other.
+        widths = (2 * border - core(border), border, _reach(tile, border))
+        keep, shared, filled = (_squares(known, tile, width) for width in widths)
         near = (across >= -border) & (across < border)
         parts = near[:, None] * (1 + np.arange(len(along)) // (tile // 2))
         with part(0.3 + 0.35 * axis, 0.65 + 0.35 * axis):
-            bands.append(synthesis.completed(known, keep, filled, random, parts if axis == 0 else parts.T))
+            bands.append(synthesis.completed(known, keep, shared, filled, random, parts if axis == 0 else parts.T))
 
     down, across = (np.arange(tile * count) for count in layout.shape)
     (row, below), (column, beside) = (offsets(len(lines), tile) for lines in (down, across))
@@ -287,14 +340,17 @@ def wang_borders(
     place = np.argsort(numbers) * tile
     rows = bands[0].at(below[:, None], place[upper[row[:, None], across // tile]] + across % tile)
     columns = bands[1].at(place[left[down[:, None] // tile, column]] + (down % tile)[:, None], beside)
-    to_row, to_column = (np.where(offset < 0, -1 - offset, offset) for offset in (below[:, None], beside))
-    is_row = to_row <= to_column
+    to_row, to_column = to_borders((len(down), len(across)), tile)
+    nearer, farther = np.minimum(to_row[:, None], to_column), np.maximum(to_row[:, None], to_column)
+    is_row = to_row[:, None] <= to_column
     atlas = Image(np.where(is_row[..., None], rows.image.pixels, columns.image.pixels), start.image.channels)
     match = np.where(is_row[..., None], rows.match, columns.match)
-    nearer = np.minimum(to_row, to_column)
+    keep = nearer < border
+    # Between two borders, at the diagonals, neither is continued.
+    filled = keep | ((nearer < _reach(tile, border)) & (farther > nearer + 1))
     table: dict[str, Any] = {"kind": params.kind, "colors": params.colors, "variants": list(params.variants)}
     table |= {"size": tile, "border": border}
-    return WangBorders(atlas, match, nearer < border, nearer < max(2 * border, tile // 4), table)
+    return WangBorders(atlas, match, keep, filled, table)
 
 
 def _squares(torus: Torus, tile: int, width: int) -> Mask:

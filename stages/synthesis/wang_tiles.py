@@ -11,7 +11,7 @@ from texloom.stages.color import lab_from_linear
 from texloom.stages.common.wang import CORNERS, SIDES, WangSet
 from texloom.stages.declare import Outline, stage
 from texloom.stages.masks import fill_excluded
-from texloom.stages.synthesis.wang_borders import Synthesis, Torus, WangParams
+from texloom.stages.synthesis.wang_borders import Synthesis, Torus, WangParams, core, to_borders
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,7 +37,7 @@ def outlines(params: WangParams, known: Mapping[str, Any]) -> dict[str, Outline]
     return {} if borders is None else {"image": Outline(borders.height, borders.width, borders.channels)}
 
 
-@stage(version=1, outlines=outlines)
+@stage(version=2, outlines=outlines)
 def wang_tiles(
     image: Image,
     borders: Image,
@@ -53,8 +53,9 @@ def wang_tiles(
 ) -> WangTiles:
     """Synthesise the interiors of Wang tiles between their borders.
 
-    The whole atlas is one torus for the main method, in which the borders are fixed, so that interiors differ as
-    much as other parts of a result. Tiles are then cut apart along the lines, inside the borders, across which the
+    The whole atlas is one torus for the main method, to which the borders are given, so that interiors differ as
+    much as other parts of a result. Beyond its innermost pixels, which tiles share, each border passes into the
+    interiors along minimum cuts. Tiles are then cut apart along the lines, inside the borders, across which the
     texture changes least; any of these gives tiles that fit.
 
     Parameters
@@ -65,12 +66,15 @@ def wang_tiles(
 
     References
     ----------
-    [Cohen2003]_ and [Lagae2006]_; [Wei2004]_ for the atlas. [Wei2008]_ section 7 proposes tiles for compactions.
+    [Cohen2003]_ and [Lagae2006]_; [Wei2004]_ for the atlas; [Kwatra2003]_ for the cuts. [Wei2008]_ section 7
+    proposes tiles for compactions.
     """
     tiles, size = WangSet.of(layout), int(layout["size"])
     border = int(layout["border"])
     synthesis = Synthesis(image, guidance, weight, generators, size, border, params)
-    made = synthesis.completed(Torus(borders, match), keep, filled, rng)
+    to_row, to_column = to_borders((borders.height, borders.width), size)
+    shared = np.minimum(to_row[:, None], to_column) < core(border)
+    made = synthesis.completed(Torus(borders, match), keep, shared, filled, rng)
     down, across = (_least_change(made.image, axis, size, border // 2) for axis in (0, 1))
     shifted = made.at(np.arange(borders.height)[:, None] + down, np.arange(borders.width) + across)
     return WangTiles(shifted.image, shifted.match, True, _table(tiles, size))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 import shutil
 import subprocess
@@ -23,7 +24,9 @@ from texloom.stages.synthesis.wang_borders import (
     WangBordersParams,
     WangParams,
     check_size,
+    core,
     tile_side,
+    to_borders,
     wang_borders,
 )
 from texloom.stages.synthesis.wang_shaders import WangShaders, WangShadersParams, wang_shaders
@@ -60,6 +63,18 @@ def tiles_of(image: Image, size: int) -> np.ndarray:
     return image.pixels.reshape(image.height // size, size, image.width // size, size, -1).swapaxes(1, 2)
 
 
+def shifts(borders: WangBorders, tiles: WangTiles) -> list[tuple[int, int]]:
+    """By how many px tiles may begin later than their borders, so that all have the borders' innermost pixels."""
+    down, across = to_borders((borders.image.height, borders.image.width), TILE)
+    shared = np.minimum(down[:, None], across) < core(BORDER)
+    found = []
+    for shift in itertools.product(range(-BORDER // 2, BORDER // 2 + 1), repeat=2):
+        equal = np.roll(tiles.image.pixels, shift, (0, 1)) == borders.image.pixels
+        if equal[shared].all():
+            found.append(shift)
+    return found
+
+
 def test_borders_of_one_colour_are_the_same_in_all_tiles(result: tuple[WangBorders, WangTiles]) -> None:
     """Also beyond the line at which the tiles are cut, so that whatever fits continues."""
     borders, _ = result
@@ -77,15 +92,7 @@ def test_tiles_keep_the_borders_and_are_listed_by_colour(result: tuple[WangBorde
     rows, columns = WangSet.of(borders.table).shape
     assert tiles.image.shape == borders.image.shape == (TILE * rows, TILE * columns, 3)
     assert tiles.tileable
-    shifts = [
-        (down, across)
-        for down in range(-BORDER // 2, BORDER // 2 + 1)
-        for across in range(-BORDER // 2, BORDER // 2 + 1)
-        if (np.roll(borders.image.pixels, (-down, -across), (0, 1)) == tiles.image.pixels)[
-            np.roll(borders.keep, (-down, -across), (0, 1))
-        ].all()
-    ]
-    assert len(shifts) == 1
+    assert len(shifts(borders, tiles)) == 1
     listed = tiles.table["tiles"]
     assert tiles.table["size"] == TILE
     assert len({(tile["x"], tile["y"]) for tile in listed}) == rows * columns
@@ -101,6 +108,28 @@ def test_borders_do_not_show_in_a_random_tiling(result: tuple[WangBorders, WangT
     tiling = wang_tiling(tiles.image, tiles.table, WangTilingParams(side=320))
     assert tiling.table["albedo"]["ratio"] < 1.1
     assert tiling.image.shape == (320, 320, 3)
+
+
+def test_the_ends_of_the_borders_do_not_show() -> None:
+    """Stones of many tones, which interiors can't continue as they are: no straight lines where borders end."""
+    changes = []
+    for kind, seed in itertools.product(("edges", "corners"), range(2)):
+        borders, tiles = made(stones(np.random.default_rng(seed)), kind=kind)
+        image = np.roll(tiles.image.pixels, shifts(borders, tiles)[0], (0, 1))
+        for axis in (0, 1):
+            change = np.abs(image - np.roll(image, 1, axis)).mean(axis=(1 - axis, 2)).reshape(-1, TILE).mean(axis=0)
+            changes.append(change[[BORDER, TILE - BORDER]].mean() / change.mean())
+    assert np.mean(changes) < 1.3
+
+
+def stones(rng: np.random.Generator) -> Image:
+    """Smooth stones of different colours with dark joints, about 12 px wide."""
+    seeds = rng.uniform(0, 96, (64, 2))
+    away = np.linalg.norm(np.moveaxis(np.indices((96, 96)), 0, 2)[:, :, None] - seeds, axis=3)
+    nearest = np.sort(away, axis=2)
+    colors = rng.uniform(0.2, 0.9, (64, 3))[away.argmin(axis=2)]
+    joint = np.clip((nearest[..., 1] - nearest[..., 0]) / 3, 0.2, 1)
+    return picture(colors * joint[..., None])
 
 
 def test_a_cut_that_does_not_fit_shows(exemplar: Image) -> None:
