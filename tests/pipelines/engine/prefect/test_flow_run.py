@@ -137,8 +137,12 @@ def _raise(**_arguments: Any) -> None:
 def test_a_full_disk_fails_the_step_and_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write_flow(tmp_path)
     write = codec.write
-    monkeypatch.setattr(codec, "write", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")))
-    with pytest.raises(StepFailedError):
+
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(codec, "write", full)
+    with pytest.raises(StepFailedError, match="No space left on device"):
         execute(open_run(path))
     monkeypatch.setattr(codec, "write", write)
     assert execute(open_run(path)).states["edges"] == "ran"
