@@ -6,6 +6,7 @@
 The YAML file maps the name of each tool to its command, in which {exemplar}, {out}, {height}, {width} and {seed}
 are filled in. It must write a PNG to {out}:
 
+    gmic: gmic {exemplar} syntexturize_matchpatch {width},{height} output {out}
     texture-synthesis: texture-synthesis --seed {seed} --out {out} --out-size {width} generate {exemplar}
     my-method: python synthesise.py {exemplar} {out} --size {height} {width}
 

@@ -12,8 +12,8 @@ from tests.conftest import ROOT
 from texloom.pipelines.store import codec
 from texloom.stages.arrays import Image as Pixels
 
-SIDE, RESULT = 160, 512
-"""px: of a picture, and of a result of another program"""
+SIDE, REGULAR, RESULT = 160, 320, 512
+"""px: of a picture, of one whose lattice or courses are found, and of a result of another program"""
 COMPACTION = 128
 """px, of compactions as the flow `inverse` makes them"""
 FLAGS = ("--tileable", "--json")
@@ -34,6 +34,8 @@ _MAPS = {kind: _EXEMPLARS / "brick_maps" / f"bricks_{kind}.png" for kind in ("al
 def make_files(arguments: Sequence[str], folder: Path) -> None:
     """The files in ``folder`` that a command takes: pictures, masks, maps of materials, geometry, results."""
     previous = ""
+    if ">" in arguments:  # where the shell writes its output
+        arguments = arguments[: arguments.index(">")]
     for number, argument in enumerate(arguments):
         name = argument.partition("=")[2] if previous in ("--source", "--set", "--against") else argument
         is_picture = (
@@ -64,7 +66,7 @@ def make_pictures(folder: Path, name: str, side: int = SIDE) -> None:
         for file, original in maps.items():
             file.parent.mkdir(parents=True, exist_ok=True)
             picture = Image.open(original) if isinstance(original, Path) else original
-            own = COMPACTION if path.stem == "edited" else side
+            own = COMPACTION if path.stem == "edited" else REGULAR if path.parent.name == "regular" else side
             picture.crop((0, 0, min(own, picture.width), min(own, picture.height))).resize((own, own)).save(file)
 
 
