@@ -15,6 +15,7 @@ from texloom.pipelines.flow.schema import (
     EXPORT,
     NAME,
     OPTIONAL,
+    REQUIRED,
     FlowPart,
     FolderPart,
     IncludePart,
@@ -342,6 +343,13 @@ def _bind(draft: Draft, inputs: Mapping[str, Entry], first: bool) -> None:
         if not (first and _unless_former(entry) is None):
             bound[name] = entry
             del draft.sources[name]
+    for name, source in draft.sources.items():
+        part = source.value
+        if isinstance(part, SetPart) and part.is_required and part.pair in bound:
+            partner = bound[part.pair].value
+            is_source = isinstance(partner, str) and "." not in partner
+            alone = part.model_copy(update={"pair": partner}) if is_source else REQUIRED
+            draft.sources[name] = dataclasses.replace(source, value=alone)
 
     def change(entry: Entry) -> Entry:
         return bound.get(entry.value, entry) if isinstance(entry.value, str) else entry

@@ -198,6 +198,9 @@ class _Checker:
                 sources[name] = SCHEME + absolute(value.stack, entry.path.parent)
                 if value.stack == REQUIRED:
                     missing.append(name)
+            elif isinstance(value, SetPart) and value.is_required:
+                sources[name] = absolute(REQUIRED, entry.path.parent)
+                missing.append(name)
             elif isinstance(value, SetPart):
                 if value.each is None or not is_pattern(value.each):
                     problem = f"must be a pattern like 'folder/*.png', got {shown(value.each)}"
@@ -209,9 +212,9 @@ class _Checker:
                 sources[name] = absolute(value, entry.path.parent)
                 if value == REQUIRED:
                     missing.append(name)
-        for name, source in sources.items():
-            if isinstance(source, Each) and source.pair is not None:
-                self._check_pair(name, source.pair, sources)
+        for name, entry in self.draft.sources.items():
+            if isinstance(entry.value, SetPart) and entry.value.pair is not None:
+                sources[name] = self._paired(name, entry.value, sources)
         return sources, tuple(missing), tuple(left_out)
 
     def _chosen_sources(self) -> dict[str, str | Sequence[str]]:
@@ -229,16 +232,23 @@ class _Checker:
             chosen[first] = pictures
         return chosen
 
-    def _check_pair(self, name: str, pair: str, sources: Mapping[str, str | Each]) -> None:
-        entry, other = self.draft.sources[name], sources.get(pair)
-        if other is None:
+    def _paired(self, name: str, part: SetPart, sources: Mapping[str, str | Each]) -> str | Each:
+        """The source called ``name``, whose set goes with that of ``part.pair``."""
+        source, entry, pair = sources[name], self.draft.sources[name], str(part.pair)
+        other, partner = sources.get(pair), self.draft.sources.get(pair)
+        if other is None or partner is None:
             raise entry.fail(f"no source '{pair}'{hint(pair, sources)}", "pair")
-        if pair in self._chosen_sources() and not isinstance(other, Each):
+        if isinstance(partner.value, SetPart) and partner.value.pair is not None:
+            raise entry.fail(f"'{pair}' must be another source, without 'pair'", "pair")
+        if not isinstance(source, Each) or isinstance(other, Each):
+            return source
+        if part.is_required:
+            return dataclasses.replace(source, pair=None)
+        if pair in self._chosen_sources():
             raise refused(
                 f"--source {pair}: takes a folder or a quoted pattern, as '{pair}s/*.png', got {shown(other)}"
             )
-        if pair == name or not isinstance(other, Each) or other.pair is not None:
-            raise entry.fail(f"'{pair}' must be another source with 'each' and without 'pair'", "pair")
+        raise entry.fail(f"'{pair}' must be a source with 'each'", "pair")
 
     @staticmethod
     def _stage(entry: Entry) -> Stage:

@@ -104,11 +104,19 @@ class StepPart(_Part):
 
 
 class SetPart(_Part):
-    """A source that is every file of a pattern, or the frame stack of a folder, pattern or EXR."""
+    """A source that is every file of a pattern, or the frame stack of a folder, pattern or EXR.
+
+    With ``pair`` alone it is a required file, or as many as the other source has.
+    """
 
     each: Annotated[str, _expect(str, "must be a pattern like 'folder/*.png'")] | None = None
     pair: Annotated[str, _expect(str, "must be another source")] | None = None
     stack: Annotated[str, _expect(str, f"must be a folder, pattern, EXR or '{REQUIRED}'")] | None = None
+
+    @property
+    def is_required(self) -> bool:
+        """Whether it has no files of its own."""
+        return self.pair is not None and self.each is None and self.stack is None
 
 
 class FolderPart(_Part):

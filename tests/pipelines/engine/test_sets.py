@@ -254,6 +254,57 @@ def test_pairs_go_in_step(tmp_path: Path) -> None:
         items(tmp_path, pair)
 
 
+REQUIRED_PAIR = """\
+flow: wet
+sources:
+  texture: required
+  control: {pair: texture}
+steps:
+  edges: {stage: analysis.edges, inputs: {image: texture}}
+  weight: {stage: analysis.edges, inputs: {image: control}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("texture", "control", "expected"),
+    [
+        ("t/*.png", "c/*.png", [("moss", "moss", "moss"), ("rust", "rust", "rust")]),
+        ("t", "c", [("moss", "moss", "moss"), ("rust", "rust", "rust")]),
+        ("t/*.png", "c/moss.png", [("moss", "moss", None), ("rust", "rust", None)]),
+        ("t/moss.png", "c/*.png", [("moss", None, "moss"), ("rust", None, "rust")]),
+    ],
+)
+def test_a_required_partner_is_a_set_where_the_other_is(
+    tmp_path: Path, texture: str, control: str, expected: list[tuple[str, str | None, str | None]]
+) -> None:
+    for name in ("t/moss.png", "t/rust.png", "c/moss.png", "c/rust.png"):
+        paint(tmp_path / name)
+    (tmp_path / "wet.yaml").write_text(REQUIRED_PAIR)
+    assert load_flow(tmp_path / "wet.yaml").missing == ("texture", "control")
+    sources = {"texture": str(tmp_path / texture), "control": str(tmp_path / control)}
+    flow = load_flow(tmp_path / "wet.yaml", Overrides(sources=sources))
+    stems = [{name: Path(path).stem for name, path in item.sources.items()} for item in items_of(flow)]
+    names = [item.name for item in items_of(flow)]
+    assert [(n, s.get("texture"), s.get("control")) for n, s in zip(names, stems, strict=True)] == expected
+
+
+@pytest.mark.parametrize(("texture", "expected"), [("picture", ["moss", "rust"]), ("soft.image", ["x", "y"])])
+def test_a_partner_of_an_included_flow_may_be_another_source(
+    tmp_path: Path, texture: str, expected: list[str]
+) -> None:
+    for name in ("t/moss.png", "t/rust.png", "c/moss.png", "c/rust.png", "d/x.png", "d/y.png"):
+        paint(tmp_path / name)
+    (tmp_path / "wet.yaml").write_text(REQUIRED_PAIR)
+    (tmp_path / "flow.yaml").write_text(
+        f"flow: more\ninclude: {{flow: wet.yaml, inputs: {{texture: {texture}}}}}\nsources: {{picture: required}}\n"
+        "steps:\n  soft: {stage: analysis.crop, inputs: {image: picture}, params: {size: 32}}\n"
+    )
+    given = ("t/*.png", "c/*.png") if texture == "picture" else ("t/moss.png", "d/*.png")
+    sources = {name: str(tmp_path / pattern) for name, pattern in zip(("picture", "control"), given, strict=True)}
+    flow = load_flow(tmp_path / "flow.yaml", Overrides(sources=sources))
+    assert [item.name for item in items_of(flow)] == expected
+
+
 def test_sets_that_are_no_pair_are_combined(tmp_path: Path) -> None:
     for name in ("a/1.png", "a/2.png", "b/x.png", "b/y.png"):
         paint(tmp_path / name)

@@ -279,7 +279,9 @@ WRONG = {  # change of GOOD => error
     "pictures/wall.png => [a, b]": "sources.exemplar: must be a file, 'texloom:NAME', ",
     "pictures/wall.png => ": "sources.exemplar: must be a file, … or 'optional', got nothing",
     "pictures/wall.png => {eahc: '*'}": "sources.exemplar.eahc: unknown; did you mean",
-    "pictures/wall.png => {pair: a}": "sources.exemplar.each: must be a pattern like 'folder/*.png', got nothing",
+    "pictures/wall.png => {pair: a}": "sources.exemplar.pair: no source 'a'",
+    "pictures/wall.png => {pair: exemplar}": "sources.exemplar.pair: 'exemplar' must be another source",
+    "pictures/wall.png => {}": "sources.exemplar.each: must be a pattern like 'folder/*.png', got nothing",
     "pictures/wall.png => {each: 3}": "sources.exemplar.each: must be a pattern like 'folder/*.png', got 3",
     "pictures/wall.png => {each: '*', pair: 3}": "sources.exemplar.pair: must be another source, got 3",
     # unknown fields
