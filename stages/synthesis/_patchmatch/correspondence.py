@@ -7,9 +7,9 @@ of rows, since intermediate arrays take several times their memory.
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Int32, UInt32
+from jaxtyping import Float64, Int32, UInt32
 
-from texloom.stages.scratch import bands, empty
+from texloom.stages.scratch import bands, empty, run_bands
 
 Patches: TypeAlias = Int32[np.ndarray, "2 p q"]
 
@@ -41,12 +41,15 @@ def from_pixels(
     ]
     columns = np.clip(middle[1], 0, width - 1)
     match = empty((2, *patches), np.int32)
-    for strip in bands(patches[0], match, pixels):
-        rows = np.clip(middle[0][strip], 0, height - 1)
-        nearest = pixels[rows[:, None], columns[None, :]].astype(np.float64)
-        shift = nearest - np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1)
-        shift = np.moveaxis(shift, 2, 0) * factor
-        match[:, strip] = _placed(shift, np.array(margin) * factor, places, strip.start)
+
+    def place(first: int, last: int) -> None:
+        rows = np.clip(middle[0][first:last], 0, height - 1)[:, None]
+        nearest = np.moveaxis(pixels[rows, columns], 2, 0).astype(np.float64)
+        for axis, own in enumerate((rows, columns)):
+            shift = (nearest[axis] - own) * factor - margin[axis] * factor
+            match[axis, first:last] = _placed(shift, axis, places[axis], first)
+
+    run_bands(place, (), patches[0], (match, pixels))
     return match
 
 
@@ -61,19 +64,22 @@ def rescale(
     rows = (np.arange(patches[0]) * 2 + 1) * down // (2 * patches[0])
     columns = (np.arange(patches[1]) * 2 + 1) * across // (2 * patches[1])
     finer = empty((2, *patches), np.int32)
-    for strip in bands(patches[0], finer, match):
-        near = match[:, rows[strip, None], columns[None, :]]
-        shift = near - np.stack(np.meshgrid(rows[strip], columns, indexing="ij"))
-        finer[:, strip] = _placed(shift * factor, np.zeros(2), places, strip.start)
+
+    def place(first: int, last: int) -> None:
+        near = match[:, rows[first:last, None], columns]
+        for axis, own in enumerate((rows[first:last, None], columns)):
+            finer[axis, first:last] = _placed((near[axis] - own) * factor, axis, places[axis], first)
+
+    run_bands(place, (), patches[0], (finer, match))
     return finer
 
 
-def _placed(shift: np.ndarray, origin: np.ndarray, places: tuple[int, int], first: int) -> Patches:
-    """The correspondence of a strip that begins in row ``first``, from its displacements."""
-    rows, columns = np.arange(first, first + shift.shape[1]), np.arange(shift.shape[2])
-    match = np.stack(np.meshgrid(rows, columns, indexing="ij")) + np.rint(shift - origin[:, None, None])
-    limit = np.array(places)[:, None, None] - 1
-    return np.clip(match, 0, limit).astype(np.int32)
+def _placed(shift: Float64[np.ndarray, "p q"], axis: int, places: int, first: int) -> Float64[np.ndarray, "p q"]:
+    """The rows (``axis`` 0) or columns (1) of the places that patches from row ``first`` on are shifted to."""
+    line = np.arange(first, first + shift.shape[0])[:, None] if axis == 0 else np.arange(shift.shape[1])
+    moved = np.rint(shift, out=shift)
+    moved += line
+    return np.clip(moved, 0, places - 1, out=moved)
 
 
 def to_pixels(match: Patches, patch_size: int, wrap: bool, margin: int = 0) -> UInt32[np.ndarray, "H W 2"]:
@@ -92,10 +98,14 @@ def to_pixels(match: Patches, patch_size: int, wrap: bool, margin: int = 0) -> U
         patch_rows, patch_columns = np.clip(rows, 0, down - 1), np.clip(columns, 0, across - 1)
         offset_rows, offset_columns = rows + middle - patch_rows, columns + middle - patch_columns
     pixels = empty((patch_rows.size, patch_columns.size, 2), np.uint32)
-    for strip in bands(patch_rows.size, pixels, match):
-        near = match[:, patch_rows[strip, None], patch_columns[None, :]]
+
+    def take(first: int, last: int) -> None:
+        strip = slice(first, last)
+        near = match[:, patch_rows[strip, None], patch_columns]
         pixels[strip, :, 0] = near[0] + offset_rows[strip, None]
-        pixels[strip, :, 1] = near[1] + offset_columns[None, :]
+        pixels[strip, :, 1] = near[1] + offset_columns
+
+    run_bands(take, (), patch_rows.size, (pixels, match))
     return pixels
 
 

@@ -97,9 +97,10 @@ class PatchFeatures:
         """
         planes = resize(self.planes, *scale.exemplar) * self.factors
         if self.guided:  # distance fills its range at every scale
-            distance = planes[..., self.colors]
-            span = max(float(np.ptp(distance)), 1e-6)
-            distance[:] = (distance - distance.min()) * (_FARTHEST * self.factors[self.colors] / span)
+            distance = np.ascontiguousarray(planes[..., self.colors])
+            nearest, farthest = distance.min(), distance.max()
+            span = max(float(farthest - nearest), 1e-6)
+            planes[..., self.colors] = (distance - nearest) * (_FARTHEST * self.factors[self.colors] / span)
         sides = (scale.patches[0] + self.patch_size - 1, scale.patches[1] + self.patch_size - 1)
         phase, radius = self.phase if phased else None, np.float32(self.regularity)
         own = [planes]
