@@ -123,6 +123,15 @@ def propagate_match(neighbourhoods, wrap, known, changed, match, distance, first
                     match[0, y, x], match[1, y, x] = row, column
 
 
+@numba.njit(cache=True, nogil=True, forceinline=True)
+def _is_among(tried, count, candidate):
+    """Whether one of the first ``count`` of ``tried`` is ``candidate``, all int64; without branches."""
+    found = False
+    for i in range(count):
+        found |= tried[i] == candidate
+    return found
+
+
 @numba.njit(cache=True, nogil=True)
 def match_by_coherence(neighbourhoods, source, candidates, moved, match, distance, first, last):
     """Match compaction neighbourhoods of rows ``first`` to ``last`` with the texture by k-coherence [Tong2002]_.
@@ -141,11 +150,14 @@ def match_by_coherence(neighbourhoods, source, candidates, moved, match, distanc
     """
     middle = neighbourhoods.shape.size // 2
     down, across = candidates.shape[0], candidates.shape[1]
+    tried = np.empty(1 + 9 * candidates.shape[2], np.int64)  # pixels from one place have the same candidates
     for y in range(first, last):
         for x in range(match.shape[2]):
             if not moved[y, x]:
                 continue
             best = _distance(neighbourhoods, y, x, match[0, y, x], match[1, y, x], np.int64(2**62))
+            tried[0] = np.int64(match[0, y, x]) * across + match[1, y, x]
+            count = 1
             for neighbour in range(9):
                 dy, dx = neighbour // 3 - 1, neighbour % 3 - 1
                 own_row = source[0, y + middle + dy, x + middle + dx] - middle
@@ -160,8 +172,11 @@ def match_by_coherence(neighbourhoods, source, candidates, moved, match, distanc
                         row, column = candidate // across - dy, candidate % across - dx
                     if row < 0 or row >= down or column < 0 or column >= across or candidates[row, column, 0] < 0:
                         continue
-                    if row == match[0, y, x] and column == match[1, y, x]:
+                    place = np.int64(row) * across + column
+                    if _is_among(tried, count, place):
                         continue
+                    tried[count] = place
+                    count += 1
                     d = _distance(neighbourhoods, y, x, row, column, best)
                     if d < best:
                         best = d
@@ -298,15 +313,6 @@ def _pixel_cost(features, objective, source, y, x, row, column, limit):
     return cost
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
-def _is_among(tried, count, candidate):
-    """Whether one of the first ``count`` of ``tried`` is ``candidate``, all int64; without branches."""
-    found = False
-    for i in range(count):
-        found |= tried[i] == candidate
-    return found
-
-
 @numba.njit(cache=True, nogil=True)
 def choose_pixels(texture, objective, active, source):
     """Set the source of each active compaction pixel in turn to the candidate of least cost.
@@ -327,7 +333,7 @@ def choose_pixels(texture, objective, active, source):
     middle = size // 2
     down, across = candidates.shape[0], candidates.shape[1]
     height, width = inside.shape
-    tried = np.empty(9 * candidates.shape[2], np.int64)  # neighbours from one place have the same candidates
+    tried = np.empty(9 * candidates.shape[2], np.int64)
     for y in range(source.shape[1]):
         for x in range(source.shape[2]):
             if not active[y, x]:
