@@ -25,8 +25,8 @@ def cell_side(pixels: int) -> int:
 
 
 def joint_contrast(
-    exemplar: Float32[np.ndarray, "h w 3"],
-    result: Float32[np.ndarray, "H W 3"],
+    exemplar: Float32[np.ndarray, "h w c"],
+    result: Float32[np.ndarray, "H W c"],
     match: Correspondence,
     tileable: bool = False,
 ) -> Float32[np.ndarray, "H W"]:
@@ -59,7 +59,7 @@ class PatchRatios:
 
     Parameters
     ----------
-    lab : CIELAB of the exemplar.
+    lab : CIELAB of the exemplar, or L alone.
     valid : its pixels that count; None for all.
     shorter : the shorter side of exemplar and result, px; scales for which it is too short are omitted.
 
@@ -69,8 +69,8 @@ class PatchRatios:
         the mask leaves no patch.
     """
 
-    def __init__(self, lab: Float32[np.ndarray, "h w 3"], valid: Mask | None, shorter: int):
-        self.mean = (lab.reshape(-1, 3) if valid is None else lab[valid]).mean(axis=0)
+    def __init__(self, lab: Float32[np.ndarray, "h w c"], valid: Mask | None, shorter: int):
+        self.mean = (lab.reshape(-1, lab.shape[2]) if valid is None else lab[valid]).mean(axis=0)
         self.scales = []
         for step in STEPS:
             if shorter < 4 * SIDE * step:
@@ -83,13 +83,13 @@ class PatchRatios:
             self.scales.append((nearest, max(nearest.own_distance(), 1e-12)))
 
     def at(
-        self, result: Float32[np.ndarray, "H W 3"], places: Places, valid: Mask | None, wrap: bool
+        self, result: Float32[np.ndarray, "H W c"], places: Places, valid: Mask | None, wrap: bool
     ) -> Float64[np.ndarray, "n s"]:
         """Ratio of the patch about each place of a result, by scale; NaN where masked pixels are in it.
 
         Parameters
         ----------
-        result : CIELAB.
+        result : as the exemplar.
         valid : its pixels that are not masked; None for all.
         wrap : the result is a torus.
         """

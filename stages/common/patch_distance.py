@@ -28,7 +28,7 @@ def blurred(tone: Float32[np.ndarray, "h w *c"], deviation: float) -> Float32[np
     """Gaussian blur; ``deviation`` in px."""
     import cv2
 
-    return np.asarray(cv2.GaussianBlur(tone, (0, 0), deviation))
+    return np.asarray(cv2.GaussianBlur(tone, (0, 0), deviation)).reshape(tone.shape)
 
 
 def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
@@ -51,7 +51,7 @@ class Patches:
     The samples of a line are kept side by side, as runs of values are gathered faster than single ones.
     """
 
-    def __init__(self, lab: Float32[np.ndarray, "h w 3"], step: int):
+    def __init__(self, lab: Float32[np.ndarray, "h w c"], step: int):
         import cv2
 
         height, width, channels = lab.shape
@@ -86,7 +86,7 @@ def sample_patches(patches: Patches, count: int, seed: int, whole: Whole | None)
     return patches.at(*np.divmod(places[rng.integers(0, places.size, count)], whole.shape[1]))
 
 
-def smoothed(lab: Float32[np.ndarray, "h w 3"], step: int) -> Float32[np.ndarray, "h w 3"]:
+def smoothed(lab: Float32[np.ndarray, "h w c"], step: int) -> Float32[np.ndarray, "h w c"]:
     """Low-pass filtered for samples ``step`` px apart."""
     return lab if step == 1 else blurred(lab, step / 2)
 
@@ -136,12 +136,12 @@ class NearestPatches:
 
     Parameters
     ----------
-    lab : CIELAB of the exemplar, smoothed for the scale.
+    lab : CIELAB of the exemplar, or L alone, smoothed for the scale.
     step : px between samples.
     whole : the patches that count; None for all.
     """
 
-    def __init__(self, lab: Float32[np.ndarray, "h w 3"], step: int, whole: Whole | None):
+    def __init__(self, lab: Float32[np.ndarray, "h w c"], step: int, whole: Whole | None):
         self.step = step
         self.patches = Patches(lab, step)
         self.directions = principal_directions(self.patches, whole)

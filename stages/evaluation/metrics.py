@@ -105,7 +105,7 @@ LIMITS = (
 _OF_SOURCE_MAP = ("continuity", "use", "copying", "joints", "objects")
 
 
-@stage(version=3, in_bands=True)
+@stage(version=4, in_bands=True)
 def metrics(
     exemplar: Image,
     image: Image,

@@ -13,6 +13,7 @@ from texloom.stages.declare import InputError
 from texloom.stages.evaluation._measures import patches as _patches
 from texloom.stages.evaluation._measures import pixels as _pixels
 from texloom.stages.evaluation._measures import reuse, spectrum, windows
+from texloom.stages.evaluation._measures.pictures import prepare
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.masks import USABLE
 
@@ -37,6 +38,20 @@ def grid(height: int, width: int) -> np.ndarray:
 
 def copied(exemplar: Image, match: np.ndarray) -> Image:
     return Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels)
+
+
+def test_grey_textures_are_compared_by_lightness_and_score_as_in_colour() -> None:
+    grey = encoded(skimage.data.brick()[:128, :128] / 255)
+    corners = np.random.default_rng(2).integers(0, 128, (2, 2, 2)).repeat(64, axis=0).repeat(64, axis=1)
+    match = ((corners + grid(128, 128)) % 128).astype(np.uint32)
+    exemplars = grey, Image(grey.pixels.repeat(3, axis=2), ("R", "G", "B"))
+    pairs = [(exemplar, copied(exemplar, match)) for exemplar in exemplars]
+    assert [prepare(*pair)[1].compared.shape[2] for pair in pairs] == [1, 3]
+    assert prepare(grey, pairs[1][1])[0].compared.shape[2] == 3
+    lines, in_color = (measure(*pair, match=match) for pair in pairs)
+    for name in lines.keys() - {"seams"}:
+        assert lines[name]["value"] == pytest.approx(in_color[name]["value"], rel=1e-3, abs=1e-4), name
+        assert lines[name]["score"] == pytest.approx(in_color[name]["score"], rel=1e-3, abs=1e-3), name
 
 
 def test_the_source_map_tells_copies_from_mixtures() -> None:

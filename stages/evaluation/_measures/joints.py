@@ -40,7 +40,7 @@ class Joints:
 
 
 def worst_joints(
-    task: Task, exemplar: Float32[np.ndarray, "h w 3"], result: Float32[np.ndarray, "H W 3"]
+    task: Task, exemplar: Float32[np.ndarray, "h w c"], result: Float32[np.ndarray, "H W c"]
 ) -> tuple[Places, int]:
     """The joints of largest contrast in these pictures, one a cell, and the side of the cells, px.
 
@@ -61,15 +61,15 @@ def measure_joints(task: Task) -> Joints:
     task.source_map()
     require_variation(task.exemplar)
     require_side(4 * SIDE, task.exemplar, task.result)
-    places, cell = worst_joints(task, task.exemplar.lab, task.result.lab)
+    places, cell = worst_joints(task, task.exemplar.compared, task.result.compared)
     if not len(places):
         return Joints(places, np.zeros((0, 1)), cell)
     shorter = min(task.exemplar.shorter, task.result.shorter)
     try:
-        measure = PatchRatios(task.exemplar.lab, task.exemplar.valid, shorter)
+        measure = PatchRatios(task.exemplar.compared, task.exemplar.valid, shorter)
     except NoPatchError as error:
         raise UnmeasurableError(str(error)) from None
-    ratios = measure.at(task.result.lab, places, task.result.valid, task.tileable)
+    ratios = measure.at(task.result.compared, places, task.result.valid, task.tileable)
     known = np.isfinite(ratios).any(axis=1)
     if not known.any():
         raise UnmeasurableError("masks leave no patch at a joint")

@@ -22,7 +22,7 @@ _CHUNK = 512
 
 
 def _surroundings(picture: Picture, mean: np.ndarray, places: Places, wrap: bool) -> tuple[np.ndarray, np.ndarray]:
-    """CIELAB less ``mean`` about each place, (n, pixel, channel), and which pixels are inside and not masked."""
+    """What is compared, less ``mean``, about each place, (n, pixel, channel); which pixels count."""
     offsets = np.stack(np.divmod(np.arange(_SIDE**2), _SIDE), axis=1) - _SIDE // 2
     shape = np.array(picture.tone.shape)
     wanted = places[:, None] + offsets
@@ -30,7 +30,7 @@ def _surroundings(picture: Picture, mean: np.ndarray, places: Places, wrap: bool
     rows, columns = np.moveaxis(wanted % shape if wrap else np.clip(wanted, 0, shape - 1), 2, 0)
     if picture.valid is not None:
         inside = inside & picture.valid[rows, columns]
-    return picture.lab[rows, columns] - mean, inside
+    return picture.compared[rows, columns] - mean, inside
 
 
 def departures(task: Task, places: Places) -> Float32[np.ndarray, "*n"]:
@@ -40,7 +40,7 @@ def departures(task: Task, places: Places) -> Float32[np.ndarray, "*n"]:
     plus that of the exemplar. NaN where more than half of the surroundings is masked or outside.
     """
     match = task.source_map()
-    mean = task.exemplar.colors.mean(axis=0)
+    mean = task.exemplar.colors.mean(axis=0)[: task.exemplar.compared.shape[2]]
     variance = np.float32(task.exemplar.variances.sum())
     largest = np.full(len(places), np.nan, np.float32)
     for start in range(0, len(places), _CHUNK):
@@ -76,7 +76,7 @@ def objects(task: Task) -> Figures:
     task.source_map()
     require_variation(task.exemplar)
     require_side(4 * _SIDE, task.exemplar, task.result)
-    places, _ = worst_joints(task, *(blurred(picture.lab, _BLUR) for picture in (task.exemplar, task.result)))
+    places, _ = worst_joints(task, *(blurred(picture.compared, _BLUR) for picture in (task.exemplar, task.result)))
     if not len(places):
         return Figures(0.0, _GOOD, _BAD, {"mean": 0.0})
     departure = departures(task, places)

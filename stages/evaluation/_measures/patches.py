@@ -52,8 +52,8 @@ def projected(picture: Picture, levels: int = 4) -> list[Float32[np.ndarray, "q 
         whole = picture.windows(SIDE, SIDE)
         if not any_true(whole):
             break
-        patches = sample_patches(Patches(picture.lab, 1), _PATCHES, 0, whole)
-        known.append(quantiles(product(patches, directions)))
+        patches = sample_patches(Patches(picture.compared, 1), _PATCHES, 0, whole)
+        known.append(quantiles(product(patches, directions[: patches.shape[1]])))
         picture = _half_size(picture)
     return known
 
@@ -74,7 +74,7 @@ def _half_size(picture: Picture) -> Picture:
     import cv2
 
     valid = None if picture.valid is None else halved(picture.valid)
-    return Picture(cv2.pyrDown(picture.lab), picture.tone[::2, ::2], valid)
+    return Picture(cv2.pyrDown(picture.lab), picture.tone[::2, ::2], valid, is_grey=picture.is_grey)
 
 
 class PatchIndex(NamedTuple):
@@ -204,11 +204,11 @@ def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
     require_side(4 * SIDE, task.exemplar, task.result)
     steps = [step for step in (1, 4) if min(task.exemplar.shorter, task.result.shorter) >= 4 * SIDE * step]
     variance = float(task.exemplar.variances.sum())
-    mean = task.exemplar.colors.mean(axis=0)
+    mean = task.exemplar.colors.mean(axis=0)[: task.exemplar.compared.shape[2]]
     counted = task.exemplar.counted
     rows = []
     for step in steps:
-        labs = [smoothed(picture.lab - mean, step) for picture in (task.exemplar, task.result, task.shuffled)]
+        labs = [smoothed(picture.compared - mean, step) for picture in (task.exemplar, task.result, task.shuffled)]
         wholes = [whole_patches(picture, step) for picture in (task.exemplar, task.result)]
         patches = [Patches(lab, step) for lab in labs]
         directions = principal_directions(patches[0], wholes[0])

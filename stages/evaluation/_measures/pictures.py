@@ -35,6 +35,8 @@ class Picture:
     """true at pixels that are not masked; None is all. Others hold the value of the nearest such pixel"""
     made: Mask | None = None
     """true at pixels that were made, not given; None is all. What holds none of them does not count"""
+    is_grey: bool = False
+    """neither exemplar nor result has colour"""
 
     @property
     def shorter(self) -> int:
@@ -53,6 +55,11 @@ class Picture:
         """CIELAB of the pixels that count."""
         counted = self.counted
         return self.lab.reshape(-1, 3) if counted is None else self.lab[counted]
+
+    @functools.cached_property
+    def compared(self) -> Float32[np.ndarray, "h w c"]:
+        """What patches are compared by: CIELAB, or L alone without colour, as a and b are rounding errors then."""
+        return np.ascontiguousarray(self.lab[..., :1]) if self.is_grey else self.lab
 
     @functools.cached_property
     def variances(self) -> Float64[np.ndarray, "3"]:
@@ -91,7 +98,8 @@ def prepare(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[Pi
     deviation = max(float(np.sqrt(max(variances[-1], 0.0))), FLAT)
     tones = [_tone(lab, mean, axis, deviation) for lab in labs]
     made = None if keep is None else ~keep
-    return Picture(labs[0], tones[0], valid[0]), Picture(labs[1], tones[1], valid[1], made)
+    grey = all(picture.channels[0] == "Y" for picture in (exemplar, image))
+    return Picture(labs[0], tones[0], valid[0], None, grey), Picture(labs[1], tones[1], valid[1], made, grey)
 
 
 def _tone(lab: ColorField, mean: np.ndarray, axis: np.ndarray, deviation: float) -> Float32[np.ndarray, "h w"]:
@@ -100,11 +108,11 @@ def _tone(lab: ColorField, mean: np.ndarray, axis: np.ndarray, deviation: float)
     return np.concatenate(parts)
 
 
-def channel_variances(lab: Float32[np.ndarray, "*n 3"]) -> Float64[np.ndarray, "3"]:
+def channel_variances(lab: Float32[np.ndarray, "*n c"]) -> Float64[np.ndarray, "*c"]:
     """Variances of L, a and b; in double precision, for the mean of large plain pictures."""
     import cv2
 
-    return np.asarray(cv2.meanStdDev(lab.reshape(-1, 1, 3))[1].ravel() ** 2)
+    return np.asarray(cv2.meanStdDev(lab.reshape(-1, 1, lab.shape[-1]))[1].ravel() ** 2)
 
 
 def require_variation(picture: Picture, name: str = "the exemplar") -> None:
@@ -142,8 +150,8 @@ def between_halves(picture: Picture, distance: Callable[[Picture, Picture], floa
 
 
 def _part(picture: Picture, place: tuple[slice, ...] | slice) -> Picture:
-    masks = (None if mask is None else mask[place] for mask in (picture.valid, picture.made))
-    return Picture(picture.lab[place], picture.tone[place], *masks)
+    valid, made = (None if mask is None else mask[place] for mask in (picture.valid, picture.made))
+    return Picture(picture.lab[place], picture.tone[place], valid, made, picture.is_grey)
 
 
 def _share(counted: Mask | None) -> float:
@@ -168,4 +176,4 @@ def shuffled_blocks(picture: Picture, side: int) -> Picture:
         mixed = blocks.reshape(rows * columns, side, side, *depth)[order].reshape(blocks.shape)
         return np.ascontiguousarray(mixed.swapaxes(1, 2).reshape(rows * side, columns * side, *depth))
 
-    return Picture(shuffled(picture.lab), shuffled(picture.tone))
+    return Picture(shuffled(picture.lab), shuffled(picture.tone), is_grey=picture.is_grey)

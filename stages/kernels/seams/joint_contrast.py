@@ -10,7 +10,7 @@ from texloom.stages.kernels.core.inner import inner
 def _jump(exemplar, row, column, result, y, x):
     """Squared difference of a pixel of the exemplar and one of the result."""
     total = np.float32(0)
-    for channel in range(3):
+    for channel in range(exemplar.shape[2]):
         difference = exemplar[row, column, channel] - result[y, x, channel]
         total += difference * difference
     return total
@@ -26,7 +26,7 @@ def joint_contrast(exemplar, result, match, wraps, contrast, first, last):
 
     Parameters
     ----------
-    exemplar, result : (h, w, 3), (H, W, 3) float32
+    exemplar, result : (h, w, c), (H, W, c) float32
     match : (H, W, 2) unsigned int, sources
     wraps : bool, the result is a torus
     contrast : (H, W) float32
