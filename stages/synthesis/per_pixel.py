@@ -27,8 +27,8 @@ from texloom.stages.common.per_pixel.phases import phases_of
 from texloom.stages.common.per_pixel.tables import CONTROLS, Tables, make_tables
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.sizes import Size
-from texloom.stages.synthesis._kcoherence.detail_of_control import as_smooth_as
-from texloom.stages.synthesis._kcoherence.known_control import extrapolated, notes_on_target
+from texloom.stages.synthesis._kcoherence.comparable_control import comparable
+from texloom.stages.synthesis._kcoherence.known_control import notes_on_target
 
 _LOG = logging.getLogger(__name__)
 
@@ -185,7 +185,7 @@ def check_sources(params: PerPixelParams, known: Mapping[str, Any]) -> None:
         raise InputError(f"origin: {list(params.origin)} for a tileable result, which begins at [0, 0]")
 
 
-@stage(version=3, check=check_sources)
+@stage(version=4, check=check_sources)
 def per_pixel(
     image: Image,
     appearance: Annotated[Int16[np.ndarray, "levels h w 8"], Channels(tuple(f"c{n}" for n in range(8)))],
@@ -273,8 +273,7 @@ def per_pixel(
     notes: list[str] = []
     if target is not None and scale is not None and own is not None:
         wanted = scale.of_control(target, *(params.extent or size)) / np.float32(scale.strength)
-        own = as_smooth_as(own, wanted, toroidal)
-        wanted, rare = extrapolated(own, wanted, 1.0)
+        own, wanted, rare = comparable(own, wanted, 1.0, toroidal)
         notes = notes_on_target(scale.beyond(target), rare)
     for note in notes:
         _LOG.warning(note)

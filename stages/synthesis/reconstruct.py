@@ -189,7 +189,7 @@ def _scales(
     return scales
 
 
-@stage(version=4, check=check_sizes)
+@stage(version=5, check=check_sizes)
 def reconstruct(
     image: Image,
     params: ReconstructParams,

@@ -239,7 +239,7 @@ def test_a_target_beyond_control_gives_notes(image: Image, caplog: pytest.LogCap
         beyond, rare = notes(target)
     assert caplog.messages == [beyond, rare]
     assert "beyond the control map's values" in beyond
-    assert "hardly occur in control" in rare
+    assert "too rare in control" in rare
 
 
 def test_a_hole_is_filled_and_its_border_fits(image: Image) -> None:

@@ -95,13 +95,13 @@ def notes_on_target(outside: float, rare: float) -> list[str]:
 
     Parameters
     ----------
-    outside, rare : shares of its pixels, 0..1: outside the range of control, and of values that control hardly has.
+    outside, rare : shares of its pixels, 0..1: outside the range of control, and of values too rare in control.
     """
     notes = []
     if outside > _MAX_OUTSIDE:
         notes.append(f"{outside:.1%} of the target is beyond the control map's values and takes the nearest.")
     if rare > _MAX_RARE:
         notes.append(
-            f"{rare:.1%} of the target has values that hardly occur in control and takes a mean of near ones."
+            f"{rare:.1%} of the target has values too rare in control for so large a region; it takes near ones."
         )
     return notes

@@ -13,7 +13,7 @@ from texloom.stages.common.control import ControlScale
 from texloom.stages.common.lattice_phase import phase_planes
 from texloom.stages.common.neighbourhoods import fixed_point
 from texloom.stages.common.pyramid import resize
-from texloom.stages.synthesis._kcoherence.detail_of_control import as_smooth_as
+from texloom.stages.synthesis._kcoherence.comparable_control import comparable
 from texloom.stages.synthesis._kcoherence.discrete import (
     LARGEST,
     DiscreteSolver,
@@ -23,7 +23,6 @@ from texloom.stages.synthesis._kcoherence.discrete import (
 )
 from texloom.stages.synthesis._kcoherence.expected_use import expected_use
 from texloom.stages.synthesis._kcoherence.frames import Frames, at_scale, clipped, interpolated
-from texloom.stages.synthesis._kcoherence.known_control import extrapolated
 from texloom.stages.synthesis._kcoherence.reseed import reseeded
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
@@ -60,7 +59,7 @@ class Inputs:
     use: Float32[np.ndarray, "h w"] | None = None
     """how often each pixel of the exemplar is to be used, relative to others of its control; none: evenly"""
     rare: float = 0.0
-    """share of the target whose control the exemplar hardly has; see `extrapolated`"""
+    """share of the target whose control is replaced; see `comparable`"""
     margin: int = 0
     """px of its other end that follow each border of a toroidal exemplar; 0 of any other"""
 
@@ -83,8 +82,7 @@ class Inputs:
 
         own = planes(control, (image.height, image.width))
         wanted = planes(target, size)
-        own = as_smooth_as(own, wanted, toroidal)
-        wanted, rare = extrapolated(own, wanted, scale.strength)
+        own, wanted, rare = comparable(own, wanted, scale.strength, toroidal)
         phases = None if repetition is None else phase_planes(*repetition[:2], own, wanted, repetition.wrap)
         if phases is not None:
             own, wanted = (np.concatenate(parts, axis=2) for parts in ((own, phases.own), (wanted, phases.wanted)))
