@@ -78,14 +78,16 @@ POISONS: dict[str, dict[str, Any]] = {
         "metadata": {"serializer": {"type": "compressed/pickle"}},
         "result": CompressedPickleSerializer().dumps(Fires()).decode(),
     },
-    "without metadata": {"result": _PICKLE},
-    "as older Prefects wrote": {"metadata": _OURS, "serializer": {"type": "pickle"}, "data": _PICKLE},
     "JSON that calls": {
         "metadata": {"serializer": {"type": "json", "object_decoder": f"{__name__}.fire"}},
         "result": "{}",
     },
 }
-poisoned = pytest.mark.parametrize("poison", POISONS.values(), ids=POISONS)
+OLD_POISONS: dict[str, dict[str, Any]] = {
+    "without metadata": {"result": _PICKLE},
+    "as older Prefects wrote": {"metadata": _OURS, "serializer": {"type": "pickle"}, "data": _PICKLE},
+}
+"""Prefect obeys these up to 3.8, and refuses them from 3.9 on."""
 local = run_local
 
 
@@ -104,7 +106,7 @@ processes = with_workers("processes")
 dask = with_workers("dask")
 
 
-@poisoned
+@pytest.mark.parametrize("poison", POISONS.values(), ids=POISONS)
 def test_prefect_by_itself_obeys_a_record(mark: Path, poison: dict[str, Any]) -> None:
     """Or the tests below would prove nothing."""
     ResultRecord.deserialize(json.dumps(poison).encode())
@@ -124,7 +126,7 @@ def runs_in_spite_of(poison: Any, execute: Callable[[Run, Path], Events], mark: 
     assert local(open_run(path), mark.parent / "after").states == CACHED
 
 
-@poisoned
+@pytest.mark.parametrize("poison", [*POISONS.values(), *OLD_POISONS.values()], ids=[*POISONS, *OLD_POISONS])
 @pytest.mark.parametrize("execute", [local, threads], ids=["local", "threads"])
 def test_a_record_cannot_run_code(mark: Path, poison: Any, execute: Any) -> None:
     runs_in_spite_of(poison, execute, mark)
