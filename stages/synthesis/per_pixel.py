@@ -3,7 +3,7 @@
 import dataclasses
 import logging
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int16, Int32, UInt32
@@ -256,68 +256,113 @@ def per_pixel(
     if (fixed is None) != (fixed_match is None):
         raise ValueError("fixed and fixed_match: one is missing")
     size = _size(params, target, target_jacobian if fixed is None else fixed)
-    distorted = jacobian is not None or target_jacobian is not None
-    if distorted and jacobian is None:
+    if jacobian is None and target_jacobian is not None:
         jacobian = flat((image.height, image.width))
-    repeats = generators is not None and len(generators) and (target_jacobian is None or target_chart is not None)
-    if repeats and distorted:
-        assert generators is not None
-        # A coarser level does not show the repetition, and its corrections would lose the phase.
-        most = 1 + max(0, int(np.log2(np.hypot(*generators.T).min() * _MAX_STEP)))
-        appearance, basis, candidates = (part[:most] for part in (appearance, basis, candidates))
-    stack = AppearanceStack(appearance, basis, candidates, toroidal)
-    if not distorted:
-        chart = None if source is None else source.astype(np.float32)
-    scale, own = _fitted(image, control)
-    wanted, weight = None, params.control_weight
-    notes: list[str] = []
-    if target is not None and scale is not None and own is not None:
-        wanted = scale.of_control(target, *(params.extent or size)) / np.float32(scale.strength)
-        own, wanted, rare = comparable(own, wanted, 1.0, toroidal)
-        notes = notes_on_target(scale.beyond(target), rare)
-    for note in notes:
+    compared = _compared(image, control, target, toroidal, params, size)
+    for note in compared.notes:
         _LOG.warning(note)
-    if repeats and not distorted and own is not None and wanted is not None:
-        assert generators is not None
-        planes = phase_planes(generators, source, own, wanted, params.tileable)
-        repeats = planes is not None
-        if planes is not None:
-            chart = planes.places
-            if own.shape[2] + planes.own.shape[2] <= CONTROLS:
-                own, wanted = (
-                    np.concatenate(parts, axis=2) for parts in ((own, planes.own), (wanted, planes.wanted))
-                )
-                weight *= 2  # that of control remains
-    tables = _tables(image, stack, own, jacobian, weight)
-    if distorted and params.block is None:
-        whole = not repeats and _continues(tables)
-        params = params.model_copy(update={"block": _REGULAR_BLOCK if whole else _DISTORTED_BLOCK})
-    levels = _levels(params, tables, size, int(rng.integers(2**63)))
-    if distorted:
-        levels.bend(_bent(target_jacobian))
-    if repeats:
-        assert generators is not None
-        if distorted and chart is None:
+    stack = AppearanceStack(appearance, basis, candidates, toroidal)
+    repetition = None
+    if generators is not None and len(generators) and (target_jacobian is None or target_chart is not None):
+        if jacobian is None:
+            repetition, compared = _in_step(generators, source, compared, params.tileable)
+        elif chart is None:
             raise ValueError("chart: missing, though the exemplar is distorted and repeats")
-        levels.repeat(phases_of(generators, tables.shape, tables.margin, chart), target_chart)
+        else:
+            repetition, stack = _Repetition(generators, chart), _showing(stack, generators)
+    tables = _tables(image, stack, compared.own, jacobian, compared.weight)
+    levels = _levels(params, tables, size, int(rng.integers(2**63)), repetition is not None)
+    if jacobian is not None:
+        levels.bend(_bent(target_jacobian))
+    if repetition is not None:
+        phases = phases_of(repetition.generators, tables.shape, tables.margin, repetition.chart)
+        levels.repeat(phases, target_chart)
     if fixed is not None and fixed_match is not None:
-        if (fixed_match[fixed] >= tables.shape).any():
-            raise ValueError(f"fixed_match goes beyond an exemplar of {tables.shape}")
-        rows, columns = np.moveaxis(fixed_match.astype(np.int64), 2, 0)
-        levels.pin(fixed, tables.places_of(rows, columns))
-    if wanted is not None:
-        target_on(levels, wanted)
+        levels.pin(fixed, _fixed_places(tables, fixed, fixed_match))
+    if compared.wanted is not None:
+        target_on(levels, compared.wanted)
     levels.run()
     rows, columns = tables.pixels_of(levels.finest())
     match = np.stack([rows, columns], axis=2).astype(np.uint32)
-    positions = np.stack(levels.positions(), axis=2) if distorted else None
-    if positions is None:
+    if jacobian is None:
+        positions = None
         # for rows this short several times as fast as indexing
         pixels = image.pixels.reshape(-1, len(image.channels)).take(rows * np.int32(image.width) + columns, axis=0)
     else:
-        assert jacobian is not None
+        positions = np.stack(levels.positions(), axis=2)
         pixels = _means(image, jacobian, positions, _bent(target_jacobian), params.origin)
-    return PerPixel(Image(pixels, image.channels), match, params.tileable, positions, notes)
+    return PerPixel(Image(pixels, image.channels), match, params.tileable, positions, compared.notes)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Compared:
+    """Planes that are compared together with neighbourhoods, 0..1; None without control."""
+
+    own: Float32[np.ndarray, "h w k"] | None
+    """of the exemplar"""
+    wanted: Float32[np.ndarray, "H W k"] | None
+    """of the result"""
+    weight: float
+    """variance relative to that of the neighbourhoods"""
+    notes: list[str]
+    """warnings about the target, a sentence each"""
+
+
+def _compared(
+    image: Image,
+    control: Image | None,
+    target: Image | None,
+    toroidal: bool,
+    params: PerPixelParams,
+    size: tuple[int, int],
+) -> _Compared:
+    """Control of the exemplar and of a result of ``size`` px, made comparable."""
+    scale, own = _fitted(image, control)
+    if target is None or scale is None or own is None:
+        return _Compared(None, None, params.control_weight, [])
+    wanted = scale.of_control(target, *(params.extent or size)) / np.float32(scale.strength)
+    own, wanted, rare = comparable(own, wanted, 1.0, toroidal)
+    return _Compared(own, wanted, params.control_weight, notes_on_target(scale.beyond(target), rare))
+
+
+class _Repetition(NamedTuple):
+    """By what the texture repeats, and where in it the exemplar's pixels are."""
+
+    generators: Vectors
+    chart: Float32[np.ndarray, "h w 2"] | None
+    """px of flat texture; None if that is the exemplar"""
+
+
+def _in_step(
+    generators: Vectors, source: UInt32[np.ndarray, "h w 2"] | None, compared: _Compared, wrap: bool
+) -> tuple[_Repetition | None, _Compared]:
+    """The repetition of flat texture; under control compared too, or None if control repeats differently."""
+    own, wanted = compared.own, compared.wanted
+    if own is None or wanted is None:
+        return _Repetition(generators, None if source is None else source.astype(np.float32)), compared
+    phases = phase_planes(generators, source, own, wanted, wrap)
+    if phases is None:
+        return None, compared
+    if own.shape[2] + phases.own.shape[2] <= CONTROLS:
+        own, wanted = (np.concatenate(parts, axis=2) for parts in ((own, phases.own), (wanted, phases.wanted)))
+        weight = 2 * compared.weight  # that of control remains
+        compared = dataclasses.replace(compared, own=own, wanted=wanted, weight=weight)
+    return _Repetition(generators, phases.places), compared
+
+
+def _showing(stack: AppearanceStack, generators: Vectors) -> AppearanceStack:
+    """The levels that show a repetition; corrections of coarser ones would lose the phase."""
+    most = 1 + max(0, int(np.log2(np.hypot(*generators.T).min() * _MAX_STEP)))
+    return AppearanceStack(stack.appearance[:most], stack.basis[:most], stack.candidates[:most], stack.toroidal)
+
+
+def _fixed_places(
+    tables: Tables, fixed: Bool[np.ndarray, "H W"], match: UInt32[np.ndarray, "H W 2"]
+) -> Int32[np.ndarray, "H W"]:
+    """The places of exemplar pixels; those of ``fixed`` pixels must exist."""
+    if (match[fixed] >= tables.shape).any():
+        raise ValueError(f"fixed_match goes beyond an exemplar of {tables.shape}")
+    return tables.places_of(*np.moveaxis(match.astype(np.int64), 2, 0))
 
 
 def _means(
@@ -351,9 +396,13 @@ def _continues(tables: Tables) -> bool:
     return bool(similar < _REGULAR * 2 * values[whole].astype(np.float64).var(axis=0).sum())
 
 
-def _levels(params: PerPixelParams, tables: Tables, size: tuple[int, int], seed: int) -> Levels:
+def _levels(params: PerPixelParams, tables: Tables, size: tuple[int, int], seed: int, repeats: bool) -> Levels:
+    """The levels of a result; a distorted exemplar has larger pieces, the largest if regular but not in step."""
     if params.tileable:
         check_divisible(size, tables.levels)
+    if tables.jacobian is not None and params.block is None:
+        whole = not repeats and _continues(tables)
+        params = params.model_copy(update={"block": _REGULAR_BLOCK if whole else _DISTORTED_BLOCK})
     row, column = params.origin
     window = Rect(row, row + size[0], column, column + size[1])
     return levels_on(None, tables, style_of(params, tables.levels, seed), window, params.tileable)
