@@ -13,7 +13,7 @@ import json
 import os
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from texloom.pipelines.store import run_log, usage
@@ -199,6 +199,24 @@ def _sweep(store: Store, oldest: float) -> None:
     tidy(store)
     for folder in (store.root / "runs").rglob("*/"):
         remove_abandoned(folder)
+    _sweep_unfinished(store, oldest)
+    keys = {key: record_name(stage, key) for stage, key in _keys(store, "cache")}
+    kept = set(keys.values())
+    waiting = {record_name(stage, key) for stage, key in _keys(store, "checkpoints")}
+    _unlink_old(store.records, oldest, kept)
+    _unlink_old(store.exports, oldest)
+    # explains for a while why results are computed again
+    _unlink_old(store.root / "history", min(oldest, time.time() - _HISTORY_DAYS * 86400))
+    kept |= waiting
+    for name in usage.names(store.locks):
+        of_key = "-" in name and name.endswith(".lock") and name.removesuffix(".lock") not in kept
+        if of_key and _time(f"{store.locks}/{name}") < oldest:
+            _remove_lock(store, store.locks / name)
+    run_log.forget(store.root, keys.keys(), oldest)
+
+
+def _sweep_unfinished(store: Store, oldest: float) -> None:
+    """Remove results that were never finished, and checkpoints that are done with or old; not those in use."""
     for path in (store.root / "cache").glob("*/.new-*"):
         named = _NEW_FOLDER.fullmatch(path.name)
         with store.try_lock(path.parent.name, named[1]) if named else contextlib.nullcontext(True) as is_locked:
@@ -210,24 +228,13 @@ def _sweep(store: Store, oldest: float) -> None:
             is_done = (store.records / record_name(stage, key)).exists()
             if is_locked and (is_done or _last_time(path) < oldest):
                 remove(path)
-    keys = {key: record_name(stage, key) for stage, key in _keys(store, "cache")}
-    kept = set(keys.values())
-    waiting = {record_name(stage, key) for stage, key in _keys(store, "checkpoints")}
-    for name in usage.names(store.records):
-        if name not in kept and _time(f"{store.records}/{name}") < oldest:
-            (store.records / name).unlink(missing_ok=True)
-    for name in usage.names(store.exports):
-        if _time(f"{store.exports}/{name}") < oldest:
-            (store.exports / name).unlink(missing_ok=True)
-    for path in (store.root / "history").glob("*"):  # explains for a while why results are computed again
-        if _time(path) < min(oldest, time.time() - _HISTORY_DAYS * 86400):
-            path.unlink(missing_ok=True)
-    kept |= waiting
-    for name in usage.names(store.locks):
-        of_key = "-" in name and name.endswith(".lock") and name.removesuffix(".lock") not in kept
-        if of_key and _time(f"{store.locks}/{name}") < oldest:
-            _remove_lock(store, store.locks / name)
-    run_log.forget(store.root, keys.keys(), oldest)
+
+
+def _unlink_old(folder: Path, oldest: float, kept: Collection[str] = ()) -> None:
+    """Remove the files of a folder that are older than ``oldest``, but those named in ``kept``."""
+    for name in usage.names(folder):
+        if name not in kept and _time(f"{folder}/{name}") < oldest:
+            (folder / name).unlink(missing_ok=True)
 
 
 def _remove_lock(store: Store, path: Path) -> None:
