@@ -105,6 +105,39 @@ def nearest_stage(name: str) -> str:
     return f"; did you mean '{by_word[close[0]]}'?" if close else one_of(known)
 
 
+def _chosen_source(name: str, given: str | Sequence[str], entry: Entry) -> str | Each:
+    """What the caller gives, as the source that an entry declares."""
+    references = [absolute(one, Path.cwd()) for one in ([given] if isinstance(given, str) else given)]
+    if not isinstance(entry.value, SetPart):
+        return source_of(name, references, None, is_map_set(absolute(entry.value, entry.path.parent)))
+    if entry.value.stack is not None:
+        return stack_of(name, references)
+    return source_of(name, references, entry.value.pair, False)
+
+
+def _declared_source(entry: Entry) -> str | Each:
+    """The source of an entry that nothing replaces."""
+    value, folder = entry.value, entry.path.parent
+    if not isinstance(value, SetPart):
+        return absolute(value, folder)
+    if value.stack is not None:
+        if value.each is not None or value.pair is not None:
+            raise entry.fail("is either a 'stack' or a set with 'each'")
+        return SCHEME + absolute(value.stack, folder)
+    if value.is_required:
+        return absolute(REQUIRED, folder)
+    if value.each is None or not is_pattern(value.each):
+        raise entry.fail(f"must be a pattern like 'folder/*.png', got {shown(value.each)}", "each")
+    return Each((absolute(value.each, folder),), value.pair)
+
+
+def _is_required(value: str | SetPart) -> bool:
+    """Whether a source has no file unless the caller gives one."""
+    if isinstance(value, SetPart):
+        return value.is_required or value.stack == REQUIRED
+    return value == REQUIRED
+
+
 class _Checker:
     """Checks names, types and values of a composed flow."""
 
@@ -149,11 +182,7 @@ class _Checker:
         delivery = self.delivery
         exports, likes, surfaces = self._exports()
         self._add_layout(delivery, exports)
-        for file, like in likes.items():
-            reference = exports[file]
-            scope = "shared" if reference.output is None else steps[reference.name].scope
-            if isinstance(self.sources[like], Each) and scope != "item" and reference.name != like:
-                raise self.fail(f"exports.{file}.like", f"'{like}' is a set, but {reference} exists only once")
+        self._check_likes(likes, exports, steps)
         declared = None if draft.runner is None else draft.runner.value
         runner = choose_runner(declared, self.overrides.runner, self.fail)
         chosen = self._chosen_sources()
@@ -182,35 +211,13 @@ class _Checker:
         chosen = self._chosen_sources()
         missing, left_out = [], []
         for name, entry in self.draft.sources.items():
-            value = entry.value
             if name in chosen:
-                given = chosen[name]
-                references = [absolute(one, Path.cwd()) for one in ([given] if isinstance(given, str) else given)]
-                if isinstance(value, SetPart) and value.stack is not None:
-                    sources[name] = stack_of(name, references)
-                    continue
-                pair = value.pair if isinstance(value, SetPart) else None
-                takes_maps = isinstance(value, str) and is_map_set(absolute(value, entry.path.parent))
-                sources[name] = source_of(name, references, pair, takes_maps)
-            elif isinstance(value, SetPart) and value.stack is not None:
-                if value.each is not None or value.pair is not None:
-                    raise entry.fail("is either a 'stack' or a set with 'each'")
-                sources[name] = SCHEME + absolute(value.stack, entry.path.parent)
-                if value.stack == REQUIRED:
-                    missing.append(name)
-            elif isinstance(value, SetPart) and value.is_required:
-                sources[name] = absolute(REQUIRED, entry.path.parent)
-                missing.append(name)
-            elif isinstance(value, SetPart):
-                if value.each is None or not is_pattern(value.each):
-                    problem = f"must be a pattern like 'folder/*.png', got {shown(value.each)}"
-                    raise entry.fail(problem, "each")
-                sources[name] = Each((absolute(value.each, entry.path.parent),), value.pair)
-            elif value == OPTIONAL:
+                sources[name] = _chosen_source(name, chosen[name], entry)
+            elif entry.value == OPTIONAL:
                 left_out.append(name)
             else:
-                sources[name] = absolute(value, entry.path.parent)
-                if value == REQUIRED:
+                sources[name] = _declared_source(entry)
+                if _is_required(entry.value):
                     missing.append(name)
         for name, entry in self.draft.sources.items():
             if isinstance(entry.value, SetPart) and entry.value.pair is not None:
@@ -362,23 +369,7 @@ class _Checker:
         """The steps, in order, each with its scope."""
         scoped: dict[str, Step] = {}
         for name, step in steps.items():
-            taken = [reference for reference in step.inputs.values() if reference.output is not None]
-            scopes = {scoped[reference.name].scope for reference in taken}
-            if any(isinstance(self.sources.get(reference.name), Each) for reference in step.inputs.values()):
-                scopes.add("item")
-            if len(seeds) > 1 and step.stage.uses_rng and not step.gather:
-                scopes.add("item")
-            if step.gather:
-                scopes.add("final")
-            if {"item", "final"} <= scopes:
-                one = next(
-                    str(r) for r in step.inputs.values() if r.output is None or scoped[r.name].scope == "item"
-                )
-                raise self.draft.steps[name].at.fail(
-                    f"runs once for all items, but {one} exists for each; take it by 'gather'"
-                )
-            scope: Scope = "item" if "item" in scopes else "final" if "final" in scopes else "shared"
-            scoped[name] = dataclasses.replace(step, scope=scope)
+            scoped[name] = dataclasses.replace(step, scope=self._scope(step, scoped, seeds))
         for name, step in scoped.items():
             for reference in flat(step.gather):
                 if reference.output is not None and scoped[reference.name].scope == "final":
@@ -386,28 +377,43 @@ class _Checker:
                     raise self.draft.steps[name].at.fail(problem, "gather")
         return scoped
 
+    def _scope(self, step: Step, scoped: Mapping[str, Step], seeds: Sequence[int]) -> Scope:
+        """The scope of a step whose inputs come from those in ``scoped``."""
+        taken = [reference for reference in step.inputs.values() if reference.output is not None]
+        scopes = {scoped[reference.name].scope for reference in taken}
+        if any(isinstance(self.sources.get(reference.name), Each) for reference in step.inputs.values()):
+            scopes.add("item")
+        if len(seeds) > 1 and step.stage.uses_rng and not step.gather:
+            scopes.add("item")
+        if step.gather:
+            scopes.add("final")
+        if {"item", "final"} <= scopes:
+            one = next(str(r) for r in step.inputs.values() if r.output is None or scoped[r.name].scope == "item")
+            problem = f"runs once for all items, but {one} exists for each; take it by 'gather'"
+            raise self.draft.steps[step.name].at.fail(problem)
+        return "item" if "item" in scopes else "final" if "final" in scopes else "shared"
+
     def _exports(self) -> tuple[dict[str, Reference], dict[str, str], dict[str, Reference]]:
         """What is written to which file, the sources that folders of maps and PNGs are like, meshes of models."""
         exports, likes, surfaces = {}, {}, {}
         for file, entry in self.draft.exports.items():
-            like = entry.value.like if isinstance(entry.value, FolderPart) else None
-            is_like = file.endswith("/") or (like is not None and file.endswith(".png"))
-            if isinstance(entry.value, FolderPart) and is_like:
-                if like is not None and like not in self.sources:
-                    raise entry.fail(f"no source {shown(like)}{hint(str(like), self.sources)}", "like")
-                if like is not None:
-                    likes[file] = like
-                elif entry.value.if_maps:
-                    raise entry.fail("needs 'like', the source that may be a map set", "if_maps")
-            elif isinstance(entry.value, FolderPart) and entry.value.mesh is not None and file.endswith(MODELS):
-                mesh = dataclasses.replace(entry, value=entry.value.mesh)
-                surfaces[file] = self._input(mesh, _MESH, "mesh")
-            elif isinstance(entry.value, FolderPart):
-                raise entry.fail(
-                    "must be a source or STEP.OUTPUT, got a mapping, which a folder takes, a PNG with 'like', a "
-                    ".glb, .usda or .mtlx with 'mesh'"
-                )
-            image = entry.value.image if isinstance(entry.value, FolderPart) else entry.value
+            image = entry.value
+            if isinstance(entry.value, FolderPart):
+                image, like, mesh = entry.value.image, entry.value.like, entry.value.mesh
+                if file.endswith("/") or (like is not None and file.endswith(".png")):
+                    if like is not None and like not in self.sources:
+                        raise entry.fail(f"no source {shown(like)}{hint(str(like), self.sources)}", "like")
+                    if like is not None:
+                        likes[file] = like
+                    elif entry.value.if_maps:
+                        raise entry.fail("needs 'like', the source that may be a map set", "if_maps")
+                elif mesh is not None and file.endswith(MODELS):
+                    surfaces[file] = self._input(dataclasses.replace(entry, value=mesh), _MESH, "mesh")
+                else:
+                    raise entry.fail(
+                        "must be a source or STEP.OUTPUT, got a mapping, which a folder takes, a PNG with 'like', "
+                        "a .glb, .usda or .mtlx with 'mesh'"
+                    )
             other = file.removesuffix("/") if file.endswith("/") else f"{file}/"
             if other in exports:
                 raise entry.fail(f"'{other}' is another export; a file and a folder cannot have the same name")
@@ -419,6 +425,16 @@ class _Checker:
             file: meshes[made] for file, made in exports.items() if file.endswith(MODELS) and made in meshes
         }
         return exports, likes, of_models | surfaces
+
+    def _check_likes(
+        self, likes: Mapping[str, str], exports: Mapping[str, Reference], steps: Mapping[str, Step]
+    ) -> None:
+        """What is written like each file of a set must be of its items."""
+        for file, like in likes.items():
+            reference = exports[file]
+            scope = "shared" if reference.output is None else steps[reference.name].scope
+            if isinstance(self.sources[like], Each) and scope != "item" and reference.name != like:
+                raise self.fail(f"exports.{file}.like", f"'{like}' is a set, but {reference} exists only once")
 
     def _check_export(self, file: str, entry: Entry, reference: Reference) -> None:
         made = self._type_of(reference)
