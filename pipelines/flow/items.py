@@ -71,14 +71,19 @@ def items_of(flow: Flow) -> list[Item]:
         for seed in flow.seeds:
             parts = [part for part in (stem, str(seed) if len(flow.seeds) > 1 else "") if part]
             items.append(Item("-".join(parts) or flow.name, seed, paths))
-    for item in items:
-        if len(item.name.encode()) > _MAX_NAME:
-            problem = f"an item would be called '{item.name[:40]}...', which is too long for a folder's name"
+    _check_names(flow, [item.name for item in items])
+    return items
+
+
+def _check_names(flow: Flow, names: Sequence[str]) -> None:
+    """Names of items must be different ones that folders can have."""
+    for name in names:
+        if len(name.encode()) > _MAX_NAME:
+            problem = f"an item would be called '{name[:40]}...', which is too long for a folder's name"
             raise refused(f"{flow.where('sources')}: {problem}")
-    twice = [name for name, count in Counter(item.name for item in items).items() if count > 1]
+    twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
         raise refused(f"{flow.where('sources')}: two items would be called '{twice[0]}'")
-    return items
 
 
 def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:

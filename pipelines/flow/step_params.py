@@ -71,22 +71,11 @@ class StepParams:
         """The steps and params, with a key of a mapping if one is named, that ``--set NAME`` changes."""
         draft, problem = self.draft, f"--set {name}: "
         step, dot, param = name.partition(".")
+        if not dot and name in draft.params:
+            targets = [target for target in draft.params[name].value if not is_structural(target)]
+            return [(one, rest) for one, _, rest in (target.partition(".") for target in targets)]
         if not dot:
-            if name in draft.params:
-                targets = [target for target in draft.params[name].value if not is_structural(target)]
-                return [(one, rest) for one, _, rest in (target.partition(".") for target in targets)]
-            if name in draft.partial:
-                labels, one = draft.lacking[name], draft.partial[name].value[0]
-                have = f"{', '.join(labels)} {'have' if len(labels) > 1 else 'has'}"
-                raise refused(f"{problem}{have} no such param; name that of one step, as {one}")
-            if name in draft.steps:
-                first = next(iter(self.stages[name].params.model_fields), "PARAM")
-                raise refused(f"{problem}is a step; name one of its params, as {name}.{first}")
-            own = ", ".join([*draft.params, "those of its steps, as STEP.PARAM"])
-            of_steps = [f"{one}.{name}" for one, stage in self.stages.items() if name in stage.params.model_fields]
-            near = closest(name, draft.params) or f"; it has {own}"
-            near = f"; did you mean '{of_steps[0]}'?" if of_steps else near
-            raise refused(f"{problem}{draft.name} has no such param{near}")
+            raise refused(problem + self._why_unknown(name))
         if step in draft.steps:
             return [(step, param)]
         if step in draft.spread:
@@ -97,6 +86,22 @@ class StepParams:
             return [(one, param) for one in names]
         near = closest(step, [*draft.steps, *draft.spread])
         raise refused(f"{problem}no step '{step}'{near or one_of(draft.steps)}")
+
+    def _why_unknown(self, name: str) -> str:
+        """Why a name without a step is no param of the flow, and what may be meant."""
+        draft = self.draft
+        if name in draft.partial:
+            labels, one = draft.lacking[name], draft.partial[name].value[0]
+            have = f"{', '.join(labels)} {'have' if len(labels) > 1 else 'has'}"
+            return f"{have} no such param; name that of one step, as {one}"
+        if name in draft.steps:
+            first = next(iter(self.stages[name].params.model_fields), "PARAM")
+            return f"is a step; name one of its params, as {name}.{first}"
+        own = ", ".join([*draft.params, "those of its steps, as STEP.PARAM"])
+        of_steps = [f"{one}.{name}" for one, stage in self.stages.items() if name in stage.params.model_fields]
+        near = closest(name, draft.params) or f"; it has {own}"
+        near = f"; did you mean '{of_steps[0]}'?" if of_steps else near
+        return f"{draft.name} has no such param{near}"
 
     def _checked(self, step: str, values: Mapping[str, Any], places: Mapping[tuple[str, str], str]) -> Params:
         model = self.stages[step].params
