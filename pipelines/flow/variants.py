@@ -33,15 +33,7 @@ class _Merger:
         self.are_rounds = are_rounds
         names = dict.fromkeys(name for draft in drafts.values() for name in draft.steps)
         self.once = _shared(names, drafts)
-        params = dict.fromkeys(name for draft in drafts.values() for name in draft.params)
-        having = {name: [label for label in self.labels if name in drafts[label].steps] for name in names}
-        having = {name: labels for name, labels in having.items() if name not in self.once}
-        having |= {name: [label for label in self.labels if name in drafts[label].params] for name in params}
-        self.lacking = {
-            name: [label for label in self.labels if label not in labels]
-            for name, labels in having.items()
-            if len(labels) < len(drafts)
-        }
+        self.lacking = _lacking(drafts, self.once)
         prune(drafts)
         self.spread = {
             name: {label: f"{label}_{name}" for label in self.labels if name in drafts[label].steps}
@@ -55,15 +47,7 @@ class _Merger:
         for label, draft in self.drafts.items():
             whole.included += [path for path in draft.included if path not in whole.included]
             whole.sources = {**draft.sources, **whole.sources}
-            for name, step in draft.steps.items():
-                if name in self.once:
-                    if name not in whole.steps:
-                        whole.steps[name] = self.joined(step)
-                    continue
-                new = self.spread[name][label]
-                if new in whole.steps or new in self.once or not NAME.fullmatch(new):
-                    raise step.at.fail(f"as that of {label} it would be called '{new}', which cannot be")
-                whole.steps[new] = self.of_variant(step, label)
+            self.add_steps(whole, label)
         for file in dict.fromkeys(file for draft in self.drafts.values() for file in draft.exports):
             whole.exports |= self.exports(file)
         whole.spread = {name: dict(names) for name, names in self.spread.items()}
@@ -81,6 +65,17 @@ class _Merger:
             elif param.value:
                 whole.partial[name] = param
         return whole
+
+    def add_steps(self, whole: Draft, label: str) -> None:
+        """Add the steps of a variant, those that exist once unless they are there."""
+        for name, step in self.drafts[label].steps.items():
+            if name not in self.once:
+                new = self.spread[name][label]
+                if new in whole.steps or new in self.once or not NAME.fullmatch(new):
+                    raise step.at.fail(f"as that of {label} it would be called '{new}', which cannot be")
+                whole.steps[new] = self.of_variant(step, label)
+            elif name not in whole.steps:
+                whole.steps[name] = self.joined(step)
 
     def resolved(self, label: str, text: Any) -> Any:
         """A reference of a variant, in the flow of all."""
@@ -154,6 +149,15 @@ class _Merger:
         entries = {label: draft.params[name] for label, draft in self.drafts.items() if name in draft.params}
         targets = [self.resolved(label, target) for label, entry in entries.items() for target in entry.value]
         return dataclasses.replace(next(iter(entries.values())), value=list(dict.fromkeys(targets)))
+
+
+def _lacking(drafts: Mapping[str, Draft], once: set[str]) -> dict[str, list[str]]:
+    """Steps, but for those that exist ``once``, and params, with the labels of the variants that lack them."""
+    steps = dict.fromkeys(name for draft in drafts.values() for name in draft.steps if name not in once)
+    params = dict.fromkeys(name for draft in drafts.values() for name in draft.params)
+    lacking = {name: [label for label, draft in drafts.items() if name not in draft.steps] for name in steps}
+    lacking |= {name: [label for label, draft in drafts.items() if name not in draft.params] for name in params}
+    return {name: labels for name, labels in lacking.items() if labels}
 
 
 def _shared(names: Mapping[str, Any], drafts: Mapping[str, Draft]) -> set[str]:
