@@ -67,42 +67,49 @@ def main() -> None:
 
         register()
     try:
-        code = texloom.main(prog_name="texloom", standalone_mode=False)
-    except click.exceptions.NoArgsIsHelpError as error:
-        click.echo(error.ctx.get_help() if error.ctx else "")
-        code = Exit.WRONG
-    except WhichFlowError:
-        click.echo(_WHICH_FLOW, err=True)
-        code = Exit.WRONG
-    except click.ClickException as error:
-        command = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "texloom"
-        complain(f"{command}: {error.format_message()}")
-        code = Exit.WRONG
-    except ValueError as error:
-        from texloom.stages.declare import InputError  # not at the top, as help does not need it
-
-        if not isinstance(error, InputError):
-            raise
-        complain(f"texloom: {error}")
-        code = Exit.WRONG
-    except (KeyboardInterrupt, RuntimeError, ImportError) as error:
-        if interruption_of(error) is None and not isinstance(error, click.Abort):
-            raise
-        ended, code = ended_by(error)
-        click.echo(f"texloom: {ended}", err=True)  # without imports: one of them may have been interrupted
-    except OSError as error:  # a full disk, a folder that has gone; click leaves quietly when a pipe is closed
-        named = error.errno is None or error.filename is not None  # as all that is written by name
-        complain(f"texloom: {'' if named else 'standard output: '}{error if named else error.strerror}")
-        if not named:  # Python would try once more at its end, and complain
-            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        code = Exit.FAILED
+        code = _exit_code()
     finally:
         for number, handler in before.items():
             if signal.getsignal(number) == end_in_order:  # nothing has ended the run
                 signal.signal(number, handler)
     if "OpenImageIO" not in sys.modules:  # which complains about what is not collected
         gc.freeze()  # to look through all that a run has loaded once more would take a quarter of a second
-    sys.exit(code or Exit.DONE)
+    sys.exit(code)
+
+
+def _exit_code() -> int:
+    """Run the command, and tell in a line what has gone wrong."""
+    try:
+        return texloom.main(prog_name="texloom", standalone_mode=False) or Exit.DONE
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.ctx.get_help() if error.ctx else "")
+        return Exit.WRONG
+    except WhichFlowError:
+        click.echo(_WHICH_FLOW, err=True)
+        return Exit.WRONG
+    except click.ClickException as error:
+        command = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "texloom"
+        complain(f"{command}: {error.format_message()}")
+        return Exit.WRONG
+    except ValueError as error:
+        from texloom.stages.declare import InputError  # not at the top, as help does not need it
+
+        if not isinstance(error, InputError):
+            raise
+        complain(f"texloom: {error}")
+        return Exit.WRONG
+    except (KeyboardInterrupt, RuntimeError, ImportError) as error:
+        if interruption_of(error) is None and not isinstance(error, click.Abort):
+            raise
+        ended, code = ended_by(error)
+        click.echo(f"texloom: {ended}", err=True)  # without imports: one of them may have been interrupted
+        return code
+    except OSError as error:  # a full disk, a folder that has gone; click leaves quietly when a pipe is closed
+        named = error.errno is None or error.filename is not None  # as all that is written by name
+        complain(f"texloom: {'' if named else 'standard output: '}{error if named else error.strerror}")
+        if not named:  # Python would try once more at its end, and complain
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        return Exit.FAILED
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
