@@ -16,7 +16,7 @@ from typing import Any, Literal, NoReturn
 from texloom.pipelines.byte_size import format_byte_size
 from texloom.pipelines.engine import user_cache
 from texloom.pipelines.engine.code_digest import code_digest
-from texloom.pipelines.engine.exports import Export
+from texloom.pipelines.engine.exports import Export, States
 from texloom.pipelines.engine.footprint import Footprint, footprint
 from texloom.pipelines.engine.input_files import FilesRead
 from texloom.pipelines.engine.keys import KeyParts, canonical_json, fixed_parts, key_parts
@@ -400,27 +400,32 @@ class Run:
             place = str(export.path)
             known = history.exports.get(place) if self._known_files is not None else None
             state = export.current(self.store, known)
-            if state is None:
-                hint: Any = Image
-                provenance = dict(export.about)
-                if reference.output is not None:
-                    hint = self.flow.steps[reference.name].stage.outputs[reference.output]
-                    known = self.store.provenance(_found(scope.artifact(reference.name)))
-                    # without times, so that equal results are equal files; inputs may have other names than then
-                    left_out = ("created", "seconds", "from")
-                    provenance |= {key: value for key, value in known.items() if key not in left_out}
-                self.store.hold()
-                remove_abandoned(export.path.parent)
-                with self.store.scratch():
-                    mesh = None if surface is None else inputs.value(self._given(surface, scope))
-                    value = inputs.value(self._given(reference, scope))
-                    state = export.write(self.store, value, hint, provenance, mesh)
-                if export.path.is_relative_to(self.store.root):
-                    usage.add(self.store, export.path)
-            states[place] = state
+            states[place] = self._write(export, reference, surface, scope, inputs) if state is None else state
             inputs.release([reference])
             written[prefix + file] = export.path
         return written
+
+    def _write(
+        self, export: Export, reference: Reference, surface: Reference | None, scope: Scope, inputs: ScopeInputs
+    ) -> States:
+        """Write an export that is not there yet; the states of its files."""
+        hint: Any = Image
+        provenance = dict(export.about)
+        if reference.output is not None:
+            hint = self.flow.steps[reference.name].stage.outputs[reference.output]
+            known = self.store.provenance(_found(scope.artifact(reference.name)))
+            # without times, so that equal results are equal files; inputs may have other names than then
+            left_out = ("created", "seconds", "from")
+            provenance |= {key: value for key, value in known.items() if key not in left_out}
+        self.store.hold()
+        remove_abandoned(export.path.parent)
+        with self.store.scratch():
+            mesh = None if surface is None else inputs.value(self._given(surface, scope))
+            value = inputs.value(self._given(reference, scope))
+            state = export.write(self.store, value, hint, provenance, mesh)
+        if export.path.is_relative_to(self.store.root):
+            usage.add(self.store, export.path)
+        return state
 
     def _material(self, like: str | None, scope: Scope) -> str:
         """The name of a material: that of the picture which it is like, or of the first one."""
