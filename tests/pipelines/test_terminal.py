@@ -168,6 +168,18 @@ def test_time_left_counts_from_the_first_report(clock: Clock) -> None:
         assert plain.getvalue().splitlines() == ["[1/1] a: 80 %", "[1/1] a: 90 %, 0:30 left"]
 
 
+def test_no_time_left_before_a_hundredth_is_done(clock: Clock) -> None:
+    """The first iteration of a step may wait for its kernels to be compiled, and would promise hours."""
+    with standard_error(io.StringIO()) as plain:
+        terminal, _ = begun("a")
+        terminal(StepStarted("a"))
+        terminal(StepProgress("a", Progress(0.0)))
+        for share in (0.001, 0.02):
+            clock.now += 20
+            terminal(StepProgress("a", Progress(share)))
+        assert plain.getvalue().splitlines() == ["[1/1] a: 0 %", "[1/1] a: 2 %, 32:40 left"]
+
+
 def test_notes_go_to_standard_error() -> None:
     with standard_error(io.StringIO()) as plain:
         terminal, lines = begun("a")
