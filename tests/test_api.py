@@ -231,7 +231,7 @@ def test_run_exports_and_gives_outputs(rgb: np.ndarray, tmp_path: Path) -> None:
     assert "image" in dir(done["texture"])
     with pytest.raises(AttributeError, match="no output 'imag'"):
         _ = done["texture"].imag
-    with pytest.raises(KeyError, match="no result of 'textur'; there is texture, scores"):
+    with pytest.raises(KeyError, match="no result of 'textur'; there are texture, scores"):
         _ = done["textur"]
     assert (tmp_path / "cache" / "texloom" / "store" / "cache").is_dir()
     default = texloom.run("quilting", {"exemplar": rgb}, size=64)

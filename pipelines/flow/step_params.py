@@ -82,7 +82,9 @@ class StepParams:
             if name in draft.steps:
                 first = next(iter(self.stages[name].params.model_fields), "PARAM")
                 raise refused(f"{problem}is a step; name one of its params, as {name}.{first}")
-            own = ", ".join([*draft.params, "those of its steps, as STEP.PARAM"])
+            own = " and ".join(
+                words for words in (", ".join(draft.params), "those of its steps, as STEP.PARAM") if words
+            )
             of_steps = [f"{one}.{name}" for one, stage in self.stages.items() if name in stage.params.model_fields]
             near = closest(name, draft.params) or f"; it has {own}"
             near = f"; did you mean '{of_steps[0]}'?" if of_steps else near

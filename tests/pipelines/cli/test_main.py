@@ -246,7 +246,7 @@ WRONG_COMMANDS = {
         "--size: contour_report has no such param; it has those of its steps, as STEP.PARAM"
     ),
     "run quilting --preset fast": (
-        "--preset: quilting has no such param; it has size, tileable, those of its steps, as STEP.PARAM"
+        "--preset: quilting has no such param; it has size, tileable and those of its steps, as STEP.PARAM"
     ),
     "run self_tuning --size 64 --set size=64": "--size and --set size=... say the same; give one of them",
     "compare quilting self_tuning --over skimage:brick --set start.size=64": (
@@ -318,7 +318,7 @@ WRONG_COMMANDS = {
     "run self_tuning --seed seven": "'--seed'",
     "run self_tuning --set edges.model=gone.yml": "gone.yml: no such file",
     "run self_tuning --runner dsk": "--runner: no runner 'dsk'; did you mean 'dask'?",
-    "run self_tuning --runner prefect": "--runner: no runner 'prefect'; there is local",
+    "run self_tuning --runner prefect": "--runner: no runner 'prefect'; there are local",
     "run self_tuning --store ~nobody.of.this.name/x": "a home folder that is not known",
     "plan self_tuning --set texture.occurence=2": "did you mean 'occurrence'?",
     "stages ostu": "no stage 'ostu'; did you mean 'analysis.otsu'?",
