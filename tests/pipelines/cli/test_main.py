@@ -331,6 +331,7 @@ WRONG_COMMANDS = {
     "run self_tuning --seeds 5-2": "5-2: the first seed is larger than the last",
     "run self_tuning --seeds 0": "0: must be from 1 to 1000 seeds",
     "store limit much": "SIZE: must be a size such as 20GB, 500MB or 4GiB, got 'much'; none removes the limit",
+    "store limit 20": "SIZE: 20 has no unit; give 20GB, or 20B for bytes",
     "store limit -5GB": "No such option",
     "run 'self\ntuning'": "self\\ntuning: no such flow",
 }
