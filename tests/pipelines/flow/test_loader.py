@@ -74,6 +74,12 @@ def test_every_flow_that_ships_loads(path: Path) -> None:
     assert path.read_text().startswith("# "), "a flow begins by saying what it is"
 
 
+def test_one_picture_is_given_no_folder_of_maps() -> None:
+    flows = [load_flow(path) for path in CONFIGS]
+    always = {flow.name for flow in flows if "maps/" in flow.likes and "maps/" not in flow.of_maps}
+    assert always == {"materials"}
+
+
 def test_there_are_flows() -> None:
     assert {"self_tuning", "texture_optimisation"} <= {path.stem for path in CONFIGS}
 
