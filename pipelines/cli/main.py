@@ -85,7 +85,7 @@ def main() -> None:
             raise
         complain(f"texloom: {error}")
         code = Exit.WRONG
-    except (KeyboardInterrupt, RuntimeError, ImportError) as error:
+    except (KeyboardInterrupt, RuntimeError, ImportError, SystemError) as error:
         if interruption_of(error) is None and not isinstance(error, click.Abort):
             raise
         ended, code = ended_by(error)
