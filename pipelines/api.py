@@ -261,7 +261,7 @@ def _texts(params: Mapping[str, Any] | None, **named: Any) -> dict[str, str]:
             return value.tolist()
         if isinstance(value, os.PathLike):
             return os.fspath(value)
-        raise InputError(f"--set {name}: a {type(value).__name__} cannot be the value of a parameter")
+        raise InputError(f"--set {name}: a parameter cannot hold a value of type {type(value).__name__}")
 
     texts = {}
     for name, value in [
