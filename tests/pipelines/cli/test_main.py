@@ -299,6 +299,8 @@ WRONG_COMMANDS = {
     "run self_tuning --set start.size=[64,64,3]": (
         "--set start.size: list should have at most 2 items, not 3, got [64, 64, 3]; as in [1024, 1024]"
     ),
+    "run inverse_stationary --size 64x": "--size: input should be N or HxW, a valid number, or 'auto', got '64x'",
+    "run inverse_stationary --size 1.5": "--size: input should be less than 1, got 1.5",
     "run self_tuning --set start.size=[64]": "--set start.size: a value is missing; as in [1024, 1024]",
     # its own example is a pattern that matches nothing here
     "run joint_compaction": (
