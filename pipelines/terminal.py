@@ -163,6 +163,7 @@ class Terminal:
         self.failed += problem is not None
         self.computed += bool(counts["ran"] or counts["failed"])
         text = ", ".join(f"{counts[state]} {state}" for state in ("ran", "cached") if counts[state])
+        text = text or "no steps of its own"
         if problem is not None:
             text = f"failed: {problem}"
         outlook = self._outlook() if self.ended < self.items else ""

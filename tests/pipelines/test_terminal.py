@@ -271,12 +271,12 @@ def test_a_set_says_what_is_done_has_failed_and_is_left(clock: Clock) -> None:
         for item, number in (("c", 2), ("b", 3)):
             terminal(dataclasses.replace(done("edges", "ran", 30.0), item=item))
             terminal(ItemReport(item, number, 4, "too dark" if item == "c" else None))
-        terminal(ItemReport("d", 4, 4, None))
+        terminal(ItemReport("d", 4, 4, None))  # of which all steps gather
         assert [line for line in shown(lines) if line.startswith("item")] == [
             "item 1/4 a: 1 cached",
             "item 2/4 c: failed: too dark (1 failed, 1:00 left)",
             "item 3/4 b: 1 ran (1 failed, 0:15 left)",
-            "item 4/4 d: ",
+            "item 4/4 d: no steps of its own",
         ]
 
 
