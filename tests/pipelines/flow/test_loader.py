@@ -80,6 +80,13 @@ def test_one_picture_is_given_no_folder_of_maps() -> None:
     assert always == {"materials"}
 
 
+def test_what_keeps_a_picture_keeps_its_bits() -> None:
+    flows = [load_flow(path) for path in CONFIGS]
+    keeping = {flow.name for flow in flows if "texture.png" in flow.likes}
+    names = "edit_by_compaction fill make_tileable photo_completion photo_to_photo revise"
+    assert set(names.split()) <= keeping
+
+
 def test_there_are_flows() -> None:
     assert {"self_tuning", "texture_optimisation"} <= {path.stem for path in CONFIGS}
 
