@@ -221,6 +221,11 @@ def test_a_missing_source_is_named_as_an_argument(rgb: np.ndarray) -> None:
         texloom.run("fill", {"picture": rgb})
 
 
+def test_the_second_of_two_arrays_is_named_by_its_shape(rgb: np.ndarray) -> None:
+    with pytest.raises(texloom.InputError, match=r"\(holes is array of shape \(8, 9\)\)$"):
+        texloom.run("fill", {"picture": rgb, "holes": np.zeros((8, 9), np.uint8)})
+
+
 def test_run_exports_and_gives_outputs(rgb: np.ndarray, tmp_path: Path) -> None:
     done = texloom.run("quilting", {"exemplar": rgb}, size=64, out="made")
     assert set(done.exports) == {"texture.exr", "texture.png", "scores.json"}
