@@ -84,7 +84,8 @@ def synthesize(
     mask : what must never be used: a boolean array (h, w), true there; or the path of a picture, black there.
     params : further parameters, of the flow or of a step: ``{"STEP.PARAM": value}``.
     store : folder that keeps the results, so that an equal call is answered from it; the default is TEXLOOM_STORE,
-        else ``store`` in the user's cache folder for texloom. ``texloom store prune --store`` empties it.
+        else ``store`` in the user's cache folder for texloom. ``texloom store prune --days 0 --store FOLDER``
+        empties it.
     progress : true shows progress on standard error; a function receives every `Event`.
 
     Raises
@@ -261,7 +262,7 @@ def _texts(params: Mapping[str, Any] | None, **named: Any) -> dict[str, str]:
             return value.tolist()
         if isinstance(value, os.PathLike):
             return os.fspath(value)
-        raise InputError(f"--set {name}: a {type(value).__name__} cannot be the value of a parameter")
+        raise InputError(f"--set {name}: a parameter cannot hold a value of type {type(value).__name__}")
 
     texts = {}
     for name, value in [
@@ -293,9 +294,15 @@ def _references(sources: Mapping[str, Any], folder: Path) -> Iterator[dict[str, 
         yield references
     except InputError as error:
         text = re.sub(r"^--(\w+)", lambda option: _OPTIONS.get(option[1], option[1]), str(error))
-        for name, reference in references.items():
-            if not isinstance(sources[name], str | os.PathLike):
-                text = text.replace(reference, _described(sources[name])).replace(f"{Path(reference).parent}/", "")
+        written = {
+            name: reference
+            for name, reference in references.items()
+            if not isinstance(sources[name], str | os.PathLike)
+        }
+        for name, reference in written.items():
+            text = text.replace(reference, _described(sources[name]))
+        for reference in written.values():  # after all of them, as they may have one folder
+            text = text.replace(f"{Path(reference).parent}/", "")
         # an argument in place of the command
         text = re.sub(r"(sources\.(\w+): required), as in: .*", r"\1, as in sources={'\2': 'picture.png'}", text)
         raise InputError(text) from None

@@ -52,7 +52,7 @@ def closest(word: str, known: Iterable[str]) -> str:
 def one_of(known: Iterable[str]) -> str:
     """A hint at all that there is."""
     names = list(known)
-    return f"; there is {', '.join(names)}" if names else ""
+    return f"; there {'is' if len(names) == 1 else 'are'} {', '.join(names)}" if names else ""
 
 
 def hint(word: str, known: Iterable[str]) -> str:

@@ -6,8 +6,8 @@ from __future__ import annotations
 def interruption_of(error: BaseException) -> KeyboardInterrupt | None:
     """The Ctrl-C or termination that came as this exception, if one did.
 
-    Python 3.11 makes a RuntimeError of what interrupts the definition of a class, and pybind11 an ImportError of
-    what interrupts the import of its modules.
+    Python 3.11 makes a RuntimeError of what interrupts the definition of a class, pybind11 an ImportError of what
+    interrupts the import of its modules, and Numba a SystemError of what interrupts a kernel.
     """
     cause: BaseException | None = error
     while cause is not None and not isinstance(cause, KeyboardInterrupt):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from texloom.pipelines.errors import one_line
+from texloom.pipelines.errors import one_line, one_of
 from texloom.pipelines.flow.model import Flow, Reference
 from texloom.pipelines.media.arrays import Picture, kinds_of
 from texloom.pipelines.media.material_export import channels_of, codes_of, write_maps
@@ -40,7 +40,7 @@ class StepResult:
             raise AttributeError(name)
         if name not in self._artifact.outputs:
             outputs = ", ".join(self._artifact.outputs)
-            raise AttributeError(f"stage {self._artifact.stage} has no output '{name}'; there is {outputs}")
+            raise AttributeError(f"stage {self._artifact.stage} has no output '{name}'; it has {outputs}")
         value = self._store.load(self._artifact, self._kind, [name])[name]
         setattr(self, name, value)
         return value
@@ -102,7 +102,7 @@ class Result:
         artifacts = self._artifacts()
         if step not in artifacts:
             item = step.rpartition("/")[0]
-            hint = f": {self.problems[item]}" if item in self.problems else f"; there is {', '.join(artifacts)}"
+            hint = f": {self.problems[item]}" if item in self.problems else one_of(artifacts)
             raise KeyError(one_line(f"no result of '{step}'{hint}"))
         kind = self._opened.flow.steps[step.rpartition("/")[2]].stage.result
         return StepResult(self._opened.store, artifacts[step], kind)

@@ -25,6 +25,7 @@ from texloom.pipelines.errors import one_line
 from texloom.stages.progress import Progress
 
 _PLAIN_SECONDS = 10.0  # between two lines where there is no terminal
+_MIN_DONE = 0.01  # of a step, from which the time left is known; before that, kernels may have been compiled
 _MAX_LIVE_LINES = 12  # steps that are shown at work
 _MAX_NAME = 40  # characters of a source's name
 _STYLES = {"cached": "2", "failed": "31", "warning": "33", "header": "1"}  # SGR codes
@@ -53,7 +54,7 @@ class _Working:
             return ""
         share, *more = describe_progress(self.progress).split(", ")
         since, done = self.first
-        if self.progress.done > done:
+        if self.progress.done - done >= _MIN_DONE:
             left = (now - since) / (self.progress.done - done) * (1 - self.progress.done)
             more.insert(0, f"{_clock(left)} left")
         return ", ".join([share, *more])
@@ -162,6 +163,7 @@ class Terminal:
         self.failed += problem is not None
         self.computed += bool(counts["ran"] or counts["failed"])
         text = ", ".join(f"{counts[state]} {state}" for state in ("ran", "cached") if counts[state])
+        text = text or "no steps of its own"
         if problem is not None:
             text = f"failed: {problem}"
         outlook = self._outlook() if self.ended < self.items else ""

@@ -115,7 +115,7 @@ def _params(stage: Stage, label: str, params: Params | None, named: dict[str, An
     fields = stage.params.model_fields
     if unknown := next((name for name in named if name not in fields), None):
         close = difflib.get_close_matches(unknown, [*stage.inputs, *fields], n=1)
-        hint = f"did you mean '{close[0]}'?" if close else f"there is {', '.join([*stage.inputs, *fields])}"
+        hint = f"did you mean '{close[0]}'?" if close else f"it takes {', '.join([*stage.inputs, *fields])}"
         raise InputError(f"{label}: no input or param '{unknown}'; {hint}")
     if params is not None and not isinstance(params, stage.params):
         raise InputError(f"{label}: params: {type(params).__name__} given, {stage.params.__name__} expected")

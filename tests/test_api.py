@@ -183,7 +183,7 @@ def test_textures_are_shown_in_notebooks(rgb: np.ndarray) -> None:
         ({"method": "self_tunning"}, "did you mean 'self_tuning'"),
         ({"size": 3}, "^params size: input should be greater than or equal to 16, got 3"),
         ({"params": {"texture.occurence": 3}}, "^params texture.occurence: .* did you mean 'occurrence'"),
-        ({"params": {"texture.weights": object()}}, "a object cannot be the value"),
+        ({"params": {"texture.weights": object()}}, "a parameter cannot hold a value of type object"),
         ({"preset": "slow"}, "^params preset: input"),
         ({"image": np.zeros((1, 1, 3), np.uint8)}, r"^sources.exemplar: array of shape \(1, 1, 3\): is too small"),
         ({"image": np.zeros((6, 6), np.uint8)}, r"too small.*\(exemplar is array of shape \(6, 6\)\)"),
@@ -192,7 +192,9 @@ def test_textures_are_shown_in_notebooks(rgb: np.ndarray) -> None:
             {"image": np.full((40, 40, 3), 255.0)},
             "float64 with whole numbers up to 255 holds levels, not linear light",
         ),
-        ({"image": 3}, "a int is no picture"),
+        ({"image": 3}, "a value of type int is not a picture"),
+        ({"image": np.zeros((40, 50, 2), np.uint8)}, r"an array of shape \(40, 50, 2\) is no image"),
+        ({"image": np.zeros(40, np.uint8)}, r"an array of shape \(40,\) is no image"),
         ({"image": "nothing.png"}, "no such file"),
         ({"image": {"albedo": np.zeros((8, 8)), "rough ness?": np.zeros((8, 8))}}, "is not the name of a map"),
         ({"mask": np.zeros((40, 40), np.uint8)}, "^mask: must be boolean"),
@@ -219,6 +221,11 @@ def test_a_missing_source_is_named_as_an_argument(rgb: np.ndarray) -> None:
         texloom.run("fill", {"picture": rgb})
 
 
+def test_the_second_of_two_arrays_is_named_by_its_shape(rgb: np.ndarray) -> None:
+    with pytest.raises(texloom.InputError, match=r"\(holes is array of shape \(8, 9\)\)$"):
+        texloom.run("fill", {"picture": rgb, "holes": np.zeros((8, 9), np.uint8)})
+
+
 def test_run_exports_and_gives_outputs(rgb: np.ndarray, tmp_path: Path) -> None:
     done = texloom.run("quilting", {"exemplar": rgb}, size=64, out="made")
     assert set(done.exports) == {"texture.exr", "texture.png", "scores.json"}
@@ -231,7 +238,7 @@ def test_run_exports_and_gives_outputs(rgb: np.ndarray, tmp_path: Path) -> None:
     assert "image" in dir(done["texture"])
     with pytest.raises(AttributeError, match="no output 'imag'"):
         _ = done["texture"].imag
-    with pytest.raises(KeyError, match="no result of 'textur'; there is texture, scores"):
+    with pytest.raises(KeyError, match="no result of 'textur'; there are texture, scores"):
         _ = done["textur"]
     assert (tmp_path / "cache" / "texloom" / "store" / "cache").is_dir()
     default = texloom.run("quilting", {"exemplar": rgb}, size=64)

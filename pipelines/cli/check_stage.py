@@ -224,7 +224,7 @@ class _Subject:
             ratios.append(across / max(inside, 1e-9))
         if max(ratios) > _SEAM:
             raise _FailError(f"differences across the borders are {max(ratios):.1f} times those inside")
-        return f"{max(ratios):.2f} of the differences inside"
+        return f"{max(ratios):.2f} times the differences inside"
 
     def maps(self) -> str:
         """Whether all maps come from one correspondence."""

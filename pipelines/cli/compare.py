@@ -37,7 +37,10 @@ from texloom.pipelines.cli.run import execute
     help="Judge the pictures of FOLDER, named as the exemplars, as results of NAME. Larger ones are cropped to "
     "their centre; smaller ones are refused, and tileable ones of another size.",
 )  # fmt: skip
-@click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True, help="Seeds an exemplar.")
+@click.option(
+    "--seeds", metavar="N", type=click.IntRange(1, 1000), default=1, show_default=True,
+    help="How many seeds for each exemplar.",
+)  # fmt: skip
 @click.option("--seed", type=int, help="The first seed.")
 @click.option(
     "--set", "params", multiple=True, metavar="PARAM=VALUE", callback=assignments,

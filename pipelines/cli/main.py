@@ -98,7 +98,7 @@ def _exit_code() -> int:
             raise
         complain(f"texloom: {error}")
         return Exit.WRONG
-    except (KeyboardInterrupt, RuntimeError, ImportError) as error:
+    except (KeyboardInterrupt, RuntimeError, ImportError, SystemError) as error:
         if interruption_of(error) is None and not isinstance(error, click.Abort):
             raise
         ended, code = ended_by(error)

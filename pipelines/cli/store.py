@@ -181,9 +181,12 @@ def limit(store_folder: Path, as_json: bool, size: str | None) -> int:
 
 def _parsed(size: str) -> int:
     try:
-        return parse_byte_size(size)
+        most = parse_byte_size(size)
     except ValueError as error:
         raise click.BadParameter(f"{error}; none removes the limit", param_hint="SIZE") from None
+    if size.strip()[-1].isdigit():  # somebody may mean 20 GB, and 20 bytes would empty the store at once
+        raise click.BadParameter(f"{size} has no unit; give {size}GB, or {size}B for bytes", param_hint="SIZE")
+    return most
 
 
 def _print_removed(removed: Sequence[Entry], verb: str, as_json: bool) -> int:

@@ -176,8 +176,9 @@ class InlineExecutor:
             parts = task.spec.parts
             record, is_new = keep_record(self.store, parts.stage, parts.key, work)
         except Exception as raised:
-            if interruption_of(raised) is not None:
-                raise
+            interruption = interruption_of(raised)
+            if interruption is not None:
+                raise interruption from None
             error = raised
         task.end(Outcome(record, time.perf_counter() - began if is_new else None, error))
 

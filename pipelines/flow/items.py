@@ -180,4 +180,10 @@ def _check_partners(
     for words in sorted(set(files) ^ set(partners)):
         here, there = (name, other) if words not in files else (other, name)
         path = {**files, **partners}[words]
-        raise refused(f"{flow.where('sources', here)}: no file goes with {there} {path}")
+        problem = f"no file goes with {there} {path}"
+        if not set(files) & set(partners):  # as of a pattern without quotes, which the shell makes a list of files
+            own = min(files if here == name else partners)
+            problem += (
+                f", called '{words}'; {here} has '{own}'. An item's name is what * matches in a quoted pattern"
+            )
+        raise refused(f"{flow.where('sources', here)}: {problem}")

@@ -82,7 +82,7 @@ def _check(fields: Mapping[str, Any], fail: Fail) -> None:
     if name is None:
         field, needed = ("address", ("dask",)) if address is not None else ("workers", WITH_WORKERS)
         if fields.get(field) is None:
-            raise fail("name", f"which runner?{one_of(RUNNERS)}")
+            raise fail("name", f"missing{one_of(RUNNERS)}")
         raise fail(field, f"needs a runner that has it: {', '.join(needed)}")
     if name not in RUNNERS:
         raise fail("name", f"no runner {shown(name)}{hint(str(name), RUNNERS)}")

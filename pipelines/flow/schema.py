@@ -17,7 +17,7 @@ NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 EXPORT = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,127}}({'|'.join(map(re.escape, SUFFIXES))}|/)")
 WRITTEN = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
 """the ends of names of files that can be written, in words"""
-FILE_NAME = f"a file name of letters, digits, '.', '_' and '-' that ends in {WRITTEN}, or a folder's that ends in /"
+FILE_NAME = f"a file name of letters, digits, '.', '_' and '-' that ends in {WRITTEN}, or in / for a folder"
 """what `EXPORT` matches"""
 REQUIRED = "required"
 """in place of a source's file: whoever runs the flow must give one"""

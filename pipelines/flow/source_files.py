@@ -23,7 +23,7 @@ def source_of(name: str, references: Sequence[str], pair: str | None, takes_maps
     name : of the source, for errors.
     references : files, folders and patterns; absolute.
     pair : of the set.
-    takes_maps : whether any folder that holds maps is one material; else it has to hold several maps and
+    takes_maps : whether any folder that holds an albedo is one material; else it has to hold several maps and
         not several albedos.
 
     Raises
@@ -62,7 +62,7 @@ def _is_library(reference: str, takes_maps: bool) -> bool:
 
 
 def _is_material(folder: Path, takes_maps: bool) -> bool:
-    return holds_maps(folder) if takes_maps else holds_one_material(folder)
+    return holds_one_material(folder) or (takes_maps and holds_maps(folder))
 
 
 def _files(reference: str, takes_maps: bool) -> list[str]:

@@ -18,6 +18,7 @@ from texloom.pipelines.flow.compose import is_structural
 from texloom.pipelines.flow.draft import Draft
 from texloom.pipelines.yaml import parse_yaml, read_document
 from texloom.stages.declare import Document, InputError, InputFile, Params, Stage
+from texloom.stages.sizes import SIDES
 
 
 class StepParams:
@@ -97,7 +98,9 @@ class StepParams:
         if name in draft.steps:
             first = next(iter(self.stages[name].params.model_fields), "PARAM")
             return f"is a step; name one of its params, as {name}.{first}"
-        own = ", ".join([*draft.params, "those of its steps, as STEP.PARAM"])
+        own = " and ".join(
+            words for words in (", ".join(draft.params), "those of its steps, as STEP.PARAM") if words
+        )
         of_steps = [f"{one}.{name}" for one, stage in self.stages.items() if name in stage.params.model_fields]
         near = closest(name, draft.params) or f"; it has {own}"
         near = f"; did you mean '{of_steps[0]}'?" if of_steps else near
@@ -117,8 +120,8 @@ class StepParams:
         try:
             checked = model.model_validate(values)
         except pydantic.ValidationError as error:
-            first = error.errors()[0]
-            raise fail(first["loc"], _explained(first, model)) from None
+            told = _most_telling(error.errors())
+            raise fail(told[0]["loc"], _explained(told, model)) from None
         for name in file_params(model):
             path = getattr(checked, name)
             if path is not None and (problem := _no_file(path)):
@@ -188,23 +191,40 @@ def _resolve_files(values: dict[str, Any], name: str, model: type[Params], base:
                 raise refused(f"{where}: {path}: {picture}: {problem}")
 
 
-def _explained(error: Any, model: type[Params]) -> str:
+def _most_telling(errors: Sequence[Any]) -> list[Any]:
+    """Of the errors of the first wrong param: that of the type which its value has, else those of all its types."""
+    alike = [error for error in errors if error["loc"][:1] == errors[0]["loc"][:1]]
+    for error in alike:
+        if not error["type"].endswith(("_type", "_parsing", "literal_error")):
+            return [error]
+    deepest = max(len(error["loc"]) for error in alike)
+    return [error for error in alike if len(error["loc"]) == deepest]
+
+
+def _explained(errors: Sequence[Any], model: type[Params]) -> str:
+    error = errors[0]
     if error["type"] == "extra_forbidden":
         name = str(error["loc"][0])
         return f"no such param{hint(name, model.model_fields)}"
     message: str = error["msg"].removeprefix("Value error, ").removeprefix("Assertion failed, ")
     message = message[0].lower() + message[1:]
+    if len(errors) > 1:
+        kinds = {one["msg"].removeprefix("Input should be ").partition(",")[0]: None for one in errors}
+        *others, last = kinds
+        message = f"input should be {', '.join([*others, f'or {last}' if others else last])}"
+    field = model.model_fields.get(str(error["loc"][0])) if error["loc"] else None
+    if field is not None and SIDES in field.metadata:
+        message = message.replace("a valid tuple", "N or HxW")
     for term, plain in (("tuple", "list"), ("dictionary", "mapping"), (" after validation", "")):
         message = message.replace(term, plain)
     if error["type"] == "missing" and len(error["loc"]) > 1:
         message = "a value is missing"
     actual = "" if error["type"] in ("value_error", "missing") else f", got {shown(error['input'])}"
-    return message + actual + _form(error, model)
+    return message + actual + _form(error, field)
 
 
-def _form(error: Any, model: type[Params]) -> str:
+def _form(error: Any, field: Any) -> str:
     """An example of a list, where the value is none."""
-    field = model.model_fields.get(str(error["loc"][0])) if error["loc"] else None
     if error["type"] not in ("tuple_type", "list_type", "missing", "too_long", "too_short") or field is None:
         return ""
     return f"; as in {list(field.default)}" if isinstance(field.default, tuple | list) and field.default else ""

@@ -84,11 +84,12 @@ def _file_maps(maps: Mapping[str, PathOrArray], folder: Path) -> Path:
 def _encoded(given: Any) -> tuple[str, bytes]:
     """The suffix and content of a picture's file."""
     if not isinstance(given, np.ndarray | Image):
-        raise InputError(f"a {type(given).__name__} is no picture; a path and an array (h, w) or (h, w, 3) are")
-    if isinstance(given, np.ndarray) and given.dtype in (np.uint8, np.uint16):
+        raise InputError(
+            f"a value of type {type(given).__name__} is not a picture; give a path or an array (h, w) or (h, w, 3)"
+        )
+    if isinstance(given, np.ndarray) and given.dtype in (np.uint8, np.uint16) and _is_picture(given.shape):
         from texloom.pipelines.store.png_file import png
 
-        Image.of(given[:1, :1])  # its shape is checked
         return ".png", png(given)
     image = Image.of(given) if isinstance(given, np.ndarray) else given
     if isinstance(given, np.ndarray) and given.shape[2:] >= (3,) and given.max() > 1 and not (given % 1).any():
@@ -101,6 +102,11 @@ def _encoded(given: Any) -> tuple[str, bytes]:
     with tempfile.TemporaryDirectory() as folder:
         codec.export(image, Image, path := Path(folder) / "array.exr", {})
         return ".exr", path.read_bytes()
+
+
+def _is_picture(shape: tuple[int, ...]) -> bool:
+    """Whether `Image.of` takes such an array; it says what is wrong with another one."""
+    return len(shape) >= 2 and shape[2:] in ((), (1,), (3,), (4,)) and 0 not in shape
 
 
 def _write(content: bytes, path: Path) -> Path:

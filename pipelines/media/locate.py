@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from texloom.pipelines.errors import one_of
 from texloom.pipelines.media import decode as pictures
 from texloom.pipelines.media import known_files
 from texloom.pipelines.media.decode import Refusal
@@ -98,7 +99,7 @@ def locate(reference: str) -> Path:
     shipped = _pictures(_EXEMPLARS) if scheme == "texloom" else _skimage_pictures()
     if name not in shipped:
         close = difflib.get_close_matches(name, list(shipped), n=1, cutoff=0.6)
-        hint = f"; did you mean '{scheme}:{close[0]}'?" if close else f"; there is {', '.join(shipped)}"
+        hint = f"; did you mean '{scheme}:{close[0]}'?" if close else one_of(shipped)
         raise Refusal(f"no such picture ships with {'scikit-image' if scheme == 'skimage' else scheme}{hint}")
     return shipped[name]
 

@@ -255,7 +255,7 @@ def _of_folder(folder: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]
         elif len(files) > 1:
             names = " and ".join(path.name for path, _ in files)
             raise Refusal(f"has several files for {role}: {names}; remove one, or list those that count in YAML")
-    notes = [f"{', '.join(unknown)} left out, as the name tells of no map"] if unknown else []
+    notes = [f"{', '.join(unknown)} ignored: the name is that of no map"] if unknown else []
     return {role: str(files[0][0]) for role, files in by_role.items()}, {}, notes
 
 

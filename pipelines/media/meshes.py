@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from texloom.pipelines.errors import closest
+from texloom.pipelines.errors import hint
 from texloom.pipelines.media import shapes, usd
 from texloom.pipelines.media.corners import placed
 from texloom.pipelines.media.decode import Refusal
@@ -91,8 +91,7 @@ def read(reference: str, digest: str) -> np.ndarray:
 def _shape(reference: str) -> Callable[[], np.ndarray]:
     name = reference.removeprefix(_SCHEME)
     if not reference.startswith(_SCHEME) or name not in shapes.SHAPES:
-        near = closest(name, shapes.SHAPES) or f"; there is {', '.join(shapes.SHAPES)}"
-        raise Refusal(f"no such mesh ships with texloom{near}")
+        raise Refusal(f"no such mesh ships with texloom{hint(name, shapes.SHAPES)}")
     return shapes.SHAPES[name]
 
 

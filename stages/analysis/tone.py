@@ -47,6 +47,8 @@ class ToneParams(Params):
     exemplar stays as it is"""
     min_drift: float = Field(4.0, ge=0, le=100)
     """minimum range of the drift that `auto` evens, CIELAB units"""
+    warn: bool = True
+    """warn that the exemplar was evened; false where the even image serves only to find contours"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -140,7 +142,8 @@ def tone(image: Image, params: ToneParams) -> Tone:
         return unchanged
     if not any(drift.significant for drift in drifts):
         return unchanged
-    _report(lightness, chroma)
+    if params.warn:
+        _report(lightness, chroma)
     return Tone(
         with_tone(image, -_field(drifts, (image.height, image.width))),
         _field(drifts, (_SAMPLES, _SAMPLES)),

@@ -9,7 +9,14 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.arrays import Image
-from texloom.stages.common.control import CONTROL_WEIGHT, check_aspect, check_control, check_finite, fit_scale
+from texloom.stages.common.control import (
+    CONTROL_WEIGHT,
+    check_aspect,
+    check_control,
+    check_finite,
+    fit_scale,
+    resize_control,
+)
 from texloom.stages.common.principal_planes import COLOR_PLANES, CONTROL_PLANES
 from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.frames import frame_count
@@ -42,6 +49,8 @@ class ControlFeatures:
     detail, in CIELAB units; of a frame stack the principal planes of all frames"""
     explained: float
     """share of the texture's variance that control explains beyond chance, 0..1; 0 without control"""
+    control: Image | None
+    """the control map at the texture's size, from which a texture of that size can be made again"""
 
 
 def check_pair(params: Any, known: Mapping[str, Any]) -> None:  # noqa: ARG001
@@ -58,7 +67,7 @@ def check_pair(params: Any, known: Mapping[str, Any]) -> None:  # noqa: ARG001
 
 
 def outlines(params: ControlFeaturesParams, known: Mapping[str, Any]) -> dict[str, Outline]:
-    """The planes, if no channel of the texture or of control is constant; of frame stacks the most there can be."""
+    """Control, and the planes, if no channel of texture or control is constant; of frame stacks at most these."""
     texture, control = known.get("texture"), known.get("control")
     if texture is None:
         return {}
@@ -70,7 +79,10 @@ def outlines(params: ControlFeaturesParams, known: Mapping[str, Any]) -> dict[st
         f"control.{name}" for name in controls[: CONTROL_PLANES if frame_count(controls or "Y") > 1 else None]
     ]
     names += [name for name in ("detail", "contrast") if getattr(params, name)]
-    return {"planes": Outline(texture.height, texture.width, tuple(names))}
+    found = {"planes": Outline(texture.height, texture.width, tuple(names))}
+    if control is not None:
+        found["control"] = Outline(texture.height, texture.width, control.channels)
+    return found
 
 
 @stage(version=3, check=check_pair, outlines=outlines)
@@ -96,14 +108,15 @@ def control_features(
     """
     scale = fit_scale(texture, control, params.control_weight)
     colors = scale.of_texture(texture)
-    planes, explained = [colors], 0.0
+    planes, explained, resized = [colors], 0.0, None
     if control is not None:
+        resized = resize_control(control, texture.height, texture.width)
         planes.append(scale.of_control(control, texture.height, texture.width))
         explained = correlation(colors, planes[1])
     for weight, (blur, window) in ((params.detail, _DETAIL), (params.contrast, _CONTRAST)):
         if weight:
             planes.append(weight * _strength(colors, blur, window))
-    return ControlFeatures(np.ascontiguousarray(np.concatenate(planes, axis=2), np.float32), explained)
+    return ControlFeatures(np.ascontiguousarray(np.concatenate(planes, axis=2), np.float32), explained, resized)
 
 
 def _strength(colors: Float32[np.ndarray, "h w c"], blur: float, window: float) -> Float32[np.ndarray, "h w 1"]:

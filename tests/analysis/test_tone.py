@@ -167,6 +167,15 @@ def test_it_can_be_turned_off_or_forced(rng: np.random.Generator) -> None:
     assert tone(even, ToneParams(even="always")).tone.any()
 
 
+def test_no_warning_where_only_contours_are_found(
+    rng: np.random.Generator, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        drifting = lit(texture(rng), ramp((160, 192), 0.7, 0.0))
+        assert tone(drifting, ToneParams(warn=False)).lightness > 0
+        assert not caplog.records
+
+
 def test_drift_is_reported_in_one_line(rng: np.random.Generator, caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
         tone(texture(rng), AUTO)

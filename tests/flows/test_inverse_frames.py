@@ -19,7 +19,7 @@ def test_every_pixel_of_a_compaction_has_a_whole_history(ran: Any, tmp_path: Pat
     for number, frame in enumerate(frames):
         codes = np.rint(np.clip(frame, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8)
         (tmp_path / "frames" / f"t{number}.png").write_bytes(png(codes))
-    save(tmp_path / "control.png", np.rint(control * 255).astype(np.uint8))
+    save(tmp_path / "control.png", np.rint(control[::2, ::2] * 255).astype(np.uint8))  # coarser than the frames
     sources = {"stack": tmp_path / "frames", "control": tmp_path / "control.png"}
     exports = ran(tmp_path / "out", "inverse_frames", sources, size="32x32", preset="fast")
     names = sorted(path.name for path in exports["frames/"].iterdir())

@@ -23,6 +23,11 @@ def gravel() -> np.ndarray:
     return np.stack([grey, 255 - grey // 2, grey // 3], axis=2)
 
 
+def deep(picture: np.ndarray) -> np.ndarray:
+    """With 16 bits that 8 do not hold."""
+    return picture.astype(np.uint16) * 256 + np.arange(SIDES[1], dtype=np.uint16)[:, None]
+
+
 def marks(*boxes: tuple[slice, slice]) -> np.ndarray:
     marked = np.zeros(SIDES, bool)
     for box in boxes:
@@ -30,10 +35,14 @@ def marks(*boxes: tuple[slice, slice]) -> np.ndarray:
     return marked
 
 
-def test_a_picture_made_tileable_stays_but_for_its_borders(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
-    save(tmp_path / "gravel.png", gravel)
+@pytest.mark.parametrize("bits", [8, 16])
+def test_a_picture_made_tileable_stays_but_for_its_borders(
+    ran: Any, gravel: np.ndarray, bits: int, tmp_path: Path
+) -> None:
+    save(tmp_path / "gravel.png", gravel if bits == 8 else deep(gravel))
     exports = ran(tmp_path / "out", "make_tileable", {"picture": tmp_path / "gravel.png"}, **{"band.width": "10"})
     before, after = saved(tmp_path / "gravel.png"), exports["texture.png"]
+    assert after.dtype == before.dtype
     np.testing.assert_array_equal(after[10:-10, 10:-10], before[10:-10, 10:-10])
     assert (after != before).any()
     seams = exports["scores.json"]["seams"]
@@ -167,8 +176,7 @@ def test_a_revised_picture_stays_but_for_its_region(
     ran: Any, gravel: np.ndarray, bits: int, tmp_path: Path
 ) -> None:
     """The PNG has as many bits, and so does a revision of the EXR."""
-    deep = gravel.astype(np.uint16) * 256 + np.arange(SIDES[1], dtype=np.uint16)[:, None]
-    path = save(tmp_path / "texture.png", gravel if bits == 8 else deep)
+    path = save(tmp_path / "texture.png", gravel if bits == 8 else deep(gravel))
     exemplar = save(tmp_path / "exemplar.png", gravel[:, ::-1])
     box, other = np.s_[20:34, 30:44], np.s_[40:50, 50:60]
     sources = {"texture": path, "exemplar": exemplar, "region": spot_of(tmp_path, box)}

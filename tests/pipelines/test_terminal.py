@@ -168,6 +168,18 @@ def test_time_left_counts_from_the_first_report(clock: Clock) -> None:
         assert plain.getvalue().splitlines() == ["[1/1] a: 80 %", "[1/1] a: 90 %, 0:30 left"]
 
 
+def test_no_time_left_before_a_hundredth_is_done(clock: Clock) -> None:
+    """The first iteration of a step may wait for its kernels to be compiled, and would promise hours."""
+    with standard_error(io.StringIO()) as plain:
+        terminal, _ = begun("a")
+        terminal(StepStarted("a"))
+        terminal(StepProgress("a", Progress(0.0)))
+        for share in (0.001, 0.02):
+            clock.now += 20
+            terminal(StepProgress("a", Progress(share)))
+        assert plain.getvalue().splitlines() == ["[1/1] a: 0 %", "[1/1] a: 2 %, 32:40 left"]
+
+
 def test_notes_go_to_standard_error() -> None:
     with standard_error(io.StringIO()) as plain:
         terminal, lines = begun("a")
@@ -259,12 +271,12 @@ def test_a_set_says_what_is_done_has_failed_and_is_left(clock: Clock) -> None:
         for item, number in (("c", 2), ("b", 3)):
             terminal(dataclasses.replace(done("edges", "ran", 30.0), item=item))
             terminal(ItemReport(item, number, 4, "too dark" if item == "c" else None))
-        terminal(ItemReport("d", 4, 4, None))
+        terminal(ItemReport("d", 4, 4, None))  # of which all steps gather
         assert [line for line in shown(lines) if line.startswith("item")] == [
             "item 1/4 a: 1 cached",
             "item 2/4 c: failed: too dark (1 failed, 1:00 left)",
             "item 3/4 b: 1 ran (1 failed, 0:15 left)",
-            "item 4/4 d: ",
+            "item 4/4 d: no steps of its own",
         ]
 
 

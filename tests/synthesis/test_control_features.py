@@ -51,6 +51,16 @@ def test_what_control_explains(rng: np.random.Generator) -> None:
     assert unrelated < 0.1
 
 
+def test_the_control_map_at_the_size_of_the_texture() -> None:
+    ramp = np.linspace(0.1, 0.9, 30, dtype=np.float32) * np.ones((22, 1), np.float32)
+    coarse = picture(ramp[::2, ::2])
+    made = [control_features(picture(ramp), ControlFeaturesParams(), one) for one in (None, picture(ramp), coarse)]
+    assert made[0].control is None
+    np.testing.assert_array_equal(made[1].control.pixels, picture(ramp).pixels, "a map of that size is unchanged")
+    assert made[2].control.pixels.shape == picture(ramp).pixels.shape
+    assert np.abs(made[2].control.pixels - picture(ramp).pixels).max() < 0.05
+
+
 RAMP = np.broadcast_to(np.linspace(0.1, 0.9, 30), (22, 30))
 SPOILED = np.where(RAMP > 0.8, np.nan, RAMP)
 

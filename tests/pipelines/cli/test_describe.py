@@ -113,9 +113,9 @@ def test_a_stage_is_found_without_its_group() -> None:
     [
         ("ostu", "no stage 'ostu'; did you mean 'analysis.otsu'?"),
         ("synthesis.ostu", "no stage 'synthesis.ostu'; did you mean 'analysis.otsu'?"),
-        ("zzzz", f"no stage 'zzzz'; there is {', '.join(NAMES)}"),
-        ("", "no stage ''; there is "),
-        ("kernels.threads", "no stage 'kernels.threads'; there is "),
+        ("zzzz", f"no stage 'zzzz'; there are {', '.join(NAMES)}"),
+        ("", "no stage ''; there are "),
+        ("kernels.threads", "no stage 'kernels.threads'; there are "),
     ],
 )
 def test_no_such_stage(name: str, message: str) -> None:

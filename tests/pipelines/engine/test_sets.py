@@ -288,6 +288,17 @@ def test_a_required_partner_is_a_set_where_the_other_is(
     assert [(n, s.get("texture"), s.get("control")) for n, s in zip(names, stems, strict=True)] == expected
 
 
+def test_files_that_the_shell_has_listed_are_explained(tmp_path: Path) -> None:
+    """As of ``t/*_color.png`` without quotes."""
+    for name in ("t/moss_color.png", "t/rust_color.png", "t/moss_wet.png", "t/rust_wet.png"):
+        paint(tmp_path / name)
+    (tmp_path / "wet.yaml").write_text(REQUIRED_PAIR)
+    pictures = tuple(str(tmp_path / "t" / f"{name}_color.png") for name in ("moss", "rust"))
+    overrides = Overrides({"control": str(tmp_path / "t/*_wet.png")}, pictures=pictures)
+    with pytest.raises(InputError, match=r"/moss_wet.png, called 'moss'; texture has 'moss_color'"):
+        items_of(load_flow(tmp_path / "wet.yaml", overrides))
+
+
 @pytest.mark.parametrize(("texture", "expected"), [("picture", ["moss", "rust"]), ("soft.image", ["x", "y"])])
 def test_a_partner_of_an_included_flow_may_be_another_source(
     tmp_path: Path, texture: str, expected: list[str]

@@ -103,7 +103,7 @@ def test_params_that_are_wrong(folder: Path) -> None:
     method = str(folder / "method.yaml")
     for target, message in (
         ("sise", "--set sise: method has no such param; did you mean 'size'?"),
-        ("zzz", "--set zzz: method has no such param; it has size, method, those of its steps, as STEP.PARAM"),
+        ("zzz", "--set zzz: method has no such param; it has size, method and those of its steps, as STEP.PARAM"),
     ):
         with pytest.raises(InputError, match=re.escape(message)):
             load_flow(Path(method), Overrides(params={target: "3"}))

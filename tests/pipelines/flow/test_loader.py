@@ -74,6 +74,19 @@ def test_every_flow_that_ships_loads(path: Path) -> None:
     assert path.read_text().startswith("# "), "a flow begins by saying what it is"
 
 
+def test_one_picture_is_given_no_folder_of_maps() -> None:
+    flows = [load_flow(path) for path in CONFIGS]
+    always = {flow.name for flow in flows if "maps/" in flow.likes and "maps/" not in flow.of_maps}
+    assert always == {"materials"}
+
+
+def test_what_keeps_a_picture_keeps_its_bits() -> None:
+    flows = [load_flow(path) for path in CONFIGS]
+    keeping = {flow.name for flow in flows if "texture.png" in flow.likes}
+    names = "edit_by_compaction fill make_tileable photo_completion photo_to_photo revise"
+    assert set(names.split()) <= keeping
+
+
 def test_there_are_flows() -> None:
     assert {"self_tuning", "texture_optimisation"} <= {path.stem for path in CONFIGS}
 
@@ -198,11 +211,11 @@ def test_seed_of_the_command_line(write: Any) -> None:
         (Overrides({}, {"edgse.finest": "1"}), "--set edgse.finest: no step 'edgse'; did you mean 'edges'?"),
         (
             Overrides({}, {"zzz.finest": "1"}),
-            "--set zzz.finest: no step 'zzz'; there is edges, structure, start, scores",
+            "--set zzz.finest: no step 'zzz'; there are edges, structure, start, scores",
         ),
         (Overrides({}, {"edges": "1"}), "--set edges: is a step; name one of its params, as edges.detector"),
         (Overrides({}, {"edges.finets": "1"}), "--set edges.finets: no such param; did you mean 'finest'?"),
-        (Overrides({}, {"edges.": "1"}), "--set edges.: no such param; there is detector"),
+        (Overrides({}, {"edges.": "1"}), "--set edges.: no such param; there are detector"),
         (Overrides({}, {"start.size.0": "9"}), "--set start.size.0: no such param; did you mean 'size'?"),
         (Overrides({}, {"edges.finest": "[1]"}), "--set edges.finest: input should be a valid number, got [1]"),
         (Overrides({}, {"edges.finest": "[1"}), "--set edges.finest: not valid YAML: "),
@@ -227,8 +240,8 @@ WRONG = {  # change of GOOD => error
         "steps.structure.stage: no stage 'analysis.ostu'; did you mean 'analysis.otsu'?"
     ),
     "analysis.otsu => otsu": "steps.structure.stage: no stage 'otsu'; did you mean 'analysis.otsu'?",
-    "analysis.otsu => zzzz": "steps.structure.stage: no stage 'zzzz'; there is …analysis.edges, ",
-    "synthesis.initialise => synthesis._vote": "steps.start.stage: no stage 'synthesis._vote'; there is ",
+    "analysis.otsu => zzzz": "steps.structure.stage: no stage 'zzzz'; there are …analysis.edges, ",
+    "synthesis.initialise => synthesis._vote": "steps.start.stage: no stage 'synthesis._vote'; there are ",
     "analysis.otsu => 7": "steps.structure.stage: must name a stage, got 7",
     "stage: analysis.otsu,  => ": "steps.structure.stage: must name a stage, got nothing",
     "finest => finset": "steps.edges.params.finset: no such param; did you mean 'finest'?",
@@ -285,11 +298,11 @@ WRONG = {  # change of GOOD => error
     "pictures/wall.png => {each: 3}": "sources.exemplar.each: must be a pattern like 'folder/*.png', got 3",
     "pictures/wall.png => {each: '*', pair: 3}": "sources.exemplar.pair: must be another source, got 3",
     # unknown fields
-    f"{EDGES} => each: a, {EDGES}": "steps.edges.each: unknown; there is stage",
+    f"{EDGES} => each: a, {EDGES}": "steps.edges.each: unknown; there are stage",
     f"{EDGES} => parms: 1, {EDGES}": "steps.edges.parms: unknown; did you mean 'params'?",
     "exports: => export:": "export: unknown; did you mean 'exports'?",
     "exports: => zzz:": (
-        "zzz: unknown; there is flow, seed, runner, delivery, include, with, for, repeat, sources, steps, params, "
+        "zzz: unknown; there are flow, seed, runner, delivery, include, with, for, repeat, sources, steps, params, "
         "exports"
     ),
     'exports: => "a\\nb\\e[0m":': "a\\nb\\x1b[0m: unknown",

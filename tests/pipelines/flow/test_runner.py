@@ -48,7 +48,7 @@ def test_the_command_line_has_the_last_word(
     [
         ("procesess", "runner.name: no runner 'procesess'; did you mean 'processes'?"),
         ("[a]", "runner: must be a name or a mapping"),
-        ("{}", "runner.name: which runner?; there is local, threads, processes, dask"),
+        ("{}", "runner.name: missing; there are local, threads, processes, dask"),
         ("{workers: 4}", "runner.workers: needs a runner that has it: threads, processes, dask"),
         ("{name: threads, worker: 4}", "runner.worker: unknown; did you mean 'workers'?"),
         ("{name: threads, workers: 0}", "runner.workers: must be a whole number from 1 to 1024, got 0"),

@@ -87,6 +87,14 @@ def test_one_picture_or_material(folder: Path, flow: str, source: str, picture: 
     assert opened(picture, flow=flow).sources[source] == expected
 
 
+@pytest.mark.parametrize("flow", ["self_tuning", "materials"])
+def test_maps_without_albedo_are_one_material(folder: Path, flow: str) -> None:
+    """Each by itself, they would not fit together any more; `open_source` refuses the folder."""
+    (folder / "library" / "oak" / "oak_albedo.png").rename(folder / "library" / "oak" / "oak_tint.png")
+    (folder / "library" / "oak" / "oak_nor.png").write_bytes((folder / "a.png").read_bytes())
+    assert opened("library/oak", flow=flow).sources["exemplar"] == str(folder / "library" / "oak")
+
+
 def test_a_set_with_a_partner() -> None:
     flow = opened("deep/*/color.png", flow="inverse_set", sources={"control": "deep/*/color.png"})
     assert [sorted(item.sources) for item in items_of(flow)] == [["control", "texture"]] * 2

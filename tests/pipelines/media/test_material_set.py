@@ -180,7 +180,7 @@ def test_unknown_files_are_left_out_with_a_note(folder: Path, rng: np.random.Gen
     source = open_source("exemplar", str(folder))
     assert source.digest == before.digest
     place = f"sources.exemplar: {folder}"
-    assert source.notes == (f"{place}: preview.png left out, as the name tells of no map",)
+    assert source.notes == (f"{place}: preview.png ignored: the name is that of no map",)
 
 
 def test_the_digest_covers_files_and_roles(folder: Path, rng: np.random.Generator) -> None:

@@ -669,7 +669,7 @@ def test_skimage_in_colour() -> None:
 
 def test_unknown_references() -> None:
     assert problem("skimage:brik") == "no such picture ships with scikit-image; did you mean 'skimage:brick'?"
-    assert "there is astronaut, brick, " in problem("skimage:qqqq")
+    assert "there are astronaut, brick, " in problem("skimage:qqqq")
     for name in ("", "../data/brick", "/etc/passwd", "brick.png", "multipage"):
         assert problem(f"skimage:{name}").startswith("no such picture ships with scikit-image")
     assert problem("https://example.org/a.png") == (
