@@ -135,7 +135,7 @@ def by(**params: Any) -> Callable[[Exemplar, Image, int], Image]:
 
 SOLVERS = {
     "per_pixel": by_pixels,
-    "discrete": by(solver="discrete", occurrence=50.0),
+    "discrete": by(solver="discrete"),
     "optimise": by(solver="optimise"),
 }
 

@@ -70,9 +70,9 @@ class ReconstructParams(Params):
     """side of a patch, px; with `discrete`, of the blocks of its start"""
     tileable: bool = False
     """the result continues across its borders, as the target should"""
-    occurrence: float = Field(20.0, ge=0, le=1e4)
-    """occurrence penalty of an exemplar patch of average use, squared CIELAB units per pixel; 0 lets smooth patches
-    repeat, very high values prevent control from using some places more often"""
+    occurrence: float = Field(0.5, ge=0, le=1e3)
+    """occurrence penalty of an exemplar patch of average use, relative to the variance within such patches; 0 lets
+    smooth patches repeat, 1 prefers even use to continuous detail"""
     ratio: float = Field(1.5, gt=1.0, le=4.0)
     """size of a scale relative to the one before it, at least"""
     coarsest: int = Field(32, ge=8)

@@ -177,7 +177,7 @@ def test_signed_angles_agree_with_their_neighbours() -> None:
 def test_reconstruct_orients_the_texture_by_the_jacobians() -> None:
     texture, angle = rings()
     small = run(texture, angle, size=(28, 28))
-    params = ReconstructParams(solver="discrete", occurrence=50.0, coarsest=12, patch_size=3)
+    params = ReconstructParams(solver="discrete", coarsest=12, patch_size=3)
     again = reconstruct(small.image, params, np.random.default_rng(2), target_jacobian=small.jacobian)
     assert again.image.pixels.shape == texture.pixels.shape
     assert off(orientation_field(again.image, OrientationFieldParams()).angle, angle, radius() > 14) < 12

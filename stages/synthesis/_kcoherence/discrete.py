@@ -26,10 +26,10 @@ LARGEST = 2**14
 """px of an exemplar up to which candidates are searched"""
 
 _SAMPLES = 2**12  # neighbourhoods that the principal components are found from
-_SEAM_PENALTY = 160.0  # CIELAB units squared a pixel, for continuing none of the eight neighbours
+_SEAM_PENALTY = 2.0  # a pixel, for continuing none of the eight neighbours; as the others relative to `variance`
 _MOMENTUM = 0.9  # weight of the past use in penalties; without, all pixels would leave a place at once
 _SINGLE = 0.3  # weight of a pixel's own use beside that around it; without, single pixels would repeat
-_REPEAT_PENALTY = 20.0  # CIELAB units squared a pixel, for each other pixel near it that has the same source
+_REPEAT_PENALTY = 0.25  # a pixel, for each other pixel near it that has the same source
 _REPEAT_REACH = 8  # px; a source should occur once as near
 _MERGE_DISTANCE = np.float32(0.5)  # px by which continuations of oriented neighbours may differ and still be one
 _PIECES = 16
@@ -125,15 +125,18 @@ class DiscreteSolver:
         control: Float32[np.ndarray, "H W k"],
         occurrence: float,
         wrap: bool,
-        use: Float32[np.ndarray, "h w"] | None = None,
-        period: tuple[int, int] | None = None,
+        use: Float32[np.ndarray, "h w"] | None,
+        period: tuple[int, int] | None,
+        variance: float,
     ):
         self.exemplar, self.period = exemplar, period
         self.control = np.ascontiguousarray(control)
         self.scale = _SIDE**2 * _UNIT**2
+        unit = variance * self.scale
         expected = self._of_all_copies(expected_use(exemplar.control, control, _SIDE, use))
-        self.penalty_per_use = occurrence * self.scale / expected
-        self.seam_penalty = np.int64(_SEAM_PENALTY * self.scale / 8)
+        self.penalty_per_use = occurrence * unit / expected
+        self.seam_penalty = np.int64(_SEAM_PENALTY * unit / 8)
+        self.repeat_penalty = np.int64(_REPEAT_PENALTY * unit)
         self.wrap = wrap
         self.use: Float32[np.ndarray, "h w"] | None = None
 
@@ -217,7 +220,7 @@ class DiscreteSolver:
             used = np.pad(used, _REPEAT_REACH, mode="wrap")
         else:
             used = np.pad(used, _REPEAT_REACH, constant_values=-1)
-        repeats = Repeats(self._places, used, _REPEAT_REACH, np.int64(_REPEAT_PENALTY * self.scale))
+        repeats = Repeats(self._places, used, _REPEAT_REACH, self.repeat_penalty)
         return choose_sources, (exemplar, repeats)
 
 
@@ -232,9 +235,10 @@ class OrientedDiscreteSolver(DiscreteSolver):
         wrap: bool,
         use: Float32[np.ndarray, "h w"] | None,
         period: tuple[int, int] | None,
+        variance: float,
         frames: Frames,
     ):
-        super().__init__(exemplar, control, occurrence, wrap, use, period)
+        super().__init__(exemplar, control, occurrence, wrap, use, period, variance)
         self.frames = frames
         self.texture = fixed_point(exemplar.texture)
         self.vectors = exemplar.vectors.reshape(len(exemplar.texture), -1)

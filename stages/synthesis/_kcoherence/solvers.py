@@ -23,6 +23,7 @@ from texloom.stages.synthesis._kcoherence.discrete import (
 )
 from texloom.stages.synthesis._kcoherence.expected_use import expected_use
 from texloom.stages.synthesis._kcoherence.frames import Frames, at_scale, clipped, interpolated
+from texloom.stages.synthesis._kcoherence.local_variance import local_variance
 from texloom.stages.synthesis._kcoherence.reseed import reseeded
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
@@ -132,7 +133,7 @@ class Solver:
     wrap: bool
     """the result is a torus"""
     occurrence: float
-    """occurrence penalty; see `Search`"""
+    """occurrence penalty, relative to the exemplar's `local_variance`"""
 
     def from_pixels(self, start: Correspondence, scale: Scale) -> Match:
         """A correspondence of full size at a scale."""
@@ -163,6 +164,10 @@ class Solver:
     def _laid(self, corner: np.ndarray, offset: np.ndarray, side: int, scale: Scale) -> Match:  # noqa: ARG002
         """Places at ``offset`` from the ``corner`` of a block of ``side`` px; all (2, p, q)."""
         return clipped(corner + offset, scale.places).astype(np.int32)
+
+    def variance(self, scale: Scale) -> float:
+        """The exemplar's `local_variance` at a scale, CIELAB units squared."""
+        return local_variance(resize(self.inputs.texture, *scale.exemplar))
 
     def finer(self, match: Match, scale: Scale, growth: float) -> Match:
         """The match of the scale before, ``growth`` times coarser, at this scale."""
@@ -197,8 +202,8 @@ class PatchSolver(Solver):
         """Improve ``match`` in place, round by round."""
         exemplar, control = self._exemplar(scale), self._control(scale)
         search = Search(
-            exemplar, self.channels, self.patch_size, scale.places, scale.patches, self.wrap, self.occurrence,
-            _OVERUSE, expected=self._expected(scale),
+            exemplar, self.channels, self.patch_size, scale.places, scale.patches, self.wrap,
+            self.occurrence * self.variance(scale), _OVERUSE, expected=self._expected(scale),
         )  # fmt: skip
         while True:
             yield search.step(self._vote(match, exemplar, control), match, self.effort, random)
@@ -270,7 +275,7 @@ class PixelSolver(Solver):
     def _solver(self, scale: Scale) -> DiscreteSolver:
         exemplar, control = self._neighbourhoods(scale), self.inputs.wanted(scale)
         use, period = self.inputs.use_at(scale), self.inputs.period(scale)
-        return DiscreteSolver(exemplar, control, self.occurrence, self.wrap, use, period)
+        return DiscreteSolver(exemplar, control, self.occurrence, self.wrap, use, period, self.variance(scale))
 
     def _neighbourhoods(self, scale: Scale) -> Neighbourhoods:
         """The exemplar at a scale, cached for the next one."""
@@ -319,7 +324,7 @@ class OrientedSolver(PixelSolver):
         exemplar, control = self._neighbourhoods(scale), self.inputs.wanted(scale)
         use, period = self.inputs.use_at(scale), self.inputs.period(scale)
         return OrientedDiscreteSolver(
-            exemplar, control, self.occurrence, self.wrap, use, period, self._frames(scale)
+            exemplar, control, self.occurrence, self.wrap, use, period, self.variance(scale), self._frames(scale)
         )
 
     def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
