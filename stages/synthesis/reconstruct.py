@@ -60,7 +60,8 @@ class ReconstructParams(Params):
     solver: Literal["optimise", "discrete", "mixed"] = "optimise"
     """`optimise`: patch search and voting alternate; `discrete`: pixels are replaced one by one by candidates that
     continue their neighbours, less coherent, but thin lines stay whole and detail sharp, and the only one that
-    supports ``target_jacobian``; `mixed`: patches up to half of full size, for structure, then pixels"""
+    supports ``target_jacobian``; `mixed`: patches up to half of full size, for structure, then pixels; so does
+    `discrete` where ``generators`` are given"""
     size: Size | None = None
     """height and width of the result, px; null: those of the target or of its Jacobians"""
     control_weight: float = Field(CONTROL_WEIGHT, gt=0, le=100)
@@ -149,11 +150,15 @@ def check_sizes(params: ReconstructParams, known: Mapping[str, Any]) -> None:
             )
 
 
-def _plan(exemplar: tuple[int, int], result: tuple[int, int], params: ReconstructParams) -> list[Scale]:
+def _plan(
+    exemplar: tuple[int, int], result: tuple[int, int], params: ReconstructParams, regular: bool
+) -> list[Scale]:
     """The scales, coarsest first."""
     patches, pixels = (_scales(exemplar, result, params, whole) for whole in (True, False))
-    if params.solver != "mixed":
-        return patches if params.solver == "optimise" else pixels
+    if params.solver == "optimise":
+        return patches
+    if params.solver == "discrete" and not regular:
+        return pixels
     coarse = [scale for scale in patches if scale.factor <= _PATCHES_UP_TO] or patches[:1]
     fine = [scale for scale in pixels if scale.factor > coarse[-1].factor]
     return [dataclasses.replace(scale, level=level) for level, scale in enumerate(coarse + fine, 1)]
@@ -282,7 +287,7 @@ def reconstruct(
     for note in notes:
         _LOG.warning(note)
 
-    scales = _plan((inputs.image.height, inputs.image.width), size, params)
+    scales = _plan((inputs.image.height, inputs.image.width), size, params, repetition is not None)
     if start is not None:
         start = start + np.uint32(inputs.margin)
     solvers = _solvers(inputs, scales, params, target_jacobian)

@@ -24,6 +24,7 @@ from texloom.stages.synthesis.reconstruct import (
     Reconstructed,
     ReconstructParams,
     ReconstructScale,
+    _plan,
     reconstruct,
 )
 
@@ -293,6 +294,14 @@ def test_discrete_pixels_do_not_repeat_on_smooth_targets(rng: np.random.Generato
     wanted = 0.2 * 96**2  # pixels of the exemplar whose control is asked for
     assert use.max() < 8 * 90 * 120 / wanted
     assert (places[:, 1:] == places[:, :-1]).all(axis=2).mean() < 0.005
+
+
+def test_patches_are_laid_first_where_a_texture_repeats() -> None:
+    mixed, discrete = (ReconstructParams(solver=solver) for solver in ("mixed", "discrete"))
+    sizes = (96, 96), (120, 90)
+    assert _plan(*sizes, discrete, regular=True) == _plan(*sizes, mixed, regular=False)
+    assert all(scale.places == scale.exemplar for scale in _plan(*sizes, discrete, regular=False))
+    assert _plan(*sizes, mixed, regular=False)[0].places < (32, 32)
 
 
 @pytest.mark.parametrize("solver", ["discrete", "mixed"])
