@@ -321,7 +321,7 @@ def _compared(
     if target is None or scale is None or own is None:
         return _Compared(None, None, params.control_weight, [])
     wanted = scale.of_control(target, *(params.extent or size)) / np.float32(scale.strength)
-    own, wanted, rare = comparable(own, wanted, 1.0, toroidal)
+    own, _, wanted, rare = comparable(own, wanted, 1.0, toroidal)
     return _Compared(own, wanted, params.control_weight, notes_on_target(scale.beyond(target), rare))
 
 

@@ -227,7 +227,7 @@ def test_a_target_beyond_control_gives_notes(image: Image, caplog: pytest.LogCap
     """A quarter of the target is above all values, and of those in it the upper half is in one row only."""
     stack = appearance_stack(image, AppearanceStackParams(coarsest=24), tileable=True)
     ramp = np.linspace(0, 0.5, SHAPE[0])[:, None] * np.ones(SHAPE)
-    ramp[-1] = 1
+    ramp[SHAPE[0] // 2] = 1
     target = picture(np.linspace(0, 4 / 3, 96)[:, None] * np.ones((96, 96)))
 
     def notes(target: Image) -> list[str]:

@@ -10,6 +10,7 @@ from texloom.stages.synthesis._kcoherence.even_demand import evenly_demanded
 from texloom.stages.synthesis._kcoherence.known_control import extrapolated
 
 _NOTABLE = 1 / 20  # of the range; change of a value that is reported
+_FARTHEST = 1 / 4  # of the range, which values move at most for even use, unless blur has mixed all materials
 
 
 class Comparable(NamedTuple):
@@ -17,6 +18,8 @@ class Comparable(NamedTuple):
 
     own: Float32[np.ndarray, "h w k"]
     """control of the exemplar, with no more detail than the target"""
+    blurred: bool
+    """whether it is blurred, so that the target has no lines"""
     wanted: Float32[np.ndarray, "H W k"]
     """control of the target, with values of which the exemplar has enough pixels"""
     rare: float
@@ -34,7 +37,8 @@ def comparable(
     toroidal : the exemplar wraps around.
     """
     smooth = as_smooth_as(own, wanted, toroidal)
-    moved = wanted if smooth is own else evenly_demanded(smooth, wanted)
-    moved, _ = extrapolated(smooth, moved, strength)
+    blurred = smooth is not own
+    alike, moved = evenly_demanded(smooth, wanted, np.inf if blurred else _FARTHEST * strength)
+    moved, _ = extrapolated(alike, moved, strength)
     changed = np.linalg.norm(moved - wanted, axis=2) > _NOTABLE * strength
-    return Comparable(smooth, moved, float(changed.mean()))
+    return Comparable(alike, blurred, moved, float(changed.mean()))

@@ -17,8 +17,9 @@ def as_smooth_as(
     pixels of this value are found, the same few again and again, and between two materials those of their borders:
     rust under a soft gradient becomes an even brown. Blurred control says how much of each there is around a pixel.
 
-    Detail is what a blur removes. Nearly all of the target must have less of it than half of the exemplar, where it
-    is everywhere and no mere joint of a compaction; so a line in the target keeps the exemplar's control as it is.
+    Detail is what a blur removes from the exemplar, and a median filter from the target, where borders between
+    regions are none. Nearly all of the target must have less of it than half of the exemplar, where it is
+    everywhere and no mere joint of a compaction; so a line in the target keeps the exemplar's control as it is.
 
     Parameters
     ----------
@@ -30,7 +31,7 @@ def as_smooth_as(
         if not own.shape[2] or deviation > _SHARE * min(own.shape[:2]):
             break
         blurred = _blurred(own, deviation, toroidal)
-        detail = _lengths(own - blurred), _lengths(wanted - _blurred(wanted, deviation, False))
+        detail = _lengths(own - blurred), _lengths(wanted - _without_lines(wanted, 2 * deviation))
         if np.quantile(detail[1], _MOST) >= np.median(detail[0]):
             break
         smoothest = blurred
@@ -43,6 +44,17 @@ def _blurred(planes: Float32[np.ndarray, "h w k"], deviation: int, toroidal: boo
     mode = "wrap" if toroidal else "reflect"
     blurred = gaussian_filter(planes, (deviation, deviation, 0), mode=mode, truncate=3)
     return np.asarray(blurred, np.float32)
+
+
+def _without_lines(planes: Float32[np.ndarray, "h w k"], radius: int) -> Float32[np.ndarray, "h w k"]:
+    """Planes without what is narrower than ``radius`` px, in 256 steps of their range."""
+    import cv2
+
+    low, high = planes.min(axis=(0, 1)), planes.max(axis=(0, 1))
+    step = np.maximum(high - low, 1e-6) / np.float32(255)
+    levels = np.rint((planes - low) / step).astype(np.uint8)
+    filtered = [cv2.medianBlur(np.ascontiguousarray(plane), 2 * radius + 1) for plane in np.moveaxis(levels, 2, 0)]
+    return np.asarray(np.stack(filtered, axis=2) * step + low, np.float32)
 
 
 def _lengths(planes: Float32[np.ndarray, "h w k"]) -> Float32[np.ndarray, "h w"]:

@@ -61,6 +61,8 @@ class Inputs:
     """how often each pixel of the exemplar is to be used, relative to others of its control; none: evenly"""
     rare: float = 0.0
     """share of the target whose control is replaced; see `comparable`"""
+    blurred: bool = False
+    """control is blurred, since the target is smooth"""
     margin: int = 0
     """px of its other end that follow each border of a toroidal exemplar; 0 of any other"""
 
@@ -83,7 +85,7 @@ class Inputs:
 
         own = planes(control, (image.height, image.width))
         wanted = planes(target, size)
-        own, wanted, rare = comparable(own, wanted, scale.strength, toroidal)
+        own, blurred, wanted, rare = comparable(own, wanted, scale.strength, toroidal)
         phases = None if repetition is None else phase_planes(*repetition[:2], own, wanted, repetition.wrap)
         if phases is not None:
             own, wanted = (np.concatenate(parts, axis=2) for parts in ((own, phases.own), (wanted, phases.wanted)))
@@ -95,7 +97,7 @@ class Inputs:
 
         texture, own = padded(scale.of_texture(image)), padded(own)
         use = None if use is None else padded(use)
-        return cls(Image(padded(image.pixels), image.channels), texture, own, wanted, use, rare, margin)
+        return cls(Image(padded(image.pixels), image.channels), texture, own, wanted, use, rare, blurred, margin)
 
     def pixels(self, scale: Scale) -> Image:
         """The exemplar at a scale, all channels, linear."""
@@ -266,8 +268,8 @@ class PixelSolver(Solver):
             yield progress
 
     def _begun(self, source: Sources, scale: Scale, random: np.random.Generator) -> Sources:
-        """The sources that a scale begins with."""
-        if scale.level == 1:
+        """The sources that a scale begins with; a smooth target has no lines that the one before may have lost."""
+        if scale.level == 1 or self.inputs.blurred:
             return source
         exemplar = self._neighbourhoods(scale)
         return reseeded(source, exemplar.texture, exemplar.control, self.inputs.wanted(scale), random)

@@ -45,6 +45,15 @@ def test_a_line_in_a_smooth_target_counts(rng: np.random.Generator) -> None:
     assert as_smooth_as(own, target, toroidal=False) is own
 
 
+def test_borders_between_even_regions_are_no_lines(rng: np.random.Generator) -> None:
+    rows, columns = np.indices((200, 200))
+    painted = (np.hypot(rows - 100, columns - 100) < 60).astype(np.float32)[..., None]
+    own = spotted(rng)
+    assert as_smooth_as(own, painted, toroidal=False) is not own
+    painted[np.abs(rows - columns) < 3] = 0.5
+    assert as_smooth_as(own, painted, toroidal=False) is own
+
+
 def test_joints_of_a_smooth_control_are_no_detail() -> None:
     own = ramp()
     own[48:] = own[48:, ::-1]
