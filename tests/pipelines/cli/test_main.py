@@ -945,7 +945,7 @@ def test_plan_says_why(again: Path) -> None:
 def test_plan_after_another_picture(again: Path) -> None:
     save(again / "wall.png", blobs(52, 52))
     plan = planned()
-    assert plan["tone"] == ("run", ["input image"])
+    assert plan["tone"] == ("run", ["input image changed"])
     assert plan["start"] == ("wait", ["waits for lattice, structure, tone"])
 
 
@@ -965,7 +965,7 @@ def test_plan_after_another_version_or_code(again: Path, monkeypatch: pytest.Mon
         "code_digest",
         lambda name: "0" * 64 if name == "texloom.stages.analysis.otsu" else digest(name),
     )
-    assert planned()["structure"] == ("run", ["code of analysis.otsu"])
+    assert planned()["structure"] == ("run", ["code of analysis.otsu changed"])
 
 
 def test_plan_of_a_broken_result(again: Path) -> None:
