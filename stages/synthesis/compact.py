@@ -33,10 +33,13 @@ _CROP_EFFORTS = ((QUICK, 0.87), ((512, 6, 32), 1.0))
 compaction counts as better"""
 
 
+_Side = Annotated[int, Field(ge=1)]
+
+
 class CompactParams(Params):
     """Size of the compaction, weights of the energy, and effort."""
 
-    size: Annotated[tuple[int, int] | Annotated[float, Field(gt=0, lt=1)] | Literal["auto"], SIDES] = "auto"
+    size: Annotated[tuple[_Side, _Side] | Annotated[float, Field(gt=0, lt=1)] | Literal["auto"], SIDES] = "auto"
     """height and width of the compaction, px; a number below 1: that share of the texture's pixels, in a square;
     `auto`: a quarter as many pixels as the texture's neighbourhoods have clusters, in the texture's aspect ratio,
     square for an atlas"""

@@ -301,6 +301,10 @@ WRONG_COMMANDS = {
     ),
     "run inverse_stationary --size 64x": "--size: input should be N or HxW, a valid number, or 'auto', got '64x'",
     "run inverse_stationary --size 1.5": "--size: input should be less than 1, got 1.5",
+    "run inverse_stationary --size 0": "--size: input should be greater than or equal to 1, got 0",
+    "run per_pixel_control --set compaction=-3": (
+        "--set compaction: input should be greater than or equal to 1, got -3"
+    ),
     "run self_tuning --set start.size=[64]": "--set start.size: a value is missing; as in [1024, 1024]",
     # its own example is a pattern that matches nothing here
     "run joint_compaction": (
