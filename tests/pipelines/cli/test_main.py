@@ -349,6 +349,14 @@ def test_wrong_commands(empty: Path, command: str, message: str) -> None:
     assert list(empty.iterdir()) == []
 
 
+@pytest.mark.parametrize("name", ["-lead.png", "--lead.png"])
+def test_a_file_that_begins_with_a_dash(empty: Path, name: str) -> None:
+    assert "write ./" not in texloom("run", "quilting", name).err
+    save(empty / name, blobs())
+    assert_refused(texloom("run", "quilting", name), f". For a file, write ./{name}")
+    assert texloom("plan", "quilting", f"./{name}").code == 0
+
+
 @pytest.mark.parametrize("command", ["run", "plan"])
 def test_a_flow_is_suggested(empty: Path, command: str) -> None:
     result = texloom(command)
