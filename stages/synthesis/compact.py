@@ -20,7 +20,7 @@ from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis._compaction.start import QUICK, crop, starts
-from texloom.stages.synthesis._compaction.summary import Copied, level_count, outlines, size_check
+from texloom.stages.synthesis._compaction.summary import Copied, level_count, outlines, size_check, square_of_share
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
 
@@ -222,8 +222,7 @@ class _Compactor:
             height, width = (max(1, round(side * min(1.0, factor))) for side in largest)
             size = (height, width)
         elif isinstance(size, float):
-            side = min(max(8, 8 * round(math.sqrt(size * int(self.inside.sum())) / 8)), *largest)
-            size = (side, side)
+            size = square_of_share(size, int(self.inside.sum()), largest)
         if min(size) < self.neighbourhood:
             raise InputError(
                 f"compact: size={size[0]}x{size[1]} px does not hold a neighbourhood of {self.neighbourhood} px"

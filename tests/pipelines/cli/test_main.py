@@ -305,6 +305,13 @@ WRONG_COMMANDS = {
     "run per_pixel_control --set compaction=-3": (
         "--set compaction: input should be greater than or equal to 1, got -3"
     ),
+    "run per_pixel --size 300 --tileable": (
+        "steps.texture: size: 300x300 px cannot be tileable with 6 levels, which takes multiples of 64; 320x320 can"
+    ),
+    "run per_pixel_control texloom:plaster --source control=texloom:plaster_labels "
+    "--source target=texloom:plaster_target --size 300 --tileable": (
+        "steps.result: size: 300x300 px cannot be tileable with 3 levels, which takes multiples of 8; 304x304 can"
+    ),
     "run self_tuning --set start.size=[64]": "--set start.size: a value is missing; as in [1024, 1024]",
     # its own example is a pattern that matches nothing here
     "run joint_compaction": (
