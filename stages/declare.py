@@ -165,10 +165,12 @@ class Outline:
     """columns"""
     channels: tuple[str, ...] = ()
     """one name a plane; none for other arrays"""
+    levels: int = 0
+    """number of levels, of a stack; else 0"""
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """As of the array."""
+        """As of the array, or of a level of the stack."""
         return self.height, self.width, len(self.channels)
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import re
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
@@ -97,7 +100,7 @@ def compare(
     changed = with_common_params(params, size, tileable, preset)
     overrides = Overrides(params=changed, seed=seed, seeds=seeds, runner=chosen)
     methods = [*flows, *(f"{name}={folder}" for name, folder in against.items())]
-    with named_as_given(params):
+    with named_as_given(params), _named_as_over():
         opened = Run(comparison_flow(methods, overrides, over), Store(store_folder))
     folder = out if out is not None else opened.default_out()
     copies = {} if report is None else {name: report.with_suffix(Path(name).suffix) for name in EXPORTS}
@@ -113,3 +116,17 @@ def compare(
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(path, made.read_bytes())
     return code
+
+
+@contextlib.contextmanager
+def _named_as_over() -> Iterator[None]:
+    """Errors of the exemplars name the option, which gives them whatever the flows call that source."""
+    from texloom.stages.declare import InputError
+
+    try:
+        yield
+    except InputError as error:
+        source = re.match(r"(?:[^:]*: )?sources\.(\w+): ", str(error))
+        if source is None or source[1].endswith("_picture"):  # one of --against
+            raise
+        raise InputError(f"--over: {str(error)[source.end() :]}") from None

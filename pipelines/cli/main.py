@@ -89,7 +89,7 @@ def _exit_code() -> int:
         return Exit.WRONG
     except click.ClickException as error:
         command = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "texloom"
-        complain(f"{command}: {error.format_message()}")
+        complain(f"{command}: {error.format_message()}{_hint_at_file(error)}")
         return Exit.WRONG
     except ValueError as error:
         from texloom.stages.declare import InputError  # not at the top, as help does not need it
@@ -110,6 +110,15 @@ def _exit_code() -> int:
         if not named:  # Python would try once more at its end, and complain
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return Exit.FAILED
+
+
+def _hint_at_file(error: click.ClickException) -> str:
+    """How to name a file that was taken for an option, as its name begins with a dash."""
+    if not isinstance(error, click.NoSuchOption):
+        return ""
+    alike = (word for word in sys.argv[1:] if word.startswith(error.option_name))
+    name = next((word for word in alike if os.path.lexists(word)), None)
+    return "" if name is None else f" For a file, write ./{name}"
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})

@@ -58,7 +58,7 @@ class KeyParts:
         elif earlier.get("version") != self.version:
             changes.append(f"version of {self.stage}: {earlier.get('version')} -> {self.version}")
         elif earlier.get("code") != self.code:
-            changes.append(f"code of {self.stage}")
+            changes.append(f"code of {self.stage} changed")
         before = earlier.get("params", {})
         for name in sorted({*before, *self.params}):
             if before.get(name) != self.params.get(name):
@@ -67,7 +67,9 @@ class KeyParts:
             changes.append(f"seed: {earlier.get('seed')} -> {self.seed}")
         before = earlier.get("inputs", {})
         changes += [
-            f"input {name}" for name in sorted({*before, *self.inputs}) if before.get(name) != self.inputs.get(name)
+            f"input {name} changed"
+            for name in sorted({*before, *self.inputs})
+            if before.get(name) != self.inputs.get(name)
         ]
         return changes
 

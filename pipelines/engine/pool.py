@@ -105,7 +105,7 @@ class PoolExecutor:
                 work = functools.partial(contextvars.copy_context().run, work)
             assert self._pool is not None
             future = self._pool.submit(work, payload)
-            future.add_done_callback(lambda future: task.end(_outcome(future, task, number)))
+            future.add_done_callback(functools.partial(_end, task, number))
 
     def stop(self, at_once: bool) -> None:
         """See `texloom.pipelines.engine.scheduler.Executor`."""
@@ -133,8 +133,14 @@ class PoolExecutor:
         return Workers(self._receiver)
 
 
-def _outcome(future: Future[dict[str, Any]], task: InFlight, number: int) -> Outcome:
+def _end(task: InFlight, number: int, future: Future[dict[str, Any]]) -> None:
+    """Tell what has become of a task, unless `PoolExecutor.stop` has cancelled it: nobody waits for it then."""
     in_flight.pop(number, None)
+    if not future.cancelled():
+        task.end(_outcome(future, task))
+
+
+def _outcome(future: Future[dict[str, Any]], task: InFlight) -> Outcome:
     try:
         return outcome_of(future.result(), task)
     except WorkerDiedError:

@@ -12,7 +12,7 @@ from texloom.stages.arrays import Channels, Image, Jacobian, Mask, ScalarMap
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common import appearance, distorted_appearance
 from texloom.stages.common.sizes import check_side
-from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.progress import Progress, report
 
 MIN_SIDE = 16
@@ -75,7 +75,16 @@ def level_count(shape: tuple[int, int], coarsest: int) -> int:
     return max(1, int(np.floor(np.log2(min(shape) / coarsest))) + 1)
 
 
-@stage(version=1, check=check_image)
+def outlines(params: AppearanceStackParams, known: Mapping[str, Any]) -> dict[str, Outline]:
+    """The levels of an exemplar that is not distorted; those of one that is are found from its content."""
+    image = known.get("image")
+    if image is None or "stack" in known or "jacobian" in known:
+        return {}
+    levels = level_count((image.height, image.width), params.coarsest)
+    return {"appearance": Outline(image.height, image.width, _EIGHT.names, levels)}
+
+
+@stage(version=1, check=check_image, outlines=outlines)
 def appearance_stack(
     image: Image,
     params: AppearanceStackParams,

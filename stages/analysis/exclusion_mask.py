@@ -1,6 +1,7 @@
 """Exclude pixels of an exemplar by a mask."""
 
 import dataclasses
+import logging
 from collections.abc import Mapping
 from typing import Any, Literal
 
@@ -11,6 +12,8 @@ from texloom.stages.arrays import Image, Mask
 from texloom.stages.common.sizes import check_same_size
 from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.masks import USABLE, valid_pixels, without_usable
+
+_LOG = logging.getLogger(__name__)
 
 _MIDDLE_GREY = 0.2140  # linear light of sRGB's 0.5
 
@@ -70,6 +73,8 @@ def exclusion_mask(image: Image, params: ExclusionMaskParams, mask: Image | None
     Ours; [Kaspar2015]_ has no masks.
     """
     valid = _valid(image, mask, params)
+    if mask is not None and valid.all():
+        _LOG.warning("the mask excludes no pixel: none of it is %s", params.avoid)
     plain = without_usable(image)
     pixels = np.concatenate([plain.pixels, valid[..., None].astype(np.float32)], axis=2)
     return ExclusionMask(Image(pixels, (*plain.channels, USABLE)), valid)

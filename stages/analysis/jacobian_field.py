@@ -23,7 +23,7 @@ from texloom.stages.analysis._distortion.grid import grid_lines, outlined
 from texloom.stages.arrays import Image, Jacobian, Mask, Quads
 from texloom.stages.common.orientation import streaks
 from texloom.stages.common.sizes import check_same_size
-from texloom.stages.declare import Document, InputError, Params, stage
+from texloom.stages.declare import Document, InputError, Outline, Params, stage
 
 _MIN_WINDOW = 7  # px; side of a square that must fit into the region
 
@@ -67,7 +67,13 @@ def check_geometry(params: JacobianFieldParams, known: Mapping[str, Any]) -> Non
     check_same_size(region, "region", image, "photograph")
 
 
-@stage(version=1, check=check_geometry)
+def outlines(params: JacobianFieldParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
+    """The Jacobians are those of the photograph's pixels."""
+    image = known.get("image")
+    return {} if image is None else {"jacobian": Outline(image.height, image.width)}
+
+
+@stage(version=1, check=check_geometry, outlines=outlines)
 def jacobian_field(
     image: Image,
     params: JacobianFieldParams,

@@ -20,7 +20,7 @@ from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis._compaction.start import QUICK, crop, starts
-from texloom.stages.synthesis._compaction.summary import Copied, level_count, outlines, size_check
+from texloom.stages.synthesis._compaction.summary import Copied, level_count, outlines, size_check, square_of_share
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
 
@@ -33,10 +33,13 @@ _CROP_EFFORTS = ((QUICK, 0.87), ((512, 6, 32), 1.0))
 compaction counts as better"""
 
 
+_Side = Annotated[int, Field(ge=1)]
+
+
 class CompactParams(Params):
     """Size of the compaction, weights of the energy, and effort."""
 
-    size: Annotated[tuple[int, int] | Annotated[float, Field(gt=0, lt=1)] | Literal["auto"], SIDES] = "auto"
+    size: Annotated[tuple[_Side, _Side] | Annotated[float, Field(gt=0, lt=1)] | Literal["auto"], SIDES] = "auto"
     """height and width of the compaction, px; a number below 1: that share of the texture's pixels, in a square;
     `auto`: a quarter as many pixels as the texture's neighbourhoods have clusters, in the texture's aspect ratio,
     square for an atlas"""
@@ -219,8 +222,7 @@ class _Compactor:
             height, width = (max(1, round(side * min(1.0, factor))) for side in largest)
             size = (height, width)
         elif isinstance(size, float):
-            side = min(max(8, 8 * round(math.sqrt(size * int(self.inside.sum())) / 8)), *largest)
-            size = (side, side)
+            size = square_of_share(size, int(self.inside.sum()), largest)
         if min(size) < self.neighbourhood:
             raise InputError(
                 f"compact: size={size[0]}x{size[1]} px does not hold a neighbourhood of {self.neighbourhood} px"

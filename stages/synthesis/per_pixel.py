@@ -25,7 +25,7 @@ from texloom.stages.common.per_pixel.device import levels_on, on_gpu, target_on,
 from texloom.stages.common.per_pixel.levels import Levels, Rect, Style
 from texloom.stages.common.per_pixel.phases import phases_of
 from texloom.stages.common.per_pixel.tables import CONTROLS, Tables, make_tables
-from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.sizes import Size
 from texloom.stages.synthesis._kcoherence.comparable_control import comparable
 from texloom.stages.synthesis._kcoherence.known_control import notes_on_target
@@ -173,7 +173,10 @@ def _size(params: PerPixelParams, target: Any, field: np.ndarray | None = None) 
 
 
 def check_sources(params: PerPixelParams, known: Mapping[str, Any]) -> None:
-    """Control and target must fit the exemplar, each other, and the result; a requested GPU must exist."""
+    """Control and target must fit the exemplar, each other, and the result; a requested GPU must exist.
+
+    A tileable result must have whole pixels at every level, as soon as the number of levels is known.
+    """
     if wanted_device() == "gpu":
         on_gpu(None)
     check_maps(known)
@@ -183,6 +186,9 @@ def check_sources(params: PerPixelParams, known: Mapping[str, Any]) -> None:
         check_aspect(target, "target", params.extent or _size(params, target), name)
     if params.tileable and params.origin != (0, 0):
         raise InputError(f"origin: {list(params.origin)} for a tileable result, which begins at [0, 0]")
+    appearance = known.get("appearance")
+    if params.tileable and isinstance(appearance, Outline) and (params.size is not None or target is not None):
+        check_divisible(_size(params, target), appearance.levels)
 
 
 @stage(version=4, check=check_sources)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 import numpy as np
@@ -48,6 +49,20 @@ def test_alpha_and_earlier_masks_stay(rng: np.random.Generator) -> None:
     twice = under(under(Image(pixels, ("R", "G", "B", "A")), first).image, second)
     assert np.argwhere(~twice.valid).tolist() == [[0, 0], [2, 3], [5, 5]]
     assert twice.image.channels == ("R", "G", "B", "A", USABLE)
+
+
+def test_a_mask_that_excludes_nothing_is_a_warning(
+    rng: np.random.Generator, caplog: pytest.LogCaptureFixture
+) -> None:
+    image = picture(rng.random((6, 8, 3)))
+    marked = np.zeros((6, 8))
+    marked[2, 3] = 1
+    with caplog.at_level(logging.WARNING):
+        under(image, None)
+        under(image, marked, avoid="white")
+        assert caplog.messages == []
+        under(image, np.zeros((6, 8)), avoid="white")
+    assert caplog.messages == ["the mask excludes no pixel: none of it is white"]
 
 
 def test_marks_can_grow(rng: np.random.Generator) -> None:

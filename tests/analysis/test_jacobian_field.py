@@ -19,6 +19,7 @@ from texloom.stages.analysis.jacobian_field import (
     JacobianFieldParams,
     check_geometry,
     jacobian_field,
+    outlines,
 )
 from texloom.stages.arrays import Image
 from texloom.stages.color import lab_from_linear
@@ -96,6 +97,11 @@ def test_a_plane_by_control_points_is_the_plane_by_corners(tmp_path: Path) -> No
     # and so it is with weights that follow from the corners
     del curved["weights"]
     np.testing.assert_allclose(one.jacobian, field(tmp_path, curved).jacobian, rtol=1e-6, atol=1e-6)
+
+
+def test_the_size_of_the_jacobians_is_told_before_they_are_computed(tmp_path: Path) -> None:
+    told = outlines(JacobianFieldParams(), {"image": grey()})["jacobian"]
+    assert (told.height, told.width) == field(tmp_path, PLANE).jacobian.shape[:2]
 
 
 def test_a_frontal_plane_is_not_distorted(tmp_path: Path) -> None:

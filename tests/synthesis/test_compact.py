@@ -16,6 +16,7 @@ from texloom.stages.arrays import Image
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.control import resize_control
 from texloom.stages.declare import InputError
+from texloom.stages.synthesis._compaction.summary import outlines
 from texloom.stages.synthesis.best_crop import BestCropParams, best_crop
 from texloom.stages.synthesis.compact import Compacted, CompactLevel, CompactParams, compact
 from texloom.stages.synthesis.control_features import ControlFeaturesParams, control_features
@@ -223,6 +224,8 @@ def test_automatic_size_is_a_quarter_of_the_clusters(texture: Image) -> None:
 def test_size_as_a_share_of_the_pixels(texture: Image) -> None:
     result = run(texture, None, size=0.15, iterations=1)
     assert result.sides == [40, 40]  # sqrt(0.15 * 90 * 120) is 40.2
+    told = outlines(CompactParams(size=0.15), {"texture": texture})["image"]
+    assert (told.height, told.width, told.channels) == (40, 40, result.image.channels)
     assert run(texture, None, size=0.99, iterations=1).sides == [90, 90]
 
 

@@ -347,6 +347,26 @@ def test_what_does_not_fit_is_refused_before_anything_runs(
         check(PerPixelParams.model_validate(params), {"image": image, **maps})
 
 
+def test_sides_that_cannot_be_tileable_are_refused_before_anything_runs(
+    image: Image, stack: AppearanceStack
+) -> None:
+    analysis, check = find_stage("analysis.appearance_stack"), find_stage("synthesis.per_pixel").check
+    assert analysis.outlines is not None
+    assert check is not None
+    known = {"image": image, **analysis.outlines(AppearanceStackParams(coarsest=12), {"image": image})}
+    assert known["appearance"].shape == stack.appearance.shape[1:]
+    assert known["appearance"].levels == len(stack.appearance)
+    message = "^size: 44x64 px cannot be tileable with 3 levels, which takes multiples of 8; 48x64 can$"
+    with pytest.raises(InputError, match=message):
+        check(PerPixelParams(size=(44, 64), tileable=True), known)
+    with pytest.raises(InputError, match=r"^size: 36x36 px cannot be tileable"):
+        check(PerPixelParams(tileable=True), {**known, "target": picture(np.zeros((36, 36)))})
+    for params in ({"size": (44, 64)}, {"size": (40, 64), "tileable": True}, {"tileable": True}):
+        check(PerPixelParams.model_validate(params), known)
+    distorted = {"image": image, "jacobian": flat(SHAPE)}
+    assert not analysis.outlines(AppearanceStackParams(), distorted), "known when they have been found"
+
+
 def test_bad_inputs_are_refused(image: Image, stack: AppearanceStack, control: Image) -> None:
     wet, plain = Image(control.pixels, ("wet",)), picture(np.zeros(SHAPE))
     beyond = {"fixed": np.ones((40, 64), bool), "fixed_match": np.full((40, 64, 2), 50, np.uint32)}

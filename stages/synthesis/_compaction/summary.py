@@ -1,6 +1,7 @@
 """Shared by compactions and their baselines: sizes, and what is copied from the texture."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -40,12 +41,21 @@ class Copied:
 
 
 def outlines(params: Any, known: Mapping[str, Any]) -> dict[str, Outline]:
-    """The small image and its control map, where ``params.size`` is in px."""
-    if not isinstance(params.size, tuple):
+    """The small image and its control map, where ``params.size`` is in px or a share of the texture's pixels."""
+    size, texture = params.size, known.get("texture")
+    if isinstance(size, float) and texture is not None:
+        size = square_of_share(size, texture.height * texture.width, (texture.height, texture.width))
+    if not isinstance(size, tuple):
         return {}
-    height, width = params.size
-    copied = {"image": known.get("texture"), "control": known.get("control")}
+    height, width = size
+    copied = {"image": texture, "control": known.get("control")}
     return {name: Outline(height, width, given.channels) for name, given in copied.items() if given is not None}
+
+
+def square_of_share(share: float, pixels: int, largest: tuple[int, int]) -> tuple[int, int]:
+    """Height and width of a square with ``share`` of so many pixels, a multiple of 8 px, within ``largest``."""
+    side = min(max(8, 8 * round(math.sqrt(share * pixels) / 8)), *largest)
+    return side, side
 
 
 class SummaryParams(Params):

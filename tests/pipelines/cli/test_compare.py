@@ -151,6 +151,24 @@ def test_folders_that_cannot_be_compared(folder: Path, options: list[str], messa
 
 @pytest.mark.usefixtures("theirs")
 @pytest.mark.parametrize(
+    ("other", "over", "message"),
+    [
+        ("blocks.yaml", "gone", "gone: no such file"),
+        ("blocks.yaml", "few", "few: is a folder without pictures"),
+        ("blocks.yaml", "gone/*.png", "no file or map set matches"),
+        ("--against=other=theirs", "gone/*.png", "no file or map set matches"),
+    ],
+)
+def test_exemplars_that_are_not_there_are_named_by_the_option(other: str, over: str, message: str) -> None:
+    Path("few").mkdir()
+    refused = texloom("compare", "pixels.yaml", other, "--over", over)
+    assert refused.code == 2
+    assert refused.err.startswith("texloom: --over: ")
+    assert message in refused.err
+
+
+@pytest.mark.usefixtures("theirs")
+@pytest.mark.parametrize(
     ("size", "message"),
     [("44", "the result must have at least 44x44 px"), ("40x51", "must have at least 40x51 px")],
 )

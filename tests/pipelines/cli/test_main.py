@@ -301,6 +301,17 @@ WRONG_COMMANDS = {
     ),
     "run inverse_stationary --size 64x": "--size: input should be N or HxW, a valid number, or 'auto', got '64x'",
     "run inverse_stationary --size 1.5": "--size: input should be less than 1, got 1.5",
+    "run inverse_stationary --size 0": "--size: input should be greater than or equal to 1, got 0",
+    "run per_pixel_control --set compaction=-3": (
+        "--set compaction: input should be greater than or equal to 1, got -3"
+    ),
+    "run per_pixel --size 300 --tileable": (
+        "steps.texture: size: 300x300 px cannot be tileable with 6 levels, which takes multiples of 64; 320x320 can"
+    ),
+    "run per_pixel_control texloom:plaster --source control=texloom:plaster_labels "
+    "--source target=texloom:plaster_target --size 300 --tileable": (
+        "steps.result: size: 300x300 px cannot be tileable with 3 levels, which takes multiples of 8; 304x304 can"
+    ),
     "run self_tuning --set start.size=[64]": "--set start.size: a value is missing; as in [1024, 1024]",
     # its own example is a pattern that matches nothing here
     "run joint_compaction": (
@@ -343,6 +354,14 @@ WRONG_COMMANDS = {
 def test_wrong_commands(empty: Path, command: str, message: str) -> None:
     assert_refused(texloom(*shlex.split(command)), message)
     assert list(empty.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["-lead.png", "--lead.png"])
+def test_a_file_that_begins_with_a_dash(empty: Path, name: str) -> None:
+    assert "write ./" not in texloom("run", "quilting", name).err
+    save(empty / name, blobs())
+    assert_refused(texloom("run", "quilting", name), f". For a file, write ./{name}")
+    assert texloom("plan", "quilting", f"./{name}").code == 0
 
 
 @pytest.mark.parametrize("command", ["run", "plan"])
@@ -945,7 +964,7 @@ def test_plan_says_why(again: Path) -> None:
 def test_plan_after_another_picture(again: Path) -> None:
     save(again / "wall.png", blobs(52, 52))
     plan = planned()
-    assert plan["tone"] == ("run", ["input image"])
+    assert plan["tone"] == ("run", ["input image changed"])
     assert plan["start"] == ("wait", ["waits for lattice, structure, tone"])
 
 
@@ -965,7 +984,7 @@ def test_plan_after_another_version_or_code(again: Path, monkeypatch: pytest.Mon
         "code_digest",
         lambda name: "0" * 64 if name == "texloom.stages.analysis.otsu" else digest(name),
     )
-    assert planned()["structure"] == ("run", ["code of analysis.otsu"])
+    assert planned()["structure"] == ("run", ["code of analysis.otsu changed"])
 
 
 def test_plan_of_a_broken_result(again: Path) -> None:

@@ -150,15 +150,15 @@ DIFFERENCES: dict[str, tuple[dict[str, Any], list[str]]] = {
     "nothing": ({}, []),
     "stage": ({"stage": "analysis.edges"}, ["stage: analysis.edges -> analysis.otsu"]),
     "version": ({"version": 2}, ["version of analysis.otsu: 2 -> 1"]),
-    "code": ({"code": "e" * 64}, ["code of analysis.otsu"]),
+    "code": ({"code": "e" * 64}, ["code of analysis.otsu changed"]),
     "param": ({"params": {**PARTS.params, "a": 2}}, ["param a: 2 -> 1"]),
     "param that was not there": ({"params": {"b": [1, 2], "c": None}}, ["param a: none -> 1"]),
     "param that has gone": ({"params": {**PARTS.params, "z": "long"}}, ["param z: long -> none"]),
     "long param": ({"params": {**PARTS.params, "a": "x" * 99}}, [f"param a: {'x' * 37}... -> 1"]),
     "seed": ({"seed": "8/start"}, ["seed: 8/start -> 7/start"]),
-    "input": ({"inputs": {"image": "e" * 64}}, ["input image"]),
-    "another input": ({"inputs": {}}, ["input image"]),
-    "several": ({"version": 2, "inputs": {}}, ["version of analysis.otsu: 2 -> 1", "input image"]),
+    "input": ({"inputs": {"image": "e" * 64}}, ["input image changed"]),
+    "another input": ({"inputs": {}}, ["input image changed"]),
+    "several": ({"version": 2, "inputs": {}}, ["version of analysis.otsu: 2 -> 1", "input image changed"]),
 }
 
 

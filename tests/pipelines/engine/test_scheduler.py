@@ -30,7 +30,7 @@ from tests.pipelines.flows import (
     write_set,
 )
 from texloom.pipelines.engine import worker
-from texloom.pipelines.engine.events import Event, StepProgress
+from texloom.pipelines.engine.events import Event, StepProgress, StepStarted
 from texloom.pipelines.engine.prefect.records import FileLocks
 from texloom.pipelines.engine.run import Run, StepFailedError
 from texloom.pipelines.engine.scheduler import InFlight, InlineExecutor, Outcome, execute
@@ -241,7 +241,7 @@ def test_a_task_is_text_and_comes_back_whole(folder: Path) -> None:
 def test_another_texloom_or_store_is_refused(folder: Path, tmp_path: Path) -> None:
     run, task = task_of(folder)
     older = dataclasses.replace(task, parts=dataclasses.replace(task.parts, code="0" * 64))
-    with pytest.raises(InputError, match=r"code of analysis\.edges"):
+    with pytest.raises(InputError, match=r"code of analysis\.edges changed"):
         check_same(older)
     run.store.create()
     identity = run.store.identity()
@@ -353,6 +353,23 @@ def test_a_signal_does_not_interrupt_a_submission(folder: Path, monkeypatch: pyt
     with pytest.raises(KeyboardInterrupt):
         run_local(opened(folder, name="threads", workers=1), folder / "out")
     assert len(ended) == 1
+
+
+def test_tasks_that_an_interruption_cancels_have_not_failed(folder: Path) -> None:
+    class Interrupting(Events):
+        started = 0
+
+        def __call__(self, event: Event) -> None:
+            if isinstance(event, StepStarted):
+                self.started += 1
+                if self.started == 4:  # two workers compute two tasks, and the third waits
+                    raise KeyboardInterrupt
+            super().__call__(event)
+
+    listener = Interrupting()
+    with pytest.raises(KeyboardInterrupt):
+        run_local(opened(folder, name="processes", workers=2), folder / "out", listener)
+    assert set(listener.states.values()) == {"started"}
 
 
 PAIR = """

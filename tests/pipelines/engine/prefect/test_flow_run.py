@@ -161,7 +161,7 @@ def test_plan_gives_reasons(tmp_path: Path) -> None:
     changed = open_run(path, edges__finest="3.0").plan()
     assert changed[0].reasons == ("param finest: 1.5 -> 3.0",)
     write_flow(tmp_path, side=72)
-    assert open_run(path).plan()[0].reasons == ("input image",)
+    assert open_run(path).plan()[0].reasons == ("input image changed",)
 
 
 def test_nothing_changes_a_plan_but_what_it_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
