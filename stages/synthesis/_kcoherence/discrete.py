@@ -12,6 +12,7 @@ from texloom.stages.common.neighbourhoods import UNIT, fixed_point
 from texloom.stages.kernels.core.threads import run_spans, thread_count
 from texloom.stages.synthesis._kcoherence.expected_use import expected_use
 from texloom.stages.synthesis._kcoherence.frames import Frames
+from texloom.stages.synthesis._kcoherence.local_variance import local_variance
 
 _RADIUS = 2  # of a neighbourhood, px
 _SIDE = 2 * _RADIUS + 1
@@ -26,7 +27,7 @@ LARGEST = 2**14
 """px of an exemplar up to which candidates are searched"""
 
 _SAMPLES = 2**12  # neighbourhoods that the principal components are found from
-_SEAM_PENALTY = 2.0  # a pixel, for continuing none of the eight neighbours; as the others relative to `variance`
+_SEAM_PENALTY = 2.0  # a pixel, for continuing none of the eight neighbours; as the others in `local_variance`
 _MOMENTUM = 0.9  # weight of the past use in penalties; without, all pixels would leave a place at once
 _SINGLE = 0.3  # weight of a pixel's own use beside that around it; without, single pixels would repeat
 _REPEAT_PENALTY = 0.25  # a pixel, for each other pixel near it that has the same source
@@ -114,7 +115,7 @@ class DiscreteSolver:
 
     Without an occurrence penalty smooth places win: they are near to everything, so that detail is lost and single
     pixels repeat ([Kaspar2015]_ section 3.2 has that of patches). Here a place that serves as many pixels as it
-    should costs ``occurrence``, CIELAB units squared a pixel; see `expected_use`. Few places that control asks for
+    should costs ``occurrence`` times the `local_variance`; see `expected_use`. Few places that control asks for
     often would still repeat in rows; therefore a source costs more near copies of itself. Places ``period`` px
     apart are the same place of a toroidal exemplar.
     """
@@ -125,14 +126,13 @@ class DiscreteSolver:
         control: Float32[np.ndarray, "H W k"],
         occurrence: float,
         wrap: bool,
-        use: Float32[np.ndarray, "h w"] | None,
-        period: tuple[int, int] | None,
-        variance: float,
+        use: Float32[np.ndarray, "h w"] | None = None,
+        period: tuple[int, int] | None = None,
     ):
         self.exemplar, self.period = exemplar, period
         self.control = np.ascontiguousarray(control)
         self.scale = _SIDE**2 * _UNIT**2
-        unit = variance * self.scale
+        unit = local_variance(exemplar.texture) * self.scale
         expected = self._of_all_copies(expected_use(exemplar.control, control, _SIDE, use))
         self.penalty_per_use = occurrence * unit / expected
         self.seam_penalty = np.int64(_SEAM_PENALTY * unit / 8)
@@ -235,10 +235,9 @@ class OrientedDiscreteSolver(DiscreteSolver):
         wrap: bool,
         use: Float32[np.ndarray, "h w"] | None,
         period: tuple[int, int] | None,
-        variance: float,
         frames: Frames,
     ):
-        super().__init__(exemplar, control, occurrence, wrap, use, period, variance)
+        super().__init__(exemplar, control, occurrence, wrap, use, period)
         self.frames = frames
         self.texture = fixed_point(exemplar.texture)
         self.vectors = exemplar.vectors.reshape(len(exemplar.texture), -1)

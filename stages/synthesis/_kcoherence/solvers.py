@@ -167,10 +167,6 @@ class Solver:
         """Places at ``offset`` from the ``corner`` of a block of ``side`` px; all (2, p, q)."""
         return clipped(corner + offset, scale.places).astype(np.int32)
 
-    def variance(self, scale: Scale) -> float:
-        """The exemplar's `local_variance` at a scale, CIELAB units squared."""
-        return local_variance(resize(self.inputs.texture, *scale.exemplar))
-
     def finer(self, match: Match, scale: Scale, growth: float) -> Match:
         """The match of the scale before, ``growth`` times coarser, at this scale."""
         return correspondence.rescale(match, scale.patches, scale.places, growth)
@@ -203,9 +199,10 @@ class PatchSolver(Solver):
     def rounds(self, match: Match, scale: Scale, random: np.random.Generator) -> Rounds:
         """Improve ``match`` in place, round by round."""
         exemplar, control = self._exemplar(scale), self._control(scale)
+        variance = local_variance(resize(self.inputs.texture, *scale.exemplar))
         search = Search(
             exemplar, self.channels, self.patch_size, scale.places, scale.patches, self.wrap,
-            self.occurrence * self.variance(scale), _OVERUSE, expected=self._expected(scale),
+            self.occurrence * variance, _OVERUSE, expected=self._expected(scale),
         )  # fmt: skip
         while True:
             yield search.step(self._vote(match, exemplar, control), match, self.effort, random)
@@ -277,7 +274,7 @@ class PixelSolver(Solver):
     def _solver(self, scale: Scale) -> DiscreteSolver:
         exemplar, control = self._neighbourhoods(scale), self.inputs.wanted(scale)
         use, period = self.inputs.use_at(scale), self.inputs.period(scale)
-        return DiscreteSolver(exemplar, control, self.occurrence, self.wrap, use, period, self.variance(scale))
+        return DiscreteSolver(exemplar, control, self.occurrence, self.wrap, use, period)
 
     def _neighbourhoods(self, scale: Scale) -> Neighbourhoods:
         """The exemplar at a scale, cached for the next one."""
@@ -326,7 +323,7 @@ class OrientedSolver(PixelSolver):
         exemplar, control = self._neighbourhoods(scale), self.inputs.wanted(scale)
         use, period = self.inputs.use_at(scale), self.inputs.period(scale)
         return OrientedDiscreteSolver(
-            exemplar, control, self.occurrence, self.wrap, use, period, self.variance(scale), self._frames(scale)
+            exemplar, control, self.occurrence, self.wrap, use, period, self._frames(scale)
         )
 
     def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
