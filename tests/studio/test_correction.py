@@ -38,6 +38,7 @@ def test_only_the_inside_of_an_outline_changes(watched: Watched, tmp_path: Path)
     page.mouse.down()
     for right, down in ((80, 0), (80, 80), (0, 80), (0, 0)):
         page.mouse.move(middle[0] + right, middle[1] + down, steps=3)
+        page.evaluate("document.querySelector('make-view').requestUpdate()")  # as news from the server do
     page.mouse.up()
     page.get_by_role("radio", name="Version 2").click()
     page.get_by_role("button", name="Accept").click()

@@ -60,6 +60,7 @@ export class PictureView extends Element {
   private readonly pointers = new Map<number, { x: number; y: number }>();
   private isSplitting = false;
   private isDrawing = false;
+  private drawn: Point[] = []; // the line so far; `outline` is set again whenever something around this element changes
   private isActing = false;
   private cursor: Point | null = null; // moved by keys
   private shown: Drawable | null = null;
@@ -171,9 +172,10 @@ export class PictureView extends Element {
         context.stroke(path);
       }
     };
-    if (this.outline.length > 1) {
+    const line = this.isDrawing ? this.drawn : this.outline;
+    if (line.length > 1) {
       const path = new Path2D();
-      this.outline.forEach((point, index) => (index ? path.lineTo(...at(point)) : path.moveTo(...at(point))));
+      line.forEach((point, index) => (index ? path.lineTo(...at(point)) : path.moveTo(...at(point))));
       if (!this.isDrawing) path.closePath();
       stroke(path);
     }
@@ -255,7 +257,8 @@ export class PictureView extends Element {
     if (!isTool) this.release("cancel"); // a second finger zooms
     this.isDrawing = isTool && this.tool === "lasso" && event.button === 0;
     if (this.isDrawing && this.picture) {
-      this.outline = [this.pixel(event)];
+      this.drawn = [this.pixel(event)];
+      this.draw();
       return;
     }
     this.isActing = isTool && this.tool === "act" && this.size !== null;
@@ -275,7 +278,8 @@ export class PictureView extends Element {
       return;
     }
     if (this.isDrawing) {
-      this.outline = [...this.outline, this.pixel(event)];
+      this.drawn.push(this.pixel(event));
+      this.draw();
       return;
     }
     if (this.isActing) {
@@ -304,7 +308,7 @@ export class PictureView extends Element {
     if (this.isDrawing) {
       this.isDrawing = false;
       this.draw();
-      if (this.outline.length > 2) this.tell("lasso", this.outline);
+      if (this.drawn.length > 2) this.tell("lasso", this.drawn);
     }
     this.isSplitting = false;
   }
@@ -323,7 +327,9 @@ export class PictureView extends Element {
   private release(phase: "end" | "cancel"): void {
     if (this.isActing) this.act(phase, this.cursor!);
     this.isActing = false;
-    if (phase === "cancel" && this.isDrawing) [this.isDrawing, this.outline] = [false, []];
+    if (phase === "end" || !this.isDrawing) return;
+    this.isDrawing = false;
+    this.draw();
   }
 
   /** Move or use the tool by a key; whether it was one of these. */
