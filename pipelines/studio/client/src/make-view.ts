@@ -47,6 +47,8 @@ export class MakeView extends Element {
   @state() private origins: Uint16Array | null = null;
   @state() private hovered: Point | null = null;
   @state() private result: Drawable | null = null;
+  /** whether `result` is the finished picture, not one of a scale */
+  @state() private isWhole = false;
   @state() private sheet: Sheet | null = null;
   @query("correct-panel") private panel!: CorrectPanel;
   /** the results of each recipe, by its JSON, so that nothing is lost when a setting is changed and changed back */
@@ -175,7 +177,7 @@ export class MakeView extends Element {
 
   private forgetResult(): void {
     this.results = new Undo<string>("");
-    this.result = null;
+    [this.result, this.isWhole] = [null, false];
     this.places = [];
     this.origins = null;
     this.endCorrection();
@@ -242,7 +244,7 @@ export class MakeView extends Element {
         }
         break;
       case "job_picture":
-        if (message.job === this.job && !this.results.canUndo) this.result = canvasOf(payload, message.width, message.height);
+        if (message.job === this.job && !this.results.canUndo) [this.result, this.isWhole] = [canvasOf(payload, message.width, message.height), false];
         break;
       case "job_changed":
         if (message.job.id === this.job && message.job.state === "done") void this.loadResult(message.job);
@@ -271,7 +273,7 @@ export class MakeView extends Element {
     const file = job.files.find((one) => one === "texture.png");
     const loaded = file && (await this.studio.attempt(bitmap(fileAddress(job.id, file))));
     if (!loaded || job.id !== this.job) return;
-    this.result = loaded;
+    [this.result, this.isWhole] = [loaded, true];
     this.patch = null;
     [this.places, this.origins] = [this.left.get(job.id) ?? [], null];
     const told = !this.left.has(job.id) && (await this.studio.attempt(insight(job.id)));
@@ -389,7 +391,7 @@ export class MakeView extends Element {
         @edit=${(event: CustomEvent<Partial<Recipe>>) => this.edit(event.detail)}></recipe-form>
       <button class="primary" ?disabled=${isBusy} @click=${() => this.finish()}>Finish at full size</button>
       ${job?.state === "done"
-        ? html`<p class="row"><button class="half" @click=${() => this.correct()}>Correct a spot</button>
+        ? html`<p class="row"><button class="half" ?disabled=${!this.isWhole} @click=${() => this.correct()}>Correct a spot</button>
             <button class="half" @click=${() => this.tell("inspect", `job:${job.id}`)}>Look at it in 3D</button></p>`
         : nothing}
       ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
