@@ -139,6 +139,9 @@ def prepare(exemplars: dict[str, dict[str, Any]], originals: Path) -> None:
     row, column = np.mgrid[:256, :256] / 256
     wave = 0.5 + 0.5 * np.sin(2 * np.pi * (2.5 * column + 0.35 * np.sin(2 * np.pi * row)))
     Image.fromarray(np.uint8(255 * (wave > 0.45))).save(pictures / "target.png")
+    distance = np.hypot(row - 0.55, column - 0.4) + 0.02 * np.sin(4 * np.pi * row)
+    bends = 0.5 + 0.5 * np.cos(12 * np.pi * distance)
+    Image.fromarray(np.uint8(255 * bends)).save(pictures / "bends.png")
 
     spread(pictures)
     library, rust = WORK / "library", WORK / "rust"

@@ -13,8 +13,8 @@ from texloom.stages.common.orientation import (
     diffused,
     length_of,
     painted,
+    pictured,
     smoothed,
-    streaks,
     unit,
 )
 from texloom.stages.common.sizes import same_size
@@ -95,7 +95,7 @@ def orientation_field(
         vectors = np.where(near[..., None] == 1, wanted, vectors)
     confidence = np.clip(length_of(vectors), 0, 1)
     angle = angle_of(vectors + (1 - confidence)[..., None] ** 2 * unit(diffused(vectors, params.stiffness)))
-    return OrientationField(angle, confidence, _picture(image, angle, confidence))
+    return OrientationField(angle, confidence, pictured(image.color, angle, confidence))
 
 
 def _principal(lab: ColorField) -> ScalarMap:
@@ -152,11 +152,3 @@ def _responses(plane: ScalarMap, angles: int) -> tuple[np.ndarray, np.ndarray]:
         total += energy
         sums += energy[..., None] * [np.cos(2 * angle), np.sin(2 * angle)]
     return sums, total
-
-
-def _picture(image: Image, angle: ScalarMap, confidence: ScalarMap) -> Image:
-    """Line integral convolution over the darkened texture."""
-    lines = streaks(angle, 14)[..., None]
-    contrast = (0.35 + 0.65 * np.sqrt(confidence))[..., None]
-    light = 0.25 * np.clip(image.color, 0, 1) + 0.6 * (0.5 + (lines - 0.5) * contrast) ** 2.2
-    return Image(np.ascontiguousarray(light, np.float32), ("R", "G", "B"))

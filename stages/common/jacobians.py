@@ -1,7 +1,9 @@
-"""Inverse Jacobians."""
+"""Inverse Jacobians, and those of rotations."""
 
 import numpy as np
 from jaxtyping import Float
+
+from texloom.stages.arrays import Jacobian, ScalarMap
 
 
 def inverted(jacobian: Float[np.ndarray, "h w 4"]) -> Float[np.ndarray, "h w 4"]:
@@ -11,3 +13,9 @@ def inverted(jacobian: Float[np.ndarray, "h w 4"]) -> Float[np.ndarray, "h w 4"]
     """
     a, b, c, d = np.moveaxis(jacobian, 2, 0)
     return np.asarray(np.stack([d, -b, -c, a], axis=2) / (a * d - b * c)[..., None])
+
+
+def rotations(angle: ScalarMap) -> Jacobian:
+    """Those of texture whose rows run along ``angle``, radians, from along a row towards growing rows."""
+    sine, cosine = np.sin(angle), np.cos(angle)
+    return np.stack([cosine, sine, -sine, cosine], axis=2)

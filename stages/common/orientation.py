@@ -19,6 +19,7 @@ Doubled: TypeAlias = Float32[np.ndarray, "h w 2"]
 _MIN_COVER = 0.5  # of a pixel that belongs to a stroke, as a share of the largest
 _MAX_SIDE = 192  # px; of the grid on which a field is diffused
 _PIECES = 16
+_STREAK = 14  # px to both sides, of the lines in a picture of a field
 
 
 def doubled(angle: ScalarMap, confidence: ScalarMap) -> Doubled:
@@ -121,6 +122,42 @@ def diffused(vectors: Doubled, stiffness: float) -> Doubled:
     )
 
 
+def signed_angles(angle: ScalarMap, wrap: bool = False) -> ScalarMap:
+    """Angles modulo 2 pi of an orientation field modulo pi, with signs that agree between neighbours.
+
+    Signs propagate along the minimum spanning tree of the differences between neighbouring and surrounding
+    orientations, which keeps away from singularities, across which signs would be wrong. With ``wrap``, pixels at
+    opposite borders are neighbours too.
+    """
+    import cv2
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
+
+    height, width = angle.shape
+    step = max(1, max(height, width) // 128)
+    coarse = angle[::step, ::step].astype(np.float64)
+    number = np.arange(coarse.size).reshape(coarse.shape)
+    links = [(number[:, :-1], number[:, 1:]), (number[:-1], number[1:])]
+    if wrap:
+        links += [(number[:, 0], number[:, -1]), (number[0], number[-1])]
+    first, second = (np.concatenate([link[end].ravel() for link in links]) for end in (0, 1))
+    flat = coarse.ravel()
+    around = cv2.blur(doubled(angle, np.ones_like(angle)), (4 * step + 1, 4 * step + 1))
+    coherence = length_of(around)[::step, ::step].ravel()
+    cost = 1.001 - np.abs(np.cos(flat[first] - flat[second])) * np.minimum(coherence[first], coherence[second])
+    tree = minimum_spanning_tree(coo_array((cost, (first, second)), (flat.size, flat.size)).tocsr())
+    order, before = breadth_first_order(tree, 0, directed=False)
+    for place in order[1:]:
+        if np.cos(flat[place] - flat[before[place]]) < 0:
+            flat[place] += np.pi
+    signed = cv2.resize(
+        np.dstack([np.cos(flat), np.sin(flat)]).reshape(*coarse.shape, 2), (width, height),
+        interpolation=cv2.INTER_NEAREST,
+    )  # fmt: skip
+    opposite = np.cos(angle) * signed[..., 0] + np.sin(angle) * signed[..., 1] < 0
+    return np.asarray(np.where(opposite, angle + np.pi, angle), np.float32)
+
+
 def streaks(angle: ScalarMap, length: int) -> ScalarMap:
     """Visualise an angle field by line integral convolution of noise, 0..1 [Cabral1993]_."""
     from texloom.stages.kernels.distortion.line_integral import convolve_lines
@@ -131,3 +168,11 @@ def streaks(angle: ScalarMap, length: int) -> ScalarMap:
     run_spans(convolve_lines, (noise, direction, length, out), angle.shape[0], _PIECES)
     # The mean of many values has a small spread, which is stretched.
     return np.asarray(np.clip(0.5 + (out - 0.5) * 0.9 * np.sqrt(2 * length + 1), 0, 1), np.float32)
+
+
+def pictured(light: ColorField, angle: ScalarMap, confidence: ScalarMap) -> Image:
+    """Line integral convolution of a field over a darkened picture, fainter where the confidence is low."""
+    lines = streaks(angle, _STREAK)[..., None]
+    contrast = (0.35 + 0.65 * np.sqrt(confidence))[..., None]
+    shown = 0.25 * np.clip(light, 0, 1) + 0.6 * (0.5 + (lines - 0.5) * contrast) ** 2.2
+    return Image(np.ascontiguousarray(shown, np.float32), ("R", "G", "B"))

@@ -10,8 +10,9 @@ from pydantic import Field
 
 from texloom.stages.arrays import ColorField, Image, Jacobian, ScalarMap
 from texloom.stages.color import lab_from_linear
+from texloom.stages.common.jacobians import rotations
 from texloom.stages.common.neighbourhoods import UNIT
-from texloom.stages.common.orientation import doubled, length_of, smoothed
+from texloom.stages.common.orientation import signed_angles, smoothed
 from texloom.stages.common.pyramid import halved_size, resize
 from texloom.stages.declare import OddSize, Params, stage
 from texloom.stages.progress import Progress, report
@@ -149,10 +150,8 @@ def compact_oriented(
     between = dataclasses.replace(nearest, image=interpolated(texture, source))
     positive = np.asarray(signed % (2 * np.pi), np.float32)
     source_angle = np.ascontiguousarray(positive[rounded[0], rounded[1]])
-    sine, cosine = np.sin(positive), np.cos(positive)
-    jacobian = np.stack([cosine, sine, -sine, cosine], axis=2)
     return CompactedOriented(
-        **vars(between), angle=positive, source_angle=source_angle, jacobian=jacobian, energy=energy
+        **vars(between), angle=positive, source_angle=source_angle, jacobian=rotations(positive), energy=energy
     )
 
 
@@ -219,39 +218,6 @@ def _solved(
         done = (update + level / levels) / (params.orientation_updates + 1)
         report(Progress(done, scale=level, scales=levels, energy=energy[-1]["energy"]))
     return solver, coarsest
-
-
-def signed_angles(angle: ScalarMap) -> ScalarMap:
-    """Angles modulo 2 pi of an orientation field modulo pi, with signs that agree between neighbours.
-
-    Signs propagate along the minimum spanning tree of the differences between neighbouring and surrounding
-    orientations, which keeps away from singularities, across which signs would be wrong.
-    """
-    import cv2
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
-
-    height, width = angle.shape
-    step = max(1, max(height, width) // 128)
-    coarse = angle[::step, ::step].astype(np.float64)
-    number = np.arange(coarse.size).reshape(coarse.shape)
-    first = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
-    second = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
-    flat = coarse.ravel()
-    around = cv2.blur(doubled(angle, np.ones_like(angle)), (4 * step + 1, 4 * step + 1))
-    coherence = length_of(around)[::step, ::step].ravel()
-    cost = 1.001 - np.abs(np.cos(flat[first] - flat[second])) * np.minimum(coherence[first], coherence[second])
-    tree = minimum_spanning_tree(coo_array((cost, (first, second)), (flat.size, flat.size)).tocsr())
-    order, before = breadth_first_order(tree, 0, directed=False)
-    for place in order[1:]:
-        if np.cos(flat[place] - flat[before[place]]) < 0:
-            flat[place] += np.pi
-    signed = cv2.resize(
-        np.dstack([np.cos(flat), np.sin(flat)]).reshape(*coarse.shape, 2), (width, height),
-        interpolation=cv2.INTER_NEAREST,
-    )  # fmt: skip
-    opposite = np.cos(angle) * signed[..., 0] + np.sin(angle) * signed[..., 1] < 0
-    return np.asarray(np.where(opposite, angle + np.pi, angle), np.float32)
 
 
 def _resized_angle(angle: ScalarMap, height: int, width: int) -> Float32[np.ndarray, "H W"]:

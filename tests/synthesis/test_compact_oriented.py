@@ -12,12 +12,12 @@ from tests.synthetic import picture, smooth_noise
 from texloom.stages.analysis.orientation_field import OrientationFieldParams, orientation_field
 from texloom.stages.arrays import Image
 from texloom.stages.color import srgb_from_linear
+from texloom.stages.common.orientation import signed_angles
 from texloom.stages.declare import InputError
 from texloom.stages.synthesis.compact_oriented import (
     CompactedOriented,
     CompactOrientedParams,
     compact_oriented,
-    signed_angles,
 )
 from texloom.stages.synthesis.reconstruct import ReconstructParams, reconstruct
 
