@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float32
 
+from texloom.stages.arrays import Jacobian
+
 NORMAL = ("normal.X", "normal.Y", "normal.Z")
 """the channels of a normal in the convention of MaterialX and OpenGL: a surface that rises to the right has X < 0,
 one that rises downwards has Y > 0"""
@@ -39,3 +41,26 @@ def with_unit_normals(
     planes = [channels.index(name) for name in NORMAL]
     normalised[..., planes] = unit(normalised[..., planes], rounding(8))
     return normalised
+
+
+def turned(
+    pixels: Float32[np.ndarray, "H W c"], channels: tuple[str, ...], jacobian: Jacobian
+) -> Float32[np.ndarray, "H W c"]:
+    """``pixels`` with normals turned from the texture's tangent space to that of the picture in which it lies.
+
+    Parameters
+    ----------
+    jacobian : from the texture to the picture, at each pixel; where it mirrors, so do normals.
+    """
+    if not set(NORMAL) <= set(channels):
+        return pixels
+    a, b, c, d = np.moveaxis(jacobian, 2, 0)
+    side = np.sign(a * d - b * c)
+    length = np.hypot(a, b)
+    cosine, sine = side * a / length, -side * b / length
+    first, second = (channels.index(name) for name in NORMAL[:2])
+    x, y = pixels[..., first], pixels[..., second]
+    pixels = pixels.copy()
+    pixels[..., first] = cosine * x - sine * y
+    pixels[..., second] = side * (sine * x + cosine * y)
+    return pixels

@@ -15,6 +15,7 @@ from texloom.stages.common.neighbourhoods import UNIT
 from texloom.stages.common.orientation import signed_angles, smoothed
 from texloom.stages.common.pyramid import halved_size, resize
 from texloom.stages.declare import OddSize, Params, stage
+from texloom.stages.normals import turned, with_unit_normals
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis._compaction.oriented import OrientedLevel
@@ -147,9 +148,12 @@ def compact_oriented(
     source, signed, _ = solved[-1]
     rounded = np.rint(source).astype(np.int32)
     nearest = Copied.of(texture, control, np.moveaxis(rounded, 0, 2))
-    between = dataclasses.replace(nearest, image=interpolated(texture, source))
     positive = np.asarray(signed % (2 * np.pi), np.float32)
     source_angle = np.ascontiguousarray(positive[rounded[0], rounded[1]])
+    image = interpolated(texture, source)
+    pixels = turned(image.pixels, image.channels, rotations(-source_angle))
+    image = Image(with_unit_normals(pixels, image.channels), image.channels)
+    between = dataclasses.replace(nearest, image=image)
     return CompactedOriented(
         **vars(between), angle=positive, source_angle=source_angle, jacobian=rotations(positive), energy=energy
     )

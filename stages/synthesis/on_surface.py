@@ -20,7 +20,7 @@ from texloom.stages.common.surface.gutters import nearest_known
 from texloom.stages.common.surface.phases import surface_phases
 from texloom.stages.common.surface.texels import texels_of
 from texloom.stages.declare import InputError, stage
-from texloom.stages.normals import NORMAL
+from texloom.stages.normals import turned
 from texloom.stages.synthesis._kcoherence.known_control import extrapolated, notes_on_target
 from texloom.stages.synthesis._surface.levels import SurfaceLevels
 from texloom.stages.synthesis.per_pixel import ArrangementParams, flat, prepare, style_of
@@ -141,7 +141,7 @@ def on_surface(
     jacobian[tuple(places[:count][inside].T)] = texels[0].jacobian[0, inside]
     jacobian = jacobian.reshape(-1, 4)[nearest_known(covered)]
     source = _spread(positions, places, size)
-    pixels = _turned(_pixels(image, source, jacobian, toroidal), image.channels, jacobian)
+    pixels = turned(_pixels(image, source, jacobian, toroidal), image.channels, jacobian)
     limits = image.height - 1, image.width - 1
     match = np.clip(np.floor(source + 0.5), 0, limits).astype(np.uint32)
     return OnSurface(Image(pixels, image.channels), match, jacobian, covered, float(faces.scale))
@@ -191,20 +191,4 @@ def _pixels(image: Image, source: np.ndarray, jacobian: Jacobian, toroidal: bool
         at = np.nonzero(share > 0)
         finer = pixels[at]
         pixels[at] = finer + share[at][:, None] * (sampled(stack[number], source[at]) - finer)
-    return pixels
-
-
-def _turned(
-    pixels: Float32[np.ndarray, "H W c"], channels: tuple[str, ...], jacobian: Jacobian
-) -> Float32[np.ndarray, "H W c"]:
-    """Normals from the texture's tangent space to that of the texture coordinates."""
-    if set(NORMAL) <= set(channels):
-        a, b, c, d = np.moveaxis(jacobian, 2, 0)
-        side = np.sign(a * d - b * c)
-        length = np.hypot(a, b)
-        cosine, sine = side * a / length, -side * b / length
-        first, second = (channels.index(name) for name in NORMAL[:2])
-        x, y = pixels[..., first].copy(), pixels[..., second].copy()
-        pixels[..., first] = cosine * x - sine * y
-        pixels[..., second] = side * (sine * x + cosine * y)
     return pixels

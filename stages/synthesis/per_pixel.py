@@ -20,12 +20,14 @@ from texloom.stages.common.control import (
     matched_target,
 )
 from texloom.stages.common.footprints import footprints, resampled
+from texloom.stages.common.jacobians import inverted
 from texloom.stages.common.lattice_phase import phase_planes
 from texloom.stages.common.per_pixel.device import levels_on, on_gpu, target_on, wanted_device
 from texloom.stages.common.per_pixel.levels import Levels, Rect, Style
 from texloom.stages.common.per_pixel.phases import phases_of
 from texloom.stages.common.per_pixel.tables import CONTROLS, Tables, make_tables
 from texloom.stages.declare import InputError, Outline, Params, stage
+from texloom.stages.normals import turned, with_unit_normals
 from texloom.stages.sizes import Size
 from texloom.stages.synthesis._kcoherence.comparable_control import comparable
 from texloom.stages.synthesis._kcoherence.known_control import notes_on_target
@@ -153,7 +155,7 @@ class PerPixel:
 
     image: Image
     """the exemplar's pixels at ``match``, all channels; where texture is distorted, means under the footprints of
-    the result's pixels"""
+    the result's pixels, whose normals turn with it"""
     match: Correspondence
     """for every pixel of the result the exemplar pixel that it is"""
     tileable: bool
@@ -386,9 +388,12 @@ def _means(
             for side, first, last in zip(positions.shape[:2], origin, target.shape[:2], strict=True)
         )
     )
+    size = positions.shape[:2]
     feet = footprints(jacobian, places, target[near].reshape(-1, 4))
     usable = np.ones(jacobian.shape[:2], np.bool_)
-    return resampled(image.pixels, usable, places, feet).reshape(*positions.shape[:2], -1)
+    pixels = resampled(image.pixels, usable, places, feet).reshape(*size, -1)
+    to_result = inverted(feet.reshape(*size, 4)).astype(np.float32)
+    return with_unit_normals(turned(pixels, image.channels, to_result), image.channels)
 
 
 def _continues(tables: Tables) -> bool:

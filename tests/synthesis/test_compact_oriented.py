@@ -14,6 +14,7 @@ from texloom.stages.arrays import Image
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.common.orientation import signed_angles
 from texloom.stages.declare import InputError
+from texloom.stages.normals import NORMAL
 from texloom.stages.synthesis.compact_oriented import (
     CompactedOriented,
     CompactOrientedParams,
@@ -202,3 +203,21 @@ def test_every_level_holds_a_neighbourhood(rng: np.random.Generator) -> None:
         texture, np.zeros((110, 120), np.float32), size=(16, 16), neighbourhood=11, coarsest=8, iterations=1
     )
     assert [row["level"] for row in result.energy] == [1]
+
+
+def test_normals_turn_with_the_texture() -> None:
+    """Those that rise from the middle of rings are alike in a compaction, and rise from the middle again."""
+    texture, angle = rings()
+    rows, columns = np.indices(SHAPE) - np.array([36.0, 48.0])[:, None, None]
+    around = np.arctan2(rows, columns)
+    normals = np.stack([0.6 * np.cos(around), -0.6 * np.sin(around), np.full(SHAPE, 0.8)], axis=2)
+    whole = Image(np.concatenate([texture.pixels, normals.astype(np.float32)], axis=2), ("Y", *NORMAL))
+    params = CompactOrientedParams(size=(28, 28), spacing=2, orientation_updates=0, coarsest=20)
+    small = compact_oriented(whole, texture.pixels * 100, angle, params, np.random.default_rng(3))
+    means = small.image.pixels[..., 1:3].mean(axis=(0, 1))
+    assert np.hypot(*means) > 0.5
+    discrete = ReconstructParams(solver="discrete", coarsest=12, patch_size=3)
+    again = reconstruct(small.image, discrete, np.random.default_rng(2), target_jacobian=small.jacobian)
+    along = (again.image.pixels[..., 1:3] * normals[..., :2]).sum(axis=2)[radius() > 14] / 0.36
+    assert np.median(along) > 0.9
+    np.testing.assert_allclose(np.linalg.norm(again.image.pixels[..., 1:], axis=2), 1, atol=0.02)

@@ -10,8 +10,10 @@ from tests.runs import run_with_progress, run_with_threads
 from tests.synthetic import WALL, in_step, jump, picture, smooth_noise, soiled_wall, spots, tiled
 from texloom.stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
 from texloom.stages.arrays import Image
+from texloom.stages.common.jacobians import rotations
 from texloom.stages.common.per_pixel.levels import Level, Levels, Rect
 from texloom.stages.declare import InputError, find_stage
+from texloom.stages.normals import NORMAL
 from texloom.stages.synthesis.per_pixel import PerPixel, PerPixelParams, flat, per_pixel
 
 SHAPE = (48, 56)
@@ -304,6 +306,25 @@ def test_a_distorted_exemplar_is_flattened(rng: np.random.Generator) -> None:
     stack = appearance_stack(exemplar, AppearanceStackParams(), jacobian=field)
     result = made(exemplar, stack, inputs={"jacobian": field}, size=(128, 128), jitter=0)
     assert dominant_period(result.image, 1) == pytest.approx(8, rel=0.15)
+
+
+def test_normals_turn_with_the_texture(image: Image) -> None:
+    normals = np.broadcast_to(np.array([0.6, 0.0, 0.8], np.float32), (*SHAPE, 3))
+    whole = Image(np.concatenate([image.color, normals], axis=2), ("R", "G", "B", *NORMAL))
+    turns = {"none": None, "across": 0.0, "down": np.pi / 2}
+
+    def field(turn: str, shape: tuple[int, int]) -> np.ndarray | None:
+        angle = turns[turn]
+        return None if angle is None else rotations(np.full(shape, angle, np.float32))
+
+    for own, to, wanted in (
+        ("none", "across", (0.6, 0, 0.8)), ("none", "down", (0, -0.6, 0.8)),
+        ("down", "across", (0, 0.6, 0.8)), ("down", "down", (0.6, 0, 0.8)),
+    ):  # fmt: skip
+        jacobian, target = field(own, SHAPE), field(to, (40, 64))
+        stack = appearance_stack(whole, AppearanceStackParams(coarsest=12), jacobian=jacobian)
+        result = made(whole, stack, inputs={"jacobian": jacobian, "target_jacobian": target})
+        np.testing.assert_allclose(result.image.pixels[..., 3:], np.broadcast_to(wanted, (40, 64, 3)), atol=1e-5)
 
 
 def test_the_seed_decides(image: Image, stack: AppearanceStack) -> None:

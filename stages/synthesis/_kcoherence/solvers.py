@@ -13,6 +13,7 @@ from texloom.stages.common.control import ControlScale
 from texloom.stages.common.lattice_phase import phase_planes
 from texloom.stages.common.neighbourhoods import fixed_point
 from texloom.stages.common.pyramid import resize
+from texloom.stages.normals import turned, with_unit_normals
 from texloom.stages.synthesis._kcoherence.comparable_control import comparable
 from texloom.stages.synthesis._kcoherence.discrete import (
     LARGEST,
@@ -328,4 +329,6 @@ class OrientedSolver(PixelSolver):
 
     def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
         """The result at a scale, all channels, linear; and where its pixels come from."""
-        return interpolated(self.inputs.pixels(scale), match), nearest(match)
+        image = interpolated(self.inputs.pixels(scale), match)
+        pixels = turned(image.pixels, image.channels, self._frames(scale).jacobian)
+        return Image(with_unit_normals(pixels, image.channels), image.channels), nearest(match)
