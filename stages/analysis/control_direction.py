@@ -21,12 +21,13 @@ from texloom.stages.common.orientation import (
     unit,
 )
 from texloom.stages.common.pyramid import resize
-from texloom.stages.declare import Params, stage
+from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.sizes import Size
 
 _DETAIL = 3.0  # px; standard deviation of the blur before gradients are taken, wider than the steps of 8 bit
 _NOISE = 0.05  # regularisation of the confidence, as a share of the mean squared gradient
 _STIFFNESS = 4.0  # of the diffusion into pixels of low confidence
+_MARGIN = 256  # px; of its other end that follow each border of a tileable map, at most
 _ONE_SIDED = 0.1  # mean sine between directions and gradients from which directions have a rising side
 
 
@@ -55,14 +56,18 @@ class ControlDirection:
 
 
 def check_map(params: ControlDirectionParams, known: Mapping[str, Any]) -> None:
-    """The map must be finite and have the aspect ratio of the field."""
+    """The map must be finite, have the aspect ratio of the field, and more than one row and column."""
     control, image = known.get("control"), known.get("image")
     if isinstance(control, Image):
         check_finite(control, "control")
-    if control is not None and params.size is not None:
+    if control is None:
+        return
+    if params.size is not None:
         check_aspect(control, "control", params.size, "size")
-    elif control is not None and image is not None:
+    elif image is not None:
         check_aspect(control, "control", (image.height, image.width), "image")
+    elif min(control.height, control.width) < 2:
+        raise InputError(f"control: {control.height}x{control.width} px have no directions; the minimum is 2x2 px")
 
 
 @stage(version=1, check=check_map)
@@ -88,7 +93,7 @@ def control_direction(
     Raises
     ------
     InputError
-        a value is not finite; the map has another aspect ratio than the field.
+        a value is not finite; the map has another aspect ratio than the field, or a single row or column.
 
     Examples
     --------
@@ -107,9 +112,9 @@ def control_direction(
         (control.height, control.width) if image is None else (image.height, image.width)
     )
     planes = resize(painted_values(control), height, width, bilinear=True)
-    margin = (height // 2, width // 2) if params.tileable else (0, 0)
-    sides = tuple((side, side) for side in margin)
-    vectors, down, across = _along_contours(np.pad(planes, (*sides, (0, 0)), mode="wrap"), params.sigma)
+    margin = [min(_MARGIN, side // 2) if params.tileable else 0 for side in (height, width)]
+    padded = np.pad(planes, [(side, side) for side in (*margin, 0)], mode="wrap")
+    vectors, down, across = _along_contours(padded, params.sigma)
     confidence = np.clip(length_of(vectors), 0, 1)
     orientation = angle_of(vectors + (1 - confidence)[..., None] ** 2 * unit(diffused(vectors, _STIFFNESS)))
     inside = tuple(slice(side, side + length) for side, length in zip(margin, (height, width), strict=True))

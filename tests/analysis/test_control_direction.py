@@ -109,6 +109,12 @@ def test_a_value_that_is_not_finite_is_refused() -> None:
         directions(control)
 
 
+def test_a_single_row_is_refused() -> None:
+    assert directions(np.array([[0.0, 1.0], [0.0, 1.0]])).angle.shape == (2, 2)
+    with pytest.raises(InputError, match=r"control: 1x5 px have no directions; the minimum is 2x2 px"):
+        directions(np.zeros((1, 5)))
+
+
 def test_a_tileable_map_has_tileable_directions(rng: np.random.Generator) -> None:
     """Moved around the torus, the map has the same directions elsewhere."""
     values = smooth_noise((SIDE, SIDE), 8.0, rng)
