@@ -24,6 +24,12 @@ class PhasePlanes(NamedTuple):
     places: Float32[np.ndarray, "h w 2"]
     """rows and columns of the exemplar's pixels in a texture that repeats as the result does, px"""
 
+    def after(
+        self, own: Float32[np.ndarray, "h w k"], wanted: Float32[np.ndarray, "H W k"]
+    ) -> tuple[Float32[np.ndarray, "h w all"], Float32[np.ndarray, "H W all"]]:
+        """The planes of control of exemplar and result, and these."""
+        return np.concatenate([own, self.own], axis=2), np.concatenate([wanted, self.wanted], axis=2)
+
 
 def phase_planes(
     generators: Vectors,

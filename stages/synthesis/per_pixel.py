@@ -352,7 +352,7 @@ def _in_step(
     if phases is None:
         return None, compared
     if own.shape[2] + phases.own.shape[2] <= CONTROLS:
-        own, wanted = (np.concatenate(parts, axis=2) for parts in ((own, phases.own), (wanted, phases.wanted)))
+        own, wanted = phases.after(own, wanted)
         weight = 2 * compared.weight  # that of control remains
         compared = dataclasses.replace(compared, own=own, wanted=wanted, weight=weight)
     return _Repetition(generators, phases.places), compared

@@ -89,7 +89,7 @@ class Inputs:
         own, blurred, wanted, rare = comparable(own, wanted, scale.strength, toroidal)
         phases = None if repetition is None else phase_planes(*repetition[:2], own, wanted, repetition.wrap)
         if phases is not None:
-            own, wanted = (np.concatenate(parts, axis=2) for parts in ((own, phases.own), (wanted, phases.wanted)))
+            own, wanted = phases.after(own, wanted)
         margin = min(image.height, image.width) // _MARGIN if toroidal else 0
 
         def padded(planes: np.ndarray) -> np.ndarray:
