@@ -73,9 +73,9 @@ class Server:
         return [sys.executable, "-m", "prefect", *arguments]
 
     def post(self, path: str, body: Any = None, method: str = "POST") -> Any:
-        """The answer of the server's interface; none while it does not listen."""
+        """The answer of the server's interface; none while it does not listen, or closes a connection."""
         try:
-            answer = httpx.request(method, f"{self.url}/{path}", json=body, timeout=30)
+            answer = httpx.request(method, f"{self.url}/{path}", json=body, timeout=120)
         except httpx.TransportError:
             return None
         if answer.status_code == httpx.codes.SERVICE_UNAVAILABLE:  # its database is locked
@@ -128,7 +128,7 @@ def test_two_workers_run_the_deployments(server: Server, tmp_path: Path, rng: np
     server.call("deploy", "--all", "--no-prompt", folder=place)
     for name in ("one", "two"):
         server.start("worker", "start", "--pool", "texloom", "--name", name, "--limit", "1")
-    known = {entry["name"]: entry for entry in server.post("deployments/filter", {})}
+    known = {entry["name"]: entry for entry in wait_for(lambda: server.post("deployments/filter", {}))}
     assert set(known) == {"run", "nightly"}
     assert [entry["schedule"]["cron"] for entry in known["nightly"]["schedules"]] == ["0 2 * * *"]
 
@@ -142,7 +142,7 @@ def test_two_workers_run_the_deployments(server: Server, tmp_path: Path, rng: np
     ]
 
     def states() -> list[str] | None:
-        found = server.post("flow_runs/filter", {"flow_runs": {"id": {"any_": runs}}})
+        found = server.post("flow_runs/filter", {"flow_runs": {"id": {"any_": runs}}}) or []
         over = [run for run in found if run["state_type"] in ("COMPLETED", "FAILED", "CRASHED")]
         return [run["state_type"] for run in over] if len(over) == 2 else None
 
@@ -152,7 +152,8 @@ def test_two_workers_run_the_deployments(server: Server, tmp_path: Path, rng: np
         pytest.fail(server.logs())
     for name in ("run", "nightly"):
         assert sorted(path.parent.name for path in (place / f"out_{name}").rglob("edges.png")) == ["a", "b"]
-    assert {entry["name"] for entry in server.post("work_pools/texloom/workers/filter", {})} == {"one", "two"}
+    workers = wait_for(lambda: server.post("work_pools/texloom/workers/filter", {}))
+    assert {entry["name"] for entry in workers} == {"one", "two"}
     if not importlib.metadata.version("sqlalchemy").startswith("2.0."):
         return  # an environment that is older than the limit in pyproject.toml
     coming = {"deployment_id": {"any_": [known["nightly"]["id"]]}, "state": {"type": {"any_": ["SCHEDULED"]}}}
