@@ -53,7 +53,8 @@ class ArrangementParams(Params):
     and ever less for finer ones; more breaks repetition and large structures, 0 leaves only the start to chance"""
     block: int | None = Field(None, ge=1, le=256)
     """side of the pieces of the exemplar that the coarsest level starts from, px of that level; larger ones keep
-    larger structures whole and repeat more. null: 6, of distorted exemplars 10, or 256 if they are regular"""
+    larger structures whole and repeat more. null: 6, of distorted exemplars 10, or 256 if they are regular and
+    have no control"""
     coherence: float = Field(1.0, ge=0, le=1.1)
     """how strongly a candidate is preferred on which several neighbours agree; 0 gives softer seams, and smooth
     places spread"""
@@ -408,11 +409,14 @@ def _continues(tables: Tables) -> bool:
 
 
 def _levels(params: PerPixelParams, tables: Tables, size: tuple[int, int], seed: int, repeats: bool) -> Levels:
-    """The levels of a result; a distorted exemplar has larger pieces, the largest if regular but not in step."""
+    """The levels of a result; a distorted exemplar has larger pieces.
+
+    Those of one that is regular but not in step go on without a break, unless control chooses them.
+    """
     if params.tileable:
         check_divisible(size, tables.levels)
     if tables.jacobian is not None and params.block is None:
-        whole = not repeats and _continues(tables)
+        whole = not repeats and not tables.strengths and _continues(tables)
         params = params.model_copy(update={"block": _REGULAR_BLOCK if whole else _DISTORTED_BLOCK})
     row, column = params.origin
     window = Rect(row, row + size[0], column, column + size[1])
