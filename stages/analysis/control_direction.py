@@ -13,12 +13,10 @@ from texloom.stages.common.control import check_aspect, check_finite, painted_va
 from texloom.stages.common.jacobians import rotations
 from texloom.stages.common.orientation import (
     Doubled,
-    angle_of,
-    diffused,
-    length_of,
+    completed,
+    gradient_tensor,
     pictured,
     signed_angles,
-    unit,
 )
 from texloom.stages.common.pyramid import resize
 from texloom.stages.declare import InputError, Params, stage
@@ -115,8 +113,7 @@ def control_direction(
     margin = [min(_MARGIN, side // 2) if params.tileable else 0 for side in (height, width)]
     padded = np.pad(planes, [(side, side) for side in (*margin, 0)], mode="wrap")
     vectors, down, across = _along_contours(padded, params.sigma)
-    confidence = np.clip(length_of(vectors), 0, 1)
-    orientation = angle_of(vectors + (1 - confidence)[..., None] ** 2 * unit(diffused(vectors, _STIFFNESS)))
+    orientation, confidence = completed(vectors, _STIFFNESS)
     inside = tuple(slice(side, side + length) for side, length in zip(margin, (height, width), strict=True))
     confidence, orientation, down, across = (
         np.ascontiguousarray(part[inside]) for part in (confidence, orientation, down, across)
@@ -138,9 +135,8 @@ def _along_contours(
 
     # Gradients, not the map, are smoothed: beyond its border the map is unknown, and flat it would turn them.
     down, across = (smooth(np.ascontiguousarray(part), _DETAIL) for part in np.gradient(planes, axis=(0, 1)))
-    # Gradients are perpendicular to contours; doubled, they point the opposite way.
-    tensor = np.stack([down**2 - across**2, -2 * down * across, down**2 + across**2], axis=2).sum(axis=3)
-    tensor = smooth(tensor, sigma)
+    channels = zip(np.moveaxis(down, 2, 0), np.moveaxis(across, 2, 0), strict=True)
+    tensor = smooth(np.sum([gradient_tensor(*gradient) for gradient in channels], axis=0), sigma)
     noise = _NOISE * float(tensor[..., 2].mean()) + 1e-12
     return tensor[..., :2] / (tensor[..., 2:] + np.float32(noise)), down.sum(axis=2), across.sum(axis=2)
 

@@ -9,13 +9,11 @@ from texloom.stages.arrays import ColorField, Image, ScalarMap
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.orientation import (
     Doubled,
-    angle_of,
-    diffused,
+    completed,
     length_of,
     painted,
     pictured,
     smoothed,
-    unit,
 )
 from texloom.stages.common.sizes import same_size
 from texloom.stages.declare import Params, stage
@@ -93,8 +91,7 @@ def orientation_field(
     if strokes is not None:
         # Smoothing must not mix painted orientations with their surroundings.
         vectors = np.where(near[..., None] == 1, wanted, vectors)
-    confidence = np.clip(length_of(vectors), 0, 1)
-    angle = angle_of(vectors + (1 - confidence)[..., None] ** 2 * unit(diffused(vectors, params.stiffness)))
+    angle, confidence = completed(vectors, params.stiffness)
     return OrientationField(angle, confidence, pictured(image.color, angle, confidence))
 
 

@@ -44,6 +44,12 @@ def unit(vectors: Doubled) -> Doubled:
     return np.asarray(np.where(length > 1e-9, vectors / np.maximum(length, 1e-9), [1.0, 0.0]), np.float32)
 
 
+def gradient_tensor(down: Float32[np.ndarray, "h w"], across: Float32[np.ndarray, "h w"]) -> np.ndarray:
+    """Doubled-angle vectors perpendicular to gradients, times their squared length, and that length; (h, w, 3)."""
+    # Perpendicular vectors, doubled, point the opposite way.
+    return np.dstack([down**2 - across**2, -2 * down * across, down**2 + across**2])
+
+
 def painted(strokes: Image, radius: float) -> tuple[Doubled, ScalarMap]:
     """The orientation of the nearest stroke, and its weight at each pixel: 1 on it, less within ``radius`` px.
 
@@ -61,9 +67,7 @@ def painted(strokes: Image, radius: float) -> tuple[Doubled, ScalarMap]:
         raise InputError("strokes: nothing is painted; paint lines on a transparent layer or on black")
     soft = cv2.GaussianBlur(is_painted.astype(np.float32), (0, 0), 1.0)
     down, across = cv2.Scharr(soft, cv2.CV_32F, 0, 1), cv2.Scharr(soft, cv2.CV_32F, 1, 0)
-    # Gradients are perpendicular to the stroke; doubled, they point the opposite way.
-    tensor = np.dstack([down**2 - across**2, -2 * down * across, down**2 + across**2])
-    tensor = cv2.GaussianBlur(tensor, (0, 0), 4.0)
+    tensor = cv2.GaussianBlur(gradient_tensor(down, across), (0, 0), 4.0)
     straight = tensor[..., :2] / np.maximum(tensor[..., 2:], 1e-9)
     distance, nearest = cv2.distanceTransformWithLabels(
         (~is_painted).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE, labelType=cv2.DIST_LABEL_PIXEL
@@ -156,6 +160,12 @@ def signed_angles(angle: ScalarMap, wrap: bool = False) -> ScalarMap:
     )  # fmt: skip
     opposite = np.cos(angle) * signed[..., 0] + np.sin(angle) * signed[..., 1] < 0
     return np.asarray(np.where(opposite, angle + np.pi, angle), np.float32)
+
+
+def completed(vectors: Doubled, stiffness: float) -> tuple[ScalarMap, ScalarMap]:
+    """Orientations, 0..pi, diffused into pixels of low confidence as in `diffused`; and the confidence, 0..1."""
+    confidence = np.clip(length_of(vectors), 0, 1)
+    return angle_of(vectors + (1 - confidence)[..., None] ** 2 * unit(diffused(vectors, stiffness))), confidence
 
 
 def streaks(angle: ScalarMap, length: int) -> ScalarMap:

@@ -15,7 +15,6 @@ from texloom.stages.common.neighbourhoods import UNIT
 from texloom.stages.common.orientation import signed_angles, smoothed
 from texloom.stages.common.pyramid import halved_size, resize
 from texloom.stages.declare import OddSize, Params, stage
-from texloom.stages.normals import turned, with_unit_normals
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis._compaction.oriented import OrientedLevel
@@ -27,7 +26,7 @@ from texloom.stages.synthesis._compaction.summary import (
     size_check,
     wanted_size,
 )
-from texloom.stages.synthesis._kcoherence.frames import Places, interpolated
+from texloom.stages.synthesis._kcoherence.frames import Places, interpolated_along
 
 _CANDIDATES = 8  # random blocks among which each block of the start is chosen
 _SEARCH_ROUNDS = 3  # of refinement of an angle
@@ -150,10 +149,7 @@ def compact_oriented(
     nearest = Copied.of(texture, control, np.moveaxis(rounded, 0, 2))
     positive = np.asarray(signed % (2 * np.pi), np.float32)
     source_angle = np.ascontiguousarray(positive[rounded[0], rounded[1]])
-    image = interpolated(texture, source)
-    pixels = turned(image.pixels, image.channels, rotations(-source_angle))
-    image = Image(with_unit_normals(pixels, image.channels), image.channels)
-    between = dataclasses.replace(nearest, image=image)
+    between = dataclasses.replace(nearest, image=interpolated_along(texture, source, rotations(-source_angle)))
     return CompactedOriented(
         **vars(between), angle=positive, source_angle=source_angle, jacobian=rotations(positive), energy=energy
     )

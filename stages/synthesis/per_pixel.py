@@ -27,7 +27,7 @@ from texloom.stages.common.per_pixel.levels import Levels, Rect, Style
 from texloom.stages.common.per_pixel.phases import phases_of
 from texloom.stages.common.per_pixel.tables import CONTROLS, Tables, make_tables
 from texloom.stages.declare import InputError, Outline, Params, stage
-from texloom.stages.normals import turned, with_unit_normals
+from texloom.stages.normals import NORMAL, turned, with_unit_normals
 from texloom.stages.sizes import Size
 from texloom.stages.synthesis._kcoherence.comparable_control import comparable
 from texloom.stages.synthesis._kcoherence.known_control import notes_on_target
@@ -393,8 +393,10 @@ def _means(
     feet = footprints(jacobian, places, target[near].reshape(-1, 4))
     usable = np.ones(jacobian.shape[:2], np.bool_)
     pixels = resampled(image.pixels, usable, places, feet).reshape(*size, -1)
-    to_result = inverted(feet.reshape(*size, 4)).astype(np.float32)
-    return with_unit_normals(turned(pixels, image.channels, to_result), image.channels)
+    if set(NORMAL) <= set(image.channels):
+        to_result = inverted(feet.reshape(*size, 4)).astype(np.float32)
+        pixels = with_unit_normals(turned(pixels, image.channels, to_result), image.channels)
+    return pixels
 
 
 def _continues(tables: Tables) -> bool:

@@ -9,6 +9,7 @@ from jaxtyping import Float32, UInt32
 from texloom.stages.arrays import Image, Jacobian
 from texloom.stages.common.jacobians import inverted
 from texloom.stages.declare import InputError
+from texloom.stages.normals import turned, with_unit_normals
 
 Places: TypeAlias = Float32[np.ndarray, "2 H W"]
 """rows and columns of an exemplar, between its pixels, that the pixels of a result come from"""
@@ -102,3 +103,9 @@ def interpolated(image: Image, places: Places) -> Image:
         for plane in np.moveaxis(image.pixels, 2, 0)
     ]
     return Image(np.stack(planes, axis=2), image.channels)
+
+
+def interpolated_along(image: Image, places: Places, jacobian: Jacobian) -> Image:
+    """The `interpolated` pixels, with normals turned by ``jacobian``, from px of the image to px of the result."""
+    pixels = turned(interpolated(image, places).pixels, image.channels, jacobian)
+    return Image(with_unit_normals(pixels, image.channels), image.channels)

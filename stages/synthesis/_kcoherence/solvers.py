@@ -13,7 +13,6 @@ from texloom.stages.common.control import ControlScale
 from texloom.stages.common.lattice_phase import phase_planes
 from texloom.stages.common.neighbourhoods import fixed_point
 from texloom.stages.common.pyramid import resize
-from texloom.stages.normals import turned, with_unit_normals
 from texloom.stages.synthesis._kcoherence.comparable_control import comparable
 from texloom.stages.synthesis._kcoherence.discrete import (
     LARGEST,
@@ -23,7 +22,7 @@ from texloom.stages.synthesis._kcoherence.discrete import (
     Sources,
 )
 from texloom.stages.synthesis._kcoherence.expected_use import expected_use
-from texloom.stages.synthesis._kcoherence.frames import Frames, at_scale, clipped, interpolated
+from texloom.stages.synthesis._kcoherence.frames import Frames, at_scale, clipped, interpolated_along
 from texloom.stages.synthesis._kcoherence.local_variance import local_variance
 from texloom.stages.synthesis._kcoherence.reseed import reseeded
 from texloom.stages.synthesis._patchmatch import correspondence
@@ -329,6 +328,4 @@ class OrientedSolver(PixelSolver):
 
     def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
         """The result at a scale, all channels, linear; and where its pixels come from."""
-        image = interpolated(self.inputs.pixels(scale), match)
-        pixels = turned(image.pixels, image.channels, self._frames(scale).jacobian)
-        return Image(with_unit_normals(pixels, image.channels), image.channels), nearest(match)
+        return interpolated_along(self.inputs.pixels(scale), match, self._frames(scale).jacobian), nearest(match)
