@@ -69,18 +69,21 @@ def main() -> None:
         command = [sys.executable, "-m", "texloom", "studio", folder, "--no-browser", "--store", f"{folder}/store"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
             assert server.stdout is not None
-            base, _, token = server.stdout.readline().strip().partition("/?token=")
+            address = server.stdout.readline().strip()
+            base = address.partition("/?")[0]
+            with urllib.request.urlopen(address) as answer:  # noqa: S310
+                cookie = answer.headers["set-cookie"].partition(";")[0]
             try:
                 wait_until_idle(server.pid)
-                with opened(base, token) as socket:
+                with opened(base, cookie) as socket:
                     time_previews(socket, server.pid)
-                    time_tabs(base, token, server.pid)
+                    time_tabs(base, cookie, server.pid)
                     time_lattices(socket)
                     time_dabs(socket, server.pid, options.minutes)
                     time_photographs(socket)
-                    time_endless(base, token, socket)
-                time_tiles(base, token, Path(folder))
-                time_frames(f"{base}/?token={token}")
+                    time_endless(base, cookie, socket)
+                time_tiles(base, cookie, Path(folder))
+                time_frames(server.stdout.readline().strip().rpartition(" ")[2])
             finally:
                 server.terminate()
 
@@ -92,10 +95,10 @@ def weigh() -> None:
     print(f"page: {sum(files.values()) / 1e3:.0f} kB, of which {first / 1e3:.0f} kB are loaded at the start")
 
 
-def opened(base: str, token: str) -> Connection:
+def opened(base: str, cookie: str) -> Connection:
     """The socket of a page."""
     address = f"{base.replace('http', 'ws')}/api/socket"
-    return connect(address, additional_headers={"Authorization": f"Bearer {token}"}, max_size=None, proxy=None)
+    return connect(address, additional_headers={"Cookie": cookie}, max_size=None, proxy=None)
 
 
 def answers(socket: Connection, message: Message, payload: bytes = b"") -> Iterator[tuple[float, Any]]:
@@ -117,12 +120,12 @@ def time_previews(socket: Connection, server: int) -> None:
         print(f"preview {seed + 1}: {preview(socket, server, EXEMPLAR, seed)}")
 
 
-def time_tabs(base: str, token: str, server: int) -> None:
+def time_tabs(base: str, cookie: str, server: int) -> None:
     """Print the time of the first preview in other tabs, which are opened one after the other and stay open."""
     with contextlib.ExitStack() as tabs:
         for tab in range(TABS):
             wait_until_idle(server)
-            told = preview(tabs.enter_context(opened(base, token)), server, OTHER, tab)
+            told = preview(tabs.enter_context(opened(base, cookie)), server, OTHER, tab)
             print(f"tab {tab + 2}: {told}")
         wait_until_idle(server)
         print(f"memory of all processes with {TABS + 1} tabs: {memory(server):.0f} MB")
@@ -187,32 +190,32 @@ def time_photographs(socket: Connection) -> None:
     print(f"control point to streamlines: {spread(times['photo_lines'])}")
 
 
-def time_tiles(base: str, token: str, folder: Path) -> None:
+def time_tiles(base: str, cookie: str, folder: Path) -> None:
     """Print the times of the first look at a large layer, and of its tiles."""
     rng = np.random.default_rng(2)
     noise = np.tile(rng.random((1024, 1024)).astype(np.float16), (LAYER // 1024, LAYER // 1024))
     exr.write(folder / "large.exr", {"image": dict.fromkeys("RGB", noise)}, {}, "ZIP")
-    key = json.loads(fetched(base, token, "/api/layers?item=folder:large.exr")[1])["key"]
+    key = json.loads(fetched(base, cookie, "/api/layers?item=folder:large.exr")[1])["key"]
     levels = int(np.ceil(np.log2(LAYER / TILE)))
-    first = fetched(base, token, f"/api/tiles/{key}/0/{levels}/0/0")[0]
+    first = fetched(base, cookie, f"/api/tiles/{key}/0/{levels}/0/0")[0]
     print(f"layer of {LAYER}x{LAYER} px: overview {first:.1f} s")
     for level in (0, 1):
         places = rng.integers(LAYER // TILE >> level, size=(TILES, 2))
-        seconds = [fetched(base, token, f"/api/tiles/{key}/0/{level}/{row}/{column}")[0] for row, column in places]
+        seconds = [fetched(base, cookie, f"/api/tiles/{key}/0/{level}/{row}/{column}")[0] for row, column in places]
         print(f"tile of level {level}: {spread(seconds)}")
 
 
-def time_endless(base: str, token: str, socket: Connection) -> None:
+def time_endless(base: str, cookie: str, socket: Connection) -> None:
     """Print the times of tiles of an endless texture."""
     recipe = Recipe(flow="per_pixel", sources={"exemplar": EXEMPLAR}, size=(256, 256))
-    job = json.loads(fetched(base, token, "/api/jobs", recipe.model_dump_json().encode())[1])["id"]
+    job = json.loads(fetched(base, cookie, "/api/jobs", recipe.model_dump_json().encode())[1])["id"]
     while True:
         told = json.loads(unpacked(socket.recv(decode=False))[0]).get("job", {})
         if told.get("id") == job and told["state"] not in ("waiting", "running"):
             break
     for level in (0, 1, 2):
         places = [(row, 100 * (level + 1) + column) for row in range(3) for column in range(3)]
-        seconds = [fetched(base, token, f"/api/endless/{job}/{level}/{row}/{column}")[0] for row, column in places]
+        seconds = [fetched(base, cookie, f"/api/endless/{job}/{level}/{row}/{column}")[0] for row, column in places]
         print(f"tile of an endless texture, level {level}: {spread(seconds)}")
 
 
@@ -266,10 +269,10 @@ def time_frames(address: str) -> None:
         browser.close()
 
 
-def fetched(base: str, token: str, path: str, content: bytes | None = None) -> tuple[float, bytes]:
+def fetched(base: str, cookie: str, path: str, content: bytes | None = None) -> tuple[float, bytes]:
     """Seconds that a request takes, and its answer."""
     began = time.perf_counter()
-    headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+    headers = {"Cookie": cookie, "Content-Type": "application/json"}
     request = urllib.request.Request(base + path, content, headers)  # noqa: S310
     with urllib.request.urlopen(request) as answer:  # noqa: S310
         received: bytes = answer.read()

@@ -243,7 +243,6 @@ def main() -> None:
         command = [sys.executable, "-m", "texloom", "studio", "library", "--no-browser", "--store", "store"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=scratch) as studio:  # noqa: S603
             assert studio.stdout is not None
-            address = studio.stdout.readline().strip()
             try:
                 with sync_playwright() as playwright:
                     browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=CHROMIUM)
@@ -251,7 +250,7 @@ def main() -> None:
                         view, theme = VIEWS[name]
                         page = browser.new_page(viewport=VIEWPORT, color_scheme=theme)
                         page.set_default_timeout(PATIENCE_MS)
-                        page.goto(address)
+                        page.goto(studio.stdout.readline().strip().rpartition(" ")[2])  # another one each
                         view(page, lambda name, page=page: save(name, page.screenshot()))
                         page.close()
                     browser.close()

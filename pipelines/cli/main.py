@@ -137,7 +137,7 @@ def texloom() -> None:
 @texloom.command(short_help="Make textures in the browser, on this machine alone.")
 @click.argument("folder", default=".", type=click.Path(path_type=Path))
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the address.  [default: a free one]")
-@click.option("--no-browser", is_flag=True, help="Print the address and open no browser.")
+@click.option("--no-browser", is_flag=True, help="Print an address and open no browser.")
 @memory_option
 @store_option
 def studio(folder: Path, port: int, no_browser: bool, store_folder: Path) -> int:
@@ -147,8 +147,8 @@ def studio(folder: Path, port: int, no_browser: bool, store_folder: Path) -> int
     texloom studio
     texloom studio library --no-browser --port 8000
 
-    The address that is printed holds a token, without which nothing is answered; nothing leaves this machine.
-    Whatever is made there can be shown as a flow file or as a command. Ctrl-C ends the studio.
+    The address that is printed opens the page in one browser, once; then another one is printed. Nothing leaves
+    this machine. Whatever is made there can be shown as a flow file or as a command. Ctrl-C ends the studio.
     """
     from texloom.pipelines.studio.launch import launch
 

@@ -8,6 +8,7 @@ import contextlib
 import dataclasses
 import functools
 import logging
+import tempfile
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
 from typing import Any
@@ -37,13 +38,15 @@ class DaskCluster:
         import distributed
 
         self._store, self._choice = run.store, run.flow.runner
+        self.place: Any
+        """the address of the cluster, or that of this machine itself, which knows its credentials"""
         self.hosts: dict[str, int] = {}
         """machine to how many steps share it, of a cluster at an address"""
         with contextlib.ExitStack() as stack:
-            self.address = self._choice.address or stack.enter_context(local_cluster(workers)).scheduler_address
+            self.place = self._choice.address or stack.enter_context(local_cluster(workers))
             where = f"--runner dask: {self._choice.address or 'a cluster on this machine'}"
             try:
-                self.client = distributed.Client(self.address, timeout=_SECONDS, set_as_default=False)
+                self.client = distributed.Client(self.place, timeout=_SECONDS, set_as_default=False)
                 stack.callback(self.client.close)
                 self.client.wait_for_workers(1, timeout=_SECONDS)
             except OSError as error:
@@ -147,30 +150,50 @@ class DaskExecutor:
 
 @contextlib.contextmanager
 def local_cluster(workers: int) -> Iterator[Any]:
-    """A cluster of this machine, which replaces workers that die."""
+    """A cluster of this machine, which replaces workers that die.
+
+    Whoever connects needs credentials that are made here and handed to the workers through pipes. Its files are in
+    a folder of its own, which nobody else can read and which is removed at the end.
+    """
     import dask
     import distributed
 
+    from texloom.pipelines.engine import dask_nodes
+
+    security = distributed.Security.temporary()
+    local = {"host": "127.0.0.1", "protocol": "tls://", "security": security}
+    worker = {
+        "cls": distributed.Nanny,
+        "options": {
+            **local,
+            "worker_class": dask_nodes.Worker,
+            "nthreads": 1,
+            "memory_limit": distributed.system.MEMORY_LIMIT // workers,
+            "silence_logs": logging.CRITICAL,
+        },
+    }
     start = functools.partial(
-        distributed.LocalCluster,
-        n_workers=workers,
-        threads_per_worker=1,
-        dashboard_address=None,
-        scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},  # 8787 may be taken
+        distributed.SpecCluster,
+        scheduler={"cls": dask_nodes.Scheduler, "options": {**local, "port": 0, "dashboard": False}},
+        worker=worker,
+        workers=dict.fromkeys(range(workers), worker),
+        security=security,
         silence_logs=logging.CRITICAL,
     )
-    settings = {
-        # Dask gives up workers whose replacement takes longer to start, and in the end the run waits for none.
-        "distributed.deploy.lost-worker-timeout": "1 day",
-        # Nobody looks at what it measures of itself, which takes a sixteenth of a core.
-        "distributed.worker.profile.enabled": False,
-        "distributed.admin.system-monitor.interval": "10s",
-        "distributed.admin.tick.interval": "500ms",
-    }
-    with dask.config.set(settings):
-        try:
-            cluster = start()
-        except RuntimeError:  # a worker died on the way
-            cluster = start()
-        with cluster:
-            yield cluster
+    with tempfile.TemporaryDirectory(prefix="texloom-dask-", ignore_cleanup_errors=True) as folder:
+        settings = {
+            "temporary-directory": folder,
+            # Dask gives up workers whose replacement takes longer to start, and in the end the run waits for none.
+            "distributed.deploy.lost-worker-timeout": "1 day",
+            # Nobody looks at what it measures of itself, which takes a sixteenth of a core.
+            "distributed.worker.profile.enabled": False,
+            "distributed.admin.system-monitor.interval": "10s",
+            "distributed.admin.tick.interval": "500ms",
+        }
+        with dask.config.set(settings):
+            try:
+                cluster = start()
+            except RuntimeError:  # a worker died on the way
+                cluster = start()
+            with cluster:
+                yield cluster

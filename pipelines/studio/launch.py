@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-import secrets
 import socket
 import tempfile
 import webbrowser
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import click
@@ -16,6 +15,7 @@ import uvicorn
 from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.runner import check_environment
 from texloom.pipelines.studio.page import check_page
+from texloom.pipelines.studio.security import Codes, leading_to
 from texloom.pipelines.studio.server import application
 from texloom.pipelines.studio.work import Places
 
@@ -23,17 +23,49 @@ _HOST = "127.0.0.1"
 
 
 class _Server(uvicorn.Server):
-    """Says where it is as soon as it listens."""
+    """Calls a function as soon as it listens."""
 
-    def __init__(self, config: uvicorn.Config, address: str, browser: bool):
+    def __init__(self, config: uvicorn.Config, started: Callable[[], None]):
         super().__init__(config)
-        self._address, self._browser = address, browser
+        self._started = started
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
-        click.echo(self._address)
-        if self._browser:
-            webbrowser.open(self._address)
+        self._started()
+
+
+class _Entrance:
+    """Tells addresses that open the page once: to the browser, and to whoever reads the terminal."""
+
+    def __init__(self, port: int, page: Path | None):
+        """Write the address for the browser into the new file ``page``.
+
+        Anybody can read the browser's command line, so it names that file, which nobody else can read.
+        """
+        self.codes = Codes(self._used)
+        self._address = f"http://{_HOST}:{port}/?code="
+        self._page, self._printed = page, ""
+        if page is not None:
+            page.touch(0o600, exist_ok=False)
+            page.write_text(leading_to(self._address + self.codes.new()))
+
+    def tell(self) -> None:
+        """Print an address, and open the other one in the browser."""
+        self._print()
+        if self._page is not None and not webbrowser.open(self._page.as_uri()):
+            click.echo("no browser was found; open the address in one", err=True)
+
+    def _used(self, code: str) -> None:
+        """Print the next address for one that was, or remove what only the browser has read."""
+        if code == self._printed:
+            self._print("for another browser: ")
+        elif self._page is not None:
+            self._page.unlink(missing_ok=True)
+
+    def _print(self, what: str = "") -> None:
+        self._printed = self.codes.new()
+        with contextlib.suppress(OSError):  # nobody reads any more
+            click.echo(f"{what}{self._address}{self._printed}")
 
 
 def launch(folder: Path, store: Path, port: int, browser: bool) -> None:
@@ -42,16 +74,16 @@ def launch(folder: Path, store: Path, port: int, browser: bool) -> None:
     check_page()
     if not folder.is_dir():
         raise refused(f"{folder}: is not a folder")
-    token = secrets.token_urlsafe(32)
     with _listening(port) as listener, tempfile.TemporaryDirectory(prefix="texloom-studio-") as scratch:
         port = listener.getsockname()[1]
         places = Places(folder=str(folder.resolve()), store=str(store.expanduser().resolve()), scratch=scratch)
-        # Without the access log, which would show the token.
+        entrance = _Entrance(port, Path(scratch, "open.html") if browser else None)
+        # Without the access log, which would show the codes.
         config = uvicorn.Config(
-            application(places, token, port), log_level="warning", access_log=False, ws_max_size=2**24,
+            application(places, entrance.codes, port), log_level="warning", access_log=False, ws_max_size=2**24,
             timeout_graceful_shutdown=3, proxy_headers=False, server_header=False,
         )  # fmt: skip
-        server = _Server(config, f"http://{_HOST}:{port}/?token={token}", browser)
+        server = _Server(config, entrance.tell)
         with contextlib.suppress(KeyboardInterrupt):
             server.run([listener])
 

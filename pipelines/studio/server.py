@@ -44,7 +44,7 @@ from texloom.pipelines.studio.messages import (
 )
 from texloom.pipelines.studio.page import BUILT
 from texloom.pipelines.studio.processes import Spares, WorkerProcess
-from texloom.pipelines.studio.security import Guard
+from texloom.pipelines.studio.security import Codes, Guard
 from texloom.pipelines.studio.socket import Tab
 from texloom.pipelines.studio.work import (
     EndlessWork,
@@ -87,7 +87,7 @@ class Studio:
         self.receiving: dict[str, Path] = {}
 
 
-def application(places: Places, token: str, port: int) -> Guard:
+def application(places: Places, codes: Codes, port: int) -> Guard:
     """The whole server, for `uvicorn`."""
     studio = Studio(places)
 
@@ -119,7 +119,7 @@ def application(places: Places, token: str, port: int) -> Guard:
         return FileResponse(BUILT / "index.html")
 
     app.mount("/", StaticFiles(directory=BUILT))
-    return Guard(app, token, port)
+    return Guard(app, codes, port)
 
 
 def _add_errors(app: FastAPI) -> None:

@@ -36,18 +36,30 @@ class Served:
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=ENVIRONMENT,
         )  # fmt: skip
         assert self.process.stdout is not None
-        self.address = self.process.stdout.readline().strip()
-        found = re.fullmatch(r"(http://127\.0\.0\.1:(\d+))/\?token=(\S+)", self.address)
-        assert found, self.address + self.process.stdout.read()
-        self.base, self.port, self.token = found[1], int(found[2]), found[3]
+        address = self.process.stdout.readline().strip()
+        found = re.fullmatch(r"(http://127\.0\.0\.1:(\d+))/\?code=\S+", address)
+        assert found, address + self.process.stdout.read()
+        self.base, self.port = found[1], int(found[2])
+        with urllib.request.urlopen(address) as answer:
+            self.cookie: str = answer.headers["set-cookie"].partition(";")[0]
         self.folder, self.store = folder, store
 
+    def new_address(self) -> str:
+        """An address that opens the page in a browser; it is printed when the last one was opened."""
+        assert self.process.stdout is not None
+        return self.process.stdout.readline().removeprefix("for another browser: ").strip()
+
+    def let_in(self, context: Any) -> None:
+        """Give a browser the cookie."""
+        name, _, value = self.cookie.partition("=")
+        context.add_cookies([{"name": name, "value": value, "url": self.base}])
+
     def request(
-        self, path: str, data: Any = None, method: str | None = None, token: str | None = None, **headers: str
+        self, path: str, data: Any = None, method: str | None = None, cookie: str | None = None, **headers: str
     ) -> tuple[int, bytes]:
         """Status and content of an answer; ``data`` is sent as JSON unless it is bytes."""
         body = data if data is None or isinstance(data, bytes) else json.dumps(data).encode()
-        sent = {"Authorization": f"Bearer {token if token is not None else self.token}"}
+        sent = {"Cookie": cookie if cookie is not None else self.cookie}
         sent |= {"Content-Type": "application/json"} | {
             name.replace("_", "-"): text for name, text in headers.items()
         }
@@ -115,7 +127,8 @@ class Watched:
         page.on("request", lambda request: self.requests.append(request.url))
         page.on("websocket", lambda socket: self.requests.append(socket.url))
         page.set_default_timeout(300_000)  # kernels compile at first use
-        page.goto(served.address)
+        served.let_in(page.context)
+        page.goto(served.base)
 
     def check(self) -> None:
         """No error in the console, and no request to anywhere else."""

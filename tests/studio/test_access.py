@@ -121,8 +121,9 @@ def test_a_narrow_window_shows_all(chromium: Any, served: Served) -> None:
     """Pictures, result and settings below each other; views are reached by scrolling their names."""
     context = chromium.new_context(viewport={"width": 390, "height": 844}, has_touch=True, is_mobile=True)
     try:
+        served.let_in(context)
         page = context.new_page()
-        page.goto(served.address)
+        page.goto(served.base)
         for tab in page.get_by_role("tab").all():
             tab.click()
             assert page.evaluate("document.documentElement.scrollWidth") == 390

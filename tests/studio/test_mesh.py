@@ -22,7 +22,7 @@ def test_a_mesh_comes_with_texture_coordinates(served: Served) -> None:
     assert corners[..., 6:].min() >= 0
     assert corners[..., 6:].max() <= 1
     assert served.request("/api/meshes?id=folder:blotches.png")[0] == 422
-    assert served.request("/api/meshes?id=texloom:torus", token="")[0] == 401
+    assert served.request("/api/meshes?id=texloom:torus", cookie="")[0] == 401
 
 
 def test_strokes_and_values_reach_the_texture(watched: Watched, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import os
 import shlex
 import signal
 import time
+import urllib.request
 import zipfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -47,7 +48,7 @@ def png(image: Any) -> bytes:
 
 
 def connected(served: Served, **headers: str) -> ClientConnection:
-    sent = {"Authorization": f"Bearer {served.token}"} | headers
+    sent = {"Cookie": served.cookie} | headers
     return connect(f"ws://127.0.0.1:{served.port}/api/socket", additional_headers=sent, max_size=None, proxy=None)
 
 
@@ -77,15 +78,53 @@ def preview(socket: ClientConnection, number: int, recipe: dict[str, Any]) -> No
 
 
 @pytest.mark.parametrize("path", ["/", "/studio.js", "/api/start", "/api/pictures?id=texloom:bricks", "/nothing"])
-def test_nothing_is_answered_without_the_token(served: Served, path: str) -> None:
-    for token in ("", "wrong", served.token[:-1]):
-        assert served.request(path, token=token)[0] == 401
-    assert served.request(f"{path.partition('?')[0]}?token=wrong", token="")[0] == 401
+def test_nothing_is_answered_without_the_cookie(served: Served, path: str) -> None:
+    name, _, value = served.cookie.partition("=")
+    other = name.replace(str(served.port), str(served.port - 1))
+    for cookie in ("", name, f"{name}=wrong", served.cookie[:-1], f"{other}={value}", f"other={value}"):
+        assert served.request(path, cookie=cookie)[0] == 401, cookie
+    assert served.request(f"{path.partition('?')[0]}?code={value}", cookie="")[0] == 401
 
 
-def test_the_token_in_an_address_opens_the_page_only(served: Served) -> None:
-    assert served.request(f"/?token={served.token}", token="")[0] == 200
-    assert served.request(f"/api/start?token={served.token}", token="")[0] == 401
+def test_an_address_opens_the_page_in_one_browser(served: Served) -> None:
+    address = served.new_address()
+    path = address.removeprefix(served.base)
+    assert served.request(f"/api/start{path.removeprefix('/')}", cookie="")[0] == 401
+    assert served.request(path, method="HEAD", cookie="")[0] == 401
+    with urllib.request.urlopen(address) as answer:
+        assert answer.headers["set-cookie"].startswith(f"{served.cookie};")
+    status, told = served.request(path, cookie="")
+    assert status == 401
+    assert f"{served.base}/ without it" in told.decode()
+    assert "open the newest address in the terminal" in told.decode()
+    assert b'url=/"' in served.request(path)[1]  # in the browser that has the cookie
+    later = served.new_address()
+    assert later != address
+    with urllib.request.urlopen(later) as answer:
+        assert answer.status == 200
+
+
+@pytest.mark.parametrize(
+    "others",
+    [
+        'a b=c; {"x":1}; %s',
+        '{"x":1}; texloom-1=x; %s; d="',
+        "%s;;=;a",
+        "texloom-PORT=of-a-narrower-path; %s",
+        "\xff=\xe4; %s",
+    ],
+)
+def test_cookies_of_other_servers_do_not_matter(served: Served, others: str) -> None:
+    """Browsers send those of all ports of this machine, whatever they hold."""
+    cookies = others.replace("PORT", str(served.port)) % served.cookie
+    for path in ("/", "/studio.js", "/api/start"):
+        assert served.request(path, cookie=cookies)[0] == 200
+    with connected(served, Cookie=cookies) as socket:
+        socket.ping().wait(10)
+    without = cookies.replace(served.cookie, "x")
+    assert served.request("/api/start", cookie=without)[0] == 401
+    with pytest.raises(websockets.InvalidStatus):
+        connected(served, Cookie=without)
 
 
 @pytest.mark.parametrize(
@@ -97,6 +136,7 @@ def test_the_token_in_an_address_opens_the_page_only(served: Served) -> None:
         {"Origin": "http://texloom.example"},
         {"Origin": "null"},
         {"Sec_Fetch_Site": "cross-site"},
+        {"Sec_Fetch_Site": "same-site"},
     ],
     ids=str,
 )
@@ -107,24 +147,23 @@ def test_other_hosts_and_pages_are_refused(served: Served, headers: dict[str, st
 @pytest.mark.parametrize(
     "headers",
     [
-        {"Authorization": "Bearer wrong"},
+        {"Cookie": "texloom=wrong"},
         {"Origin": "http://texloom.example"},
     ],
     ids=str,
 )
-def test_the_socket_needs_token_and_origin(served: Served, headers: dict[str, str]) -> None:
+def test_the_socket_needs_cookie_and_origin(served: Served, headers: dict[str, str]) -> None:
     with pytest.raises(websockets.InvalidStatus) as refused:
         connected(served, **headers)
     assert refused.value.response.status_code == 403
 
 
 def test_answers_forbid_what_the_page_does_not_need(served: Served) -> None:
-    import urllib.request
-
-    with urllib.request.urlopen(f"{served.base}/?token={served.token}") as answer:
+    with urllib.request.urlopen(served.new_address()) as answer:
         assert "default-src 'none'" in answer.headers["content-security-policy"]
-        assert "HttpOnly" in answer.headers["set-cookie"]
-        assert "SameSite=Strict" in answer.headers["set-cookie"]
+        cookie = answer.headers["set-cookie"]
+        assert cookie.startswith(f"texloom-{served.port}=")
+        assert {"httponly", "samesite=strict", "path=/"} <= {part.strip().lower() for part in cookie.split(";")}
         assert answer.headers["referrer-policy"] == "no-referrer"
 
 
@@ -192,7 +231,7 @@ def test_requests_that_are_large_or_of_unknown_length_are_refused(
 ) -> None:
     with contextlib.closing(http.client.HTTPConnection("127.0.0.1", served.port, timeout=30)) as connection:
         connection.putrequest("POST", "/api/described")
-        connection.putheader("Authorization", f"Bearer {served.token}")
+        connection.putheader("Cookie", served.cookie)
         connection.putheader(header, value)
         connection.endheaders()
         assert connection.getresponse().status == status

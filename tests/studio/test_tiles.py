@@ -108,7 +108,7 @@ def test_broken_files_are_refused(tmp_path: Path, tiler: Tiler) -> None:
 
 def test_tiles_need_a_file_that_was_opened(served: Served) -> None:
     assert served.request("/api/tiles/0123/0/0/0/0")[0] == 404
-    assert served.request("/api/tiles/0123/0/0/0/0", token="")[0] == 401
+    assert served.request("/api/tiles/0123/0/0/0/0", cookie="")[0] == 401
 
 
 @pytest.fixture(scope="module")

@@ -174,7 +174,7 @@ class TaskRunnerExecutor:
         self.cluster = DaskCluster(self.run, self.workers)
         self.stack.callback(self.cluster.close)
         self.receiver = self.cluster.receiver
-        return DaskTaskRunner(address=self.cluster.address)
+        return DaskTaskRunner(**{"cluster" if self.choice.address is None else "address": self.cluster.place})
 
 
 def compute_step(

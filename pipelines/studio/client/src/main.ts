@@ -36,7 +36,6 @@ export class StudioPage extends Element {
 
   constructor() {
     super();
-    history.replaceState(null, "", location.pathname); // the token is in a cookie by now
     document.documentElement.dataset.theme = localStorage.getItem("theme") ?? preferredTheme();
     this.begin();
     window.addEventListener("dragover", (event) => event.preventDefault()); // else the browser leaves the page

@@ -26,7 +26,7 @@ from tests.crowds import crowd
 from tests.pipelines.engine.prefect.test_records import result_store
 from tests.pipelines.flows import ANALYSIS, SYNTHESIS, Events, files, open_run, run_local, start_run, write_flow
 from texloom.pipelines.engine.events import Event, StepProgress
-from texloom.pipelines.engine.prefect import flow_run, records
+from texloom.pipelines.engine.prefect import flow_run, records, task_runners
 from texloom.pipelines.engine.run import Run, StepFailedError
 from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.contact_sheet import open_flow
@@ -312,6 +312,25 @@ def test_a_server_shows_steps_progress_and_pictures(tmp_path: Path) -> None:
     assert artifacts["synthesis-texture"] == "image"
     assert artifacts["synthesis-texture-progress"] == "progress"
     assert execute(open_run(path, texture__occurrence="12")).states == {"start": "cached", "texture": "cached"}
+
+
+@pytest.mark.usefixtures("server")
+@pytest.mark.filterwarnings("ignore")
+def test_a_cluster_of_this_machine_needs_credentials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("prefect_dask")
+    addresses = []
+
+    class Cluster(task_runners.DaskCluster):
+        def __init__(self, run: Run, workers: int):
+            super().__init__(run, workers)
+            addresses.append(self.client.scheduler.address)
+
+    monkeypatch.setattr(task_runners, "DaskCluster", Cluster)
+    listener = Events()
+    run = open_run(write_flow(tmp_path, f"runner: {{name: dask, workers: 1}}\n{ANALYSIS}"))
+    flow_run.execute_as_flow_run(run, listener, tmp_path / "out")
+    assert listener.states == {"edges": "ran", "structure": "ran", "distance": "ran"}
+    assert [address[:16] for address in addresses] == ["tls://127.0.0.1:"]
 
 
 SCORED = """
