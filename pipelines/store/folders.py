@@ -251,6 +251,18 @@ class Folder:
             os.rmdir(self._at(name), dir_fd=self._handle)
         return self.status(name) is None
 
+    def remove(self, name: str) -> None:
+        """Remove a file, a link, or a folder in which there is nothing, or only empty folders."""
+        status = self.status(name)
+        if status is None or not stat.S_ISDIR(status.st_mode):
+            self.unlink(name)
+            return
+        with contextlib.suppress(OSError), self.child(name) as folder:
+            for inner in folder.names():
+                if not folder.rmdir(inner):
+                    return
+        self.rmdir(name)
+
     def remove_flat(self, name: str, is_ours: Callable[[str], object]) -> bool:
         """Remove of the files in a folder those that ``is_ours`` names, and the folder if it is empty then."""
         with contextlib.suppress(OSError), self.child(name) as folder:

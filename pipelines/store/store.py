@@ -316,7 +316,7 @@ class Store:
     def forget(self, stage: str, key: str) -> None:
         """Remove the record, so that the result is computed again."""
         with contextlib.suppress(FileNotFoundError), self.inside("records") as folder:
-            folder.unlink(record_name(stage, key))
+            folder.remove(record_name(stage, key))
 
     def drop_checkpoints(self, stage: str, key: str) -> None:
         """Remove the checkpoints of a step, whose result is complete."""
