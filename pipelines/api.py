@@ -113,7 +113,7 @@ def synthesize(
         flow = load_flow(find_flow(os.fspath(method)), Overrides(params=changed, seed=seed))
         source = _only_source(flow, method)
         flow, made = for_texture(flow, method)
-    with _references({source: given}, opened_store.root) as references:
+    with _references({source: given}, opened_store.root, opened_store) as references:
         files = {source: absolute(references[source], Path.cwd())}
         opened = Run(dataclasses.replace(flow, sources=files, missing=()), opened_store)
         result = _run(opened, opened_store.root, progress)
@@ -151,9 +151,9 @@ def run(
     size, tileable, preset : the parameters that most flows have; see `synthesize`.
     seed : of the random numbers; the default is the flow's.
     seeds : so many from ``seed`` on, or a range: the flow then runs with each.
-    store : folder of the results; the default is TEXLOOM_STORE, else the folder ``artifacts`` if there is one
-        here, else ``store`` in the user's cache folder for texloom. Arrays are filed there too, under ``sources``,
-        so that every runner can read them.
+    store : folder of the results; the default is TEXLOOM_STORE, else the folder ``artifacts`` if there is one here
+        that is empty or a store, else ``store`` in the user's cache folder for texloom. Arrays are filed there too,
+        under ``sources``, so that every runner can read them.
     out : folder of the exports; the default is a new one, STORE/runs/FLOW-TIME.
     runner, workers, address : what computes the steps, see ``texloom run --help``.
     layout, texel_size, color_space, udim : how exports are written, see ``texloom run --help``.
@@ -181,7 +181,7 @@ def run(
     written = {"layout": layout, "texel_size": texel_size, "color_space": color_space, "udim": udim}
     delivery = {option: text for option, text in written.items() if text is not None}
     opened_store = Store(store_folder(store))
-    with _references(sources or {}, opened_store.root) as references:
+    with _references(sources or {}, opened_store.root, opened_store) as references:
         changed = _texts(params, size=size, tileable=tileable, preset=preset)
         overrides = Overrides(references, changed, seed, seeds, runners, delivery=delivery)
         opened = open_run(flow, overrides, opened_store)
@@ -277,8 +277,8 @@ _OPTIONS = {"set": "params", "source": "sources"}
 
 
 @contextlib.contextmanager
-def _references(sources: Mapping[str, Any], folder: Path) -> Iterator[dict[str, str]]:
-    """The files of sources, with arrays written below ``folder``.
+def _references(sources: Mapping[str, Any], folder: Path, store: Store | None = None) -> Iterator[dict[str, str]]:
+    """The files of sources, with arrays written below ``folder``, the root of ``store`` if it is given.
 
     Errors of the ``with`` block speak of arguments and arrays, not of options and the files of arrays.
     """
@@ -286,6 +286,8 @@ def _references(sources: Mapping[str, Any], folder: Path) -> Iterator[dict[str, 
     try:
         for name, given in sources.items():
             try:
+                if store is not None and not isinstance(given, str | os.PathLike):
+                    store.ready("sources")
                 references[name] = file_source(given, folder / "sources")
             except InputError as error:
                 raise InputError(f"sources.{name}: {error}") from None

@@ -29,6 +29,9 @@ os.environ.setdefault("NUMBA_CACHE_DIR", str(ROOT / ".pytest_cache" / f"kernels-
 # Kernels for CUDA run in Numba's simulator; NUMBA_ENABLE_CUDASIM=0 runs them on a GPU.
 os.environ.setdefault("NUMBA_ENABLE_CUDASIM", "1")
 
+# The key by which texloom knows its stores is not that of whoever runs the tests.
+os.environ["XDG_CONFIG_HOME"] = str(ROOT / ".pytest_cache" / "config")
+
 # A shell's background ignores SIGINT, and so would all runs that tests interrupt.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)

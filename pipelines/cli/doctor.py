@@ -114,6 +114,7 @@ def _store(folder: Path) -> dict[str, Any]:
     opened = Store(folder)
     there = next(path for path in (opened.root, *opened.root.parents) if path.exists())
     try:
+        opened.check_owned()
         opened.check_writable()
         state = "writable" if opened.root.exists() else "not there yet"
     except InputError as error:

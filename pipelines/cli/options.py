@@ -92,8 +92,8 @@ store_option = click.option(
     envvar="TEXLOOM_STORE",
     type=click.Path(path_type=Path),
     callback=_store_folder,
-    help="Folder of the results; also TEXLOOM_STORE.  [default: artifacts, if there is such a folder here, else "
-    "one in the user's cache folder]",
+    help="Folder of the results; also TEXLOOM_STORE.  [default: artifacts, if there is such a folder here, empty "
+    "or a store, else one in the user's cache folder]",
 )
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")

@@ -236,6 +236,7 @@ def _what(opened: Run) -> dict[str, Any]:
         "file": str(opened.flow.path),
         "seed": opened.flow.seeds[0],
         "store": str(opened.store.root),
+        "notes": opened.notes,
     }
 
 

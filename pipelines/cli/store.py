@@ -14,7 +14,7 @@ import click
 
 from texloom.pipelines.byte_size import format_byte_size, parse_byte_size
 from texloom.pipelines.cli.options import json_option, store_option
-from texloom.pipelines.cli.output import print_json, say
+from texloom.pipelines.cli.output import complain, print_json, say
 
 if TYPE_CHECKING:
     from texloom.pipelines.store.housekeeping import Entry
@@ -56,6 +56,7 @@ def list_store(store_folder: Path, as_json: bool) -> int:
     most = housekeeping.limit(opened)
     limit = "" if most is None else f"; limit {format_byte_size(most)}"
     say(f"{opened.root}: {size} in {_count(len(results), 'result')}{limit}")
+    _warn_of_limit(opened)
     return 0
 
 
@@ -142,7 +143,8 @@ def verify(store_folder: Path, as_json: bool) -> int:
 def prune(store_folder: Path, as_json: bool, days: float, dry_run: bool) -> int:
     """Remove results, exports below STORE/runs and arrays that no run has used for some days.
 
-    Also removes what killed runs have left. What is in use by a run that is going on is kept.
+    Also removes what killed runs have left. What is in use by a run that is going on is kept, and so are files that
+    texloom did not write, or that were changed since.
     """
     from texloom.pipelines.store import housekeeping
 
@@ -164,19 +166,68 @@ def limit(store_folder: Path, as_json: bool, size: str | None) -> int:
     The least recently used results, exports below STORE/runs and arrays are removed now and at the end of every
     run. What runs that are going on use is kept, even if it is more.
     """
+    from texloom.pipelines.errors import refused
     from texloom.pipelines.store import housekeeping
     from texloom.pipelines.store.store import Store
 
     if size is None:
-        most = housekeeping.limit(_existing(store_folder))
+        found = _existing(store_folder)
+        most = housekeeping.limit(found)
+        _warn_of_limit(found)
         if as_json:
             return print_json({"limit": most})
         say("no limit" if most is None else format_byte_size(most))
         return 0
     most = None if size.lower() == "none" else _parsed(size)
     opened = Store(store_folder)
+    opened.create()
+    problem = housekeeping.removes_nothing(opened)
+    if problem is not None:
+        raise refused(f"--store {store_folder}: {problem}")
     housekeeping.set_limit(opened, most)
     return _print_removed(housekeeping.keep_limit(opened), "removed", as_json)
+
+
+def _warn_of_limit(opened: Store) -> None:
+    from texloom.pipelines.store import housekeeping
+
+    problem = housekeeping.foreign_limit(opened)
+    if problem is not None:
+        complain(problem)
+
+
+@store.command(short_help="Take over a store that another user or machine made.")
+@click.option("--store", "folder", envvar="TEXLOOM_STORE", type=click.Path(path_type=Path), help="Its folder.")
+@json_option
+def adopt(folder: Path | None, as_json: bool) -> int:
+    """Take over the store in a folder, by default `artifacts`, that another user or machine made, or was copied.
+
+    From then on it is used as if you had made it: results in it are believed, and `prune` and a limit that you set
+    remove from it. Do so only with a folder whose origin you know.
+    """
+    from texloom.pipelines.errors import refused
+    from texloom.pipelines.store import housekeeping, ownership
+    from texloom.pipelines.store.location import PROJECT_STORE
+    from texloom.pipelines.store.store import Store
+
+    opened = Store(folder or Path(PROJECT_STORE))
+    if not ownership.has_form(opened.root):
+        raise refused(f"--store {opened.root}: no store there")
+    problem = ownership.keeps_no_key()
+    if problem is not None:
+        raise refused(f"--store {opened.root}: {problem}")
+    is_new = ownership.marked(opened.root) is None
+    results, others = housekeeping.entries(opened), housekeeping.other_entries(opened)
+    size = sum(entry.size for entry in (*results, *others))
+    if is_new:
+        opened.adopt()
+    if as_json:
+        found = {"store": str(opened.root), "results": len(results), "others": len(others), "size": size}
+        return print_json({**found, "adopted": is_new})
+    what = f"{_count(len(results), 'result')} and {_count(len(others), 'other folder')}, {format_byte_size(size)}"
+    say(f"{opened.root}: {what}, {'taken over' if is_new else 'yours already'}")
+    _warn_of_limit(opened)
+    return 0
 
 
 def _parsed(size: str) -> int:
@@ -202,12 +253,17 @@ def _print_removed(removed: Sequence[Entry], verb: str, as_json: bool) -> int:
 
 
 def _existing(folder: Path) -> Store:
+    from texloom.pipelines.store.location import passed_over
     from texloom.pipelines.store.store import Store
     from texloom.stages.declare import InputError
 
     found = Store(folder)
     if not (found.root / "cache").is_dir():
         raise InputError(f"--store {folder}: no store there")
+    found.check_owned()
+    note = passed_over(found.root)
+    if note is not None:
+        complain(note)
     return found
 
 

@@ -26,7 +26,8 @@ from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.media.stack import ROLE
 from texloom.pipelines.media.writers import registry
 from texloom.pipelines.media.writers.registry import Job
-from texloom.pipelines.store.atomic import file_digest, write_atomically
+from texloom.pipelines.store import written
+from texloom.pipelines.store.atomic import file_digest
 from texloom.pipelines.store.history import file_state
 from texloom.pipelines.store.store import Store, small_file
 from texloom.stages.arrays import Image
@@ -134,9 +135,19 @@ class Export:
                     return None
             except (OSError, ValueError, TypeError, AttributeError, RecursionError):
                 return None
-        with contextlib.suppress(OSError):
-            os.utime(note)  # it was of use today
+        with contextlib.suppress(OSError), store.inside("exports") as folder:
+            folder.touch(self.key)  # it was of use today
         return states
+
+    def _note_below(self, runs: Path, files: Mapping[str, str], store: Store) -> None:
+        """Note the files of a run without ``--out``, so that they can be removed one day."""
+        if not self.path.is_relative_to(runs):
+            return
+        run, *others = self.path.relative_to(runs).parts
+        if others:  # a file beside the folders of runs is none of theirs
+            folder = runs / run
+            paths = {self._place(name).relative_to(folder).as_posix(): digest for name, digest in files.items()}
+            written.add(store.root, run, paths)
 
     def _states(self, names: Iterable[str]) -> States:
         return {"key": self.key, "files": {name: file_state(self._place(name)) for name in names}}
@@ -175,9 +186,9 @@ class Export:
             files = {"": write_deep_png(value, self.path)}
         else:
             files = registry.write(Job(self.path, value, hint, provenance, self.delivery, self.is_tileable, mesh))
-        with contextlib.suppress(OSError):  # without a note it is written again next time, no more
-            note = store.exports / self.key
-            note.parent.mkdir(parents=True, exist_ok=True)
-            # The temporary file is in a small folder, which the end of each run looks through.
-            write_atomically(note, json.dumps(files).encode(), durable=False, folder=store.root)
+        self._note_below(store.root / "runs", files, store)
+        # Without a note it is written again next time, no more. The temporary file is in a small folder, which the
+        # end of each run looks through.
+        with contextlib.suppress(OSError), store.inside() as root, root.child("exports", create=True) as folder:
+            folder.write(self.key, json.dumps(files).encode(), beside=root)
         return self._states(files)

@@ -30,8 +30,10 @@ from texloom.pipelines.flow.runner import check_environment, require_installed
 from texloom.pipelines.media.known_files import KnownFiles
 from texloom.pipelines.media.writers.registry import writer_of
 from texloom.pipelines.store import run_log, usage
-from texloom.pipelines.store.atomic import check_folder, free_space, make_new_folder, remove_abandoned
+from texloom.pipelines.store.atomic import check_folder, free_space, make_new_folder, remove_abandoned, too_long
 from texloom.pipelines.store.history import History
+from texloom.pipelines.store.location import passed_over
+from texloom.pipelines.store.ownership import keeps_no_key
 from texloom.pipelines.store.run_log import LoggedRun
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
 from texloom.stages.arrays import Image
@@ -86,8 +88,9 @@ class Run:
 
         Raises
         ------
-        InputError : a source or param is not usable.
+        InputError : a source or param is not usable, or the folder of the store is not this user's store.
         """
+        store.check_owned()
         flow.check_sources()
         self.flow = flow
         self.store = store
@@ -107,8 +110,13 @@ class Run:
 
     @property
     def notes(self) -> list[str]:
-        """What there is to know of the sources that are open by now."""
-        return [note for scope in self.known_scopes for note in scope.notes]
+        """What there is to know of the store, and of the sources that are open by now."""
+        return [*self.store_notes, *(note for scope in self.known_scopes for note in scope.notes)]
+
+    @cached_property
+    def store_notes(self) -> list[str]:
+        """What there is to know of the store."""
+        return [note for note in (passed_over(self.store.root), keeps_no_key()) if note is not None]
 
     @property
     def known_scopes(self) -> list[Scope]:
@@ -139,6 +147,7 @@ class Run:
             self.store.hold()
             if reference.output is None:
                 scope.decoded(scope.source(reference.name))  # a broken source is found before anything is written
+            self.store.ready("runs")
             self._made_out = make_new_folder(out)
         return self.out_folder(out)
 
@@ -204,6 +213,8 @@ class Run:
 
     def _problem_with(self, path: str, is_folder: bool) -> str | None:
         """Why an export cannot be written to ``path``, which is text, as there are thousands."""
+        if (problem := too_long(path)) is not None:
+            return problem
         try:
             there = os.stat(path)  # noqa: PTH116
         except FileNotFoundError:
@@ -304,8 +315,9 @@ class Run:
         if self._known_files is not None and self._known_files.is_new:
             user_cache.save(_FILES, self._known_files.entries, _MOST_FILES)
         if history.used:
-            for folder in ("history", "log"):
-                remove_abandoned(self.store.root / folder)  # left by a run that was killed here, after all else
+            for name in ("history", "log"):
+                with contextlib.suppress(OSError), self.store.inside(name) as folder:
+                    folder.remove_abandoned()  # left by a run that was killed here, after all else
             history.save(exports if self._known_files is not None else None)
             sources = self.source_references()
             run_log.write(self.store.root, LoggedRun(self.flow.name, sources, self.flow.seeds, history.used))

@@ -256,7 +256,7 @@ def _execute(
                 with single_threaded(), run.store.used_by_run() as lease:
                     exports = _Attempt(run, executor, listener, out, submit_cached).exports()
                     if lease.is_taken:
-                        _tidy(run.store)
+                        _tidy(run.store, listener)
                 at_once = False
                 return exports
             except BrokenArtifactError as error:
@@ -298,13 +298,16 @@ class _HeldEvents:
             self._listener(event)
 
 
-def _tidy(store: Store) -> None:
+def _tidy(store: Store, listener: Listener) -> None:
     """Remove what killed runs have left, and keep the store within its limit."""
     from texloom.pipelines.store import housekeeping
 
     with contextlib.suppress(OSError):
         housekeeping.tidy(store)
         housekeeping.keep_limit(store, measure=False)
+        problem = housekeeping.foreign_limit(store)
+        if problem is not None:
+            listener(Note(problem))
 
 
 def _run_started(run: Run) -> RunStarted:
@@ -410,6 +413,8 @@ class _Attempt:
         """Run what is not cached, and write the exports."""
         run = self.run
         run.shared.lost.clear()
+        for note in run.store_notes:
+            self.listener(Note(note))
         self._tell_notes(run.shared)
         shared = ScopeRun(run, run.shared, "shared")
         try:

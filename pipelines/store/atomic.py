@@ -4,135 +4,66 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import importlib.util
 import itertools
 import os
-import re
-import secrets
 import shutil
 import tempfile
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
+from texloom.pipelines.errors import refused
+from texloom.pipelines.store.folders import Folder, named
 from texloom.stages.declare import InputError
 
-_CAN_LOCK = importlib.util.find_spec("fcntl") is not None
-"""not on Windows, which moreover cannot rename an open file: there, its age tells that a file is abandoned"""
-if _CAN_LOCK:
-    import fcntl
-
-_TEMPORARY = re.compile(r"\.new-[0-9a-f]{8}-.+")
-_MAX_AGE = 7 * 86400  # seconds, of a temporary file where files are not locked
+_LONGEST_NAME = 255
+_LONGEST_PATH = 3800  # of the 4096 that Linux has, as names are added
 _SMALL = 2**18  # bytes of a file that is read at once
 
 
 @contextlib.contextmanager
-def atomic_path(path: Path, durable: bool = True, folder: Path | None = None) -> Iterator[Path]:
+def atomic_path(path: Path, durable: bool = True) -> Iterator[Path]:
     """A temporary path to write to, which is renamed to ``path`` at the end of the ``with`` block.
 
     The file is thus complete or absent; if it is ``durable``, also after a power failure. A temporary file of a
-    process that was killed is removed by `remove_abandoned`. It is made beside ``path``, or in ``folder``, of the
-    same file system.
+    process that was killed is removed by `remove_abandoned`.
     """
-    folder = folder or path.parent
-    temporary, owned = _owned_file(lambda: folder / f".new-{secrets.token_hex(4)}-{path.name}")
-    try:
+    with Folder.at(path.parent) as folder, folder.owned(path.name) as (name, _):
+        temporary = path.with_name(name)
         with named(path):
             yield temporary
             if durable:
                 with temporary.open("r+b") as file:
                     os.fsync(file.fileno())
-            temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-        owned.close()
-
-
-@contextlib.contextmanager
-def named(path: Path) -> Iterator[None]:
-    """Name ``path`` in an `OSError` that names no file, as that of a full disk."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno is None or error.filename is not None:
-            raise
-        raise OSError(error.errno, error.strerror, str(path)) from None
+            folder.rename(name, path.name)
 
 
 @contextlib.contextmanager
 def owned_file(folder: Path) -> Iterator[Path]:
     """A new empty file for the ``with`` block; if the process is killed, `remove_abandoned` removes it."""
-    path, owned = _owned_file(lambda: folder / f".new-{secrets.token_hex(4)}-owned")
-    try:
-        yield path
-    finally:
-        path.unlink(missing_ok=True)
-        owned.close()
-
-
-def _owned_file(new_path: Callable[[], Path]) -> tuple[Path, BinaryIO]:
-    """A new file with a lock that lasts as long as it is open: the kernel closes it with the process."""
-    while True:
-        path = new_path()
-        file = path.open("x+b")
-        if not _CAN_LOCK:
-            file.close()
-            return path, file
-        with contextlib.suppress(OSError):  # a file system without locks: then others cannot remove it either
-            fcntl.flock(file, fcntl.LOCK_EX)
-        if os.fstat(file.fileno()).st_nlink:
-            return path, file
-        file.close()  # it was taken for abandoned before it was locked
+    with Folder.at(folder) as opened, opened.owned("owned") as (name, _):
+        yield folder / name
 
 
 def remove_abandoned(folder: Path) -> list[Path]:
     """Remove the temporary files in a folder that no living process holds; those that others hold are returned."""
-    held = []
-    for path in folder.glob(".new-*"):
-        if _TEMPORARY.fullmatch(path.name):
-            with contextlib.suppress(OSError):
-                if not _remove_if_abandoned(path):
-                    held.append(path)
-    return held
-
-
-def _remove_if_abandoned(path: Path) -> bool:
-    if not _CAN_LOCK:
-        old = time.time() - path.stat().st_mtime > _MAX_AGE
-        if old:
-            path.unlink()
-        return old
-    handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        path.unlink()  # while it is locked, so that its owner cannot take it now
-    except OSError:
-        return False
-    finally:
-        os.close(handle)
-    return True
-
-
-def remove(path: Path) -> None:
-    """Remove a file, a link, or a folder with all that is in it, if it is there."""
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
+        with Folder.at(folder) as opened:
+            return [folder / name for name in opened.remove_abandoned()]
+    except (FileNotFoundError, NotADirectoryError):
+        return []
 
 
 def probe_folder(folder: Path) -> None:
     """`OSError` where no file can be created in a folder."""
-    with tempfile.TemporaryFile(dir=folder):
+    with tempfile.TemporaryFile(dir=folder, prefix=".new-"):
         pass
 
 
-def write_atomically(path: Path, content: bytes, durable: bool = True, folder: Path | None = None) -> None:
+def write_atomically(path: Path, content: bytes, durable: bool = True) -> None:
     """Write a file so that it is complete or absent, see `atomic_path`."""
-    with atomic_path(path, durable, folder) as temporary:
-        temporary.write_bytes(content)
+    with Folder.at(path.parent) as folder:
+        folder.write(path.name, content, durable)
 
 
 def file_digest(file: Path | BinaryIO) -> str:
@@ -162,7 +93,7 @@ def make_new_folder(first: Path) -> Path:
             return path
 
 
-def _existing(path: Path) -> Path:
+def nearest_folder(path: Path) -> Path:
     """The folder ``path``, or the nearest one above that exists."""
     existing = path.absolute()
     while not existing.exists() and existing != existing.parent:
@@ -172,12 +103,29 @@ def _existing(path: Path) -> Path:
 
 def free_space(path: Path) -> int:
     """Bytes that are free where the folder ``path`` is, or would be."""
-    return shutil.disk_usage(_existing(path)).free
+    return shutil.disk_usage(nearest_folder(path)).free
+
+
+def too_long(path: str | Path) -> str | None:
+    """Why a file or folder can have no such name, in words; none where its names are short enough."""
+    text = os.path.abspath(path)  # noqa: PTH100 (keeps links; as text, as there are thousands)
+    part = max(text.split("/"), key=_bytes)
+    if _bytes(part) > _LONGEST_NAME:
+        return f"the name {part[:20]}... has {_bytes(part)} bytes; {_LONGEST_NAME} are possible"
+    size = _bytes(text)
+    return f"the path has {size} bytes; {_LONGEST_PATH} are possible" if size > _LONGEST_PATH else None
+
+
+def _bytes(name: str) -> int:
+    return len(name.encode(errors="surrogatepass"))
 
 
 def check_folder(option: str, path: Path) -> None:
     """`InputError` where the folder ``path`` cannot be created or written; leaves nothing behind."""
-    existing = _existing(path)
+    problem = too_long(path)
+    if problem is not None:
+        raise refused(f"{option} {os.fspath(path):.40}...: {problem}")
+    existing = nearest_folder(path)
     if not existing.is_dir():
         raise InputError(f"{option} {path}: {existing} is not a folder")
     try:

@@ -8,24 +8,34 @@ import json
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.store.atomic import write_atomically
+from texloom.pipelines.store.folders import Folder
 
 _MAX_SIZE = 2**28  # bytes
 
 
 def read(path: Path) -> dict[str, Any]:
     """What `write` wrote; empty where it is not there, or not as it was written."""
+    with contextlib.suppress(OSError), Folder.at(path.parent) as folder:
+        return read_in(folder, path.name)
+    return {}
+
+
+def read_in(folder: Folder, name: str) -> dict[str, Any]:
+    """As `read`."""
     with contextlib.suppress(OSError, ValueError, TypeError, RecursionError):  # whoever can write it knows the form
-        if path.is_file() and path.stat().st_size <= _MAX_SIZE:
-            digest, _, content = path.read_bytes().partition(b"\n")
-            if hashlib.sha256(content).hexdigest().encode() == digest:
-                return dict(json.loads(content))
+        digest, _, content = folder.read(name, _MAX_SIZE).partition(b"\n")
+        if hashlib.sha256(content).hexdigest().encode() == digest:
+            return dict(json.loads(content))
     return {}
 
 
 def write(path: Path, entries: dict[str, Any]) -> None:
     """Write a file, complete or not at all, if that is possible. Of two processes at once one is not heard."""
+    with contextlib.suppress(OSError), Folder.at(path.parent, create=True) as folder:
+        write_in(folder, path.name, entries)
+
+
+def write_in(folder: Folder, name: str, entries: dict[str, Any]) -> None:
+    """As `write`; `OSError` where it is not possible."""
     content = json.dumps(entries).encode()
-    with contextlib.suppress(OSError):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(path, hashlib.sha256(content).hexdigest().encode() + b"\n" + content, durable=False)
+    folder.write(name, hashlib.sha256(content).hexdigest().encode() + b"\n" + content)

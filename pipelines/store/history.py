@@ -39,7 +39,9 @@ class History:
         self._path = store.root / "history" / flow
         self._last = _change(self._path)
         self._is_new = False
-        document = checked_json.read(self._path)
+        document: dict[str, Any] = {}
+        with contextlib.suppress(OSError), store.inside("history") as folder:
+            document = checked_json.read_in(folder, flow)
         self.steps = _of_form(document.get("steps"), _is_result)
         self.exports = _of_form(document.get("exports"), _is_export)
 
@@ -73,10 +75,10 @@ class History:
             self.exports, self._is_new = exports, True
         if len(self.steps) > _MOST_STEPS:
             self.steps = {step: self.steps[step] for step in self.used}
-        if self._is_new:
-            checked_json.write(self._path, {"steps": self.steps, "exports": self.exports})
-        with contextlib.suppress(OSError):
-            os.utime(self._path, ns=(self.now, self.now))
+        with contextlib.suppress(OSError), self._store.inside("history", create=True) as folder:
+            if self._is_new:
+                checked_json.write_in(folder, self._path.name, {"steps": self.steps, "exports": self.exports})
+            folder.touch(self._path.name, self.now)
 
 
 def file_state(path: str | Path) -> State | None:

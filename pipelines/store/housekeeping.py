@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import hmac
 import json
 import os
 import re
@@ -16,8 +17,9 @@ import time
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
-from texloom.pipelines.store import run_log, usage
-from texloom.pipelines.store.atomic import remove, remove_abandoned, write_atomically
+from texloom.pipelines.byte_size import format_byte_size
+from texloom.pipelines.errors import refused
+from texloom.pipelines.store import ownership, removal, run_log, usage, written
 from texloom.pipelines.store.lease import protected_since
 from texloom.pipelines.store.record import record_name
 from texloom.pipelines.store.store import (
@@ -26,12 +28,15 @@ from texloom.pipelines.store.store import (
     Store,
     check_files,
     read_manifest,
-    small_file,
 )
 
 _KEY = re.compile(r"[0-9a-f]{64}")
 _NEW_FOLDER = re.compile(r"\.new-([0-9a-f]{64})-[0-9a-f]{8}")
+_RECORD = re.compile(r"[\w-]+-[0-9a-f]{64}")
+_RUN = re.compile(r".+-\d{8}-\d{6}(-\d+)?")
+_ANY = re.compile(r"[^.].*")
 _SETTINGS = "settings.json"
+_MOST = 4096  # bytes of it
 _HISTORY_DAYS = 30
 _ROOM = 10  # part of the limit that is made free at once
 
@@ -74,7 +79,9 @@ def _keys(store: Store, kind: str) -> Iterator[tuple[str, str]]:
 
 def other_entries(store: Store) -> list[Entry]:
     """Exports of runs without ``--out``, and arrays given by programs, the least recently used first."""
-    paths = [*(store.root / "runs").glob("*"), *(store.root / "sources").glob("*")]
+    runs = [store.root / "runs" / name for name in written.runs(store.root)]
+    arrays = filter(removal.SOURCE.fullmatch, usage.names(store.root / "sources"))
+    paths = [*(path for path in runs if path.is_dir()), *(store.root / "sources" / name for name in arrays)]
     found = [Entry(None, None, path, usage.size_of(path), _last_time(path)) for path in paths]
     return sorted(found, key=lambda entry: entry.used)
 
@@ -115,7 +122,10 @@ def prune(store: Store, days: float, dry_run: bool = False) -> list[Entry]:
 
     What is at work is kept.
     """
-    oldest = min(time.time() - days * 86400, protected_since(store.running))
+    problem = removes_nothing(store)
+    if problem is not None:
+        raise refused(f"--store {store.root}: {problem}")
+    oldest = min(time.time() - days * 86400, protected_since(store.root))
     old = [entry for entry in (*entries(store), *other_entries(store)) if entry.used < oldest]
     if dry_run:
         return old
@@ -125,20 +135,51 @@ def prune(store: Store, days: float, dry_run: bool = False) -> list[Entry]:
     return removed
 
 
-def limit(store: Store) -> int | None:
-    """The most bytes that the store is to hold after a run, if there is a limit."""
-    try:
-        size = json.loads(small_file(store.root / _SETTINGS))["limit"]
-    except NOT_AS_EXPECTED:
+def removes_nothing(store: Store) -> str | None:
+    """Why nothing may be removed from a store, in a line."""
+    if ownership.marked(store.root) is not None:
         return None
-    return size if type(size) is int and size >= 0 else None
+    return ownership.keeps_no_key() or "it is not a store that texloom made for this user, so nothing is removed"
+
+
+def limit(store: Store) -> int | None:
+    """The most bytes that the store is to hold after a run, if this user has set a limit."""
+    size, mac = _settings(store)
+    if size is None or (ours := ownership.signature(store.root, f"limit {size}")) is None:
+        return None
+    return size if hmac.compare_digest(ours, mac) else None
+
+
+def foreign_limit(store: Store) -> str | None:
+    """A line on a limit that does not apply, as another user or program wrote it."""
+    size, _ = _settings(store)
+    if size is None or limit(store) is not None:
+        return None
+    return (
+        f"--store {store.root}: its limit of {format_byte_size(size)} was not set by this user and does not apply; "
+        "`texloom store limit SIZE` sets one"
+    )
+
+
+def _settings(store: Store) -> tuple[int | None, str]:
+    """The limit, whoever wrote it, and the HMAC that came with it."""
+    try:
+        with store.inside() as folder:
+            document = json.loads(folder.read(_SETTINGS, _MOST))
+        size, mac = document["limit"], document.get("hmac")
+    except NOT_AS_EXPECTED:
+        return None, ""
+    is_limit = type(size) is int and size >= 0
+    return size if is_limit else None, mac if isinstance(mac, str) and mac.isascii() else ""
 
 
 def set_limit(store: Store, size: int | None) -> None:
-    """Set the limit, in bytes, that later runs obey at their end."""
+    """Set the limit, in bytes, that later runs of this user obey at their end."""
     store.create()
     usage.forget(store)
-    write_atomically(store.root / _SETTINGS, json.dumps({"limit": size}).encode())
+    settings = {"limit": size, "hmac": ownership.signature(store.root, f"limit {size}")}
+    with store.inside() as folder:
+        folder.write(_SETTINGS, json.dumps(settings).encode(), durable=True)
 
 
 def keep_limit(store: Store, measure: bool = True) -> list[Entry]:
@@ -158,7 +199,7 @@ def keep_limit(store: Store, measure: bool = True) -> list[Entry]:
     removed = []
     if size > most:
         goal = most if measure else most - most // _ROOM
-        protected = protected_since(store.running)
+        protected = protected_since(store.root)
         for entry in sorted((*entries(store), *other_entries(store)), key=lambda entry: entry.used):
             if size <= goal or entry.used >= protected:
                 break
@@ -172,77 +213,90 @@ def keep_limit(store: Store, measure: bool = True) -> list[Entry]:
 
 def tidy(store: Store) -> None:
     """Remove the temporary files of runs that were killed."""
-    for folder in (store.root, store.exports, store.running, store.root / "history", store.root / "log"):
-        remove_abandoned(folder)
-    for folder in (store.root / "runs").glob("*/"):
-        remove_abandoned(folder)
+    for names in ((), ("exports",), ("running",), ("history",), ("log",)):
+        with contextlib.suppress(FileNotFoundError), store.inside(*names) as folder:
+            folder.remove_abandoned()
+    for run in written.runs(store.root):
+        with contextlib.suppress(OSError), store.inside("runs", run) as folder:
+            folder.remove_abandoned()
 
 
 def _remove(store: Store, entry: Entry, oldest: float) -> bool:
-    """Remove an entry that was last used before ``oldest``; whether nobody uses it."""
+    """Remove an entry that was last used before ``oldest``; whether it is gone, so that nobody uses it."""
     if entry.stage is None or entry.key is None:
         if _last_time(entry.folder) >= oldest:
             return False
-        remove(entry.folder)
-        return True
+        name = entry.folder.name
+        is_run = entry.folder.parent.name == "runs"
+        return removal.remove_run(store.root, name) if is_run else removal.remove_source(store.root, name)
     with store.try_lock(entry.stage, entry.key) as is_locked:
         if not is_locked or store.used(store.location(entry.stage, entry.key)) >= oldest:  # it was used meanwhile
             return False
-        store.forget(entry.stage, entry.key)
-        remove(entry.folder)
-        store.drop_checkpoints(entry.stage, entry.key)
-    return True
+        with contextlib.suppress(OSError):
+            return store.remove(entry.stage, entry.key)
+    return False
 
 
 def _sweep(store: Store, oldest: float) -> None:
     """Remove what nothing needs any more: what killed runs left, and the rest if it is older than ``oldest``."""
     tidy(store)
-    for folder in (store.root / "runs").rglob("*/"):
-        remove_abandoned(folder)
+    for run in written.runs(store.root):
+        removal.sweep_run(store.root, run)
+    with contextlib.suppress(OSError), store.inside("runs") as folder:
+        for name in folder.names():
+            if _RUN.fullmatch(name) and folder.time(name) < oldest:
+                folder.rmdir(name)  # of a run that wrote nothing
     _sweep_unfinished(store, oldest)
     keys = {key: record_name(stage, key) for stage, key in _keys(store, "cache")}
     kept = set(keys.values())
     waiting = {record_name(stage, key) for stage, key in _keys(store, "checkpoints")}
-    _unlink_old(store.records, oldest, kept)
-    _unlink_old(store.exports, oldest)
+    _unlink_old(store, "records", oldest, _RECORD, kept)
+    _unlink_old(store, "exports", oldest, _KEY)
     # explains for a while why results are computed again
-    _unlink_old(store.root / "history", min(oldest, time.time() - _HISTORY_DAYS * 86400))
+    _unlink_old(store, "history", min(oldest, time.time() - _HISTORY_DAYS * 86400), _ANY)
     kept |= waiting
     for name in usage.names(store.locks):
-        of_key = "-" in name and name.endswith(".lock") and name.removesuffix(".lock") not in kept
-        if of_key and _time(f"{store.locks}/{name}") < oldest:
-            _remove_lock(store, store.locks / name)
+        of_key = name.endswith(".lock") and _RECORD.fullmatch(name.removesuffix(".lock"))
+        if of_key and name.removesuffix(".lock") not in kept and _time(f"{store.locks}/{name}") < oldest:
+            _remove_lock(store, name)
     run_log.forget(store.root, keys.keys(), oldest)
 
 
 def _sweep_unfinished(store: Store, oldest: float) -> None:
     """Remove results that were never finished, and checkpoints that are done with or old; not those in use."""
-    for path in (store.root / "cache").glob("*/.new-*"):
-        named = _NEW_FOLDER.fullmatch(path.name)
-        with store.try_lock(path.parent.name, named[1]) if named else contextlib.nullcontext(True) as is_locked:
-            if is_locked and (named or _time(path) < oldest):
-                remove(path)
+    for stage in usage.names(store.root / "cache"):
+        with contextlib.suppress(OSError), store.inside("cache", stage) as folder:
+            for name in folder.names():
+                found = _NEW_FOLDER.fullmatch(name)
+                if found:
+                    with store.try_lock(stage, found[1]) as is_locked:
+                        if is_locked:
+                            removal.remove_temporary(folder, name)
     for stage, key in list(_keys(store, "checkpoints")):
         path = store.root / "checkpoints" / stage / key
         with store.try_lock(stage, key) as is_locked:
             is_done = (store.records / record_name(stage, key)).exists()
             if is_locked and (is_done or _last_time(path) < oldest):
-                remove(path)
+                removal.remove_checkpoints(store.root, stage, key)
 
 
-def _unlink_old(folder: Path, oldest: float, kept: Collection[str] = ()) -> None:
-    """Remove the files of a folder that are older than ``oldest``, but those named in ``kept``."""
-    for name in usage.names(folder):
-        if name not in kept and _time(f"{folder}/{name}") < oldest:
-            (folder / name).unlink(missing_ok=True)
+def _unlink_old(
+    store: Store, kind: str, oldest: float, pattern: re.Pattern[str], kept: Collection[str] = ()
+) -> None:
+    """Remove the files of a folder that are named as texloom does and older than ``oldest``, but not ``kept``."""
+    with contextlib.suppress(FileNotFoundError), store.inside(kind) as folder:
+        for name in folder.names():
+            if name not in kept and pattern.fullmatch(name) and folder.time(name) < oldest:
+                folder.unlink_file(name)
 
 
-def _remove_lock(store: Store, path: Path) -> None:
+def _remove_lock(store: Store, name: str) -> None:
     """Remove a lock's file unless it is held. A process that waits for it then sees that, and makes a new one."""
     import filelock
 
-    with contextlib.suppress(filelock.Timeout, OSError), store.lock(path.stem, timeout=0):
-        path.unlink()
+    held = store.lock(name.removesuffix(".lock"), timeout=0)
+    with contextlib.suppress(filelock.Timeout, OSError), held, store.inside("locks") as folder:
+        folder.unlink_file(name)
 
 
 def _time(path: str | Path) -> float:

@@ -3,37 +3,35 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import time
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.store.atomic import owned_file, remove_abandoned
+from texloom.pipelines.store.folders import Folder
 
+_FOLDER = "running"
 _MARGIN = 60.0  # seconds before its beginning in which a run may have touched what it uses
 
 
 class Lease:
     """A file that exists while a run goes on, and whose time is that of the run's beginning."""
 
-    def __init__(self, folder: Path):
-        self.folder = folder
+    def __init__(self, root: Path):
+        """``root``: of the store."""
+        self.root = root
         self.began = time.time()
-        self.path: Path | None = None
+        self.is_taken = False
+        """whether the run has written to the store"""
         self._stack = contextlib.ExitStack()
 
     def take(self) -> None:
         """Write the file, if that is possible. A run does so before it writes anything else."""
-        if self.path is None:
+        if not self.is_taken:
             with contextlib.suppress(OSError):
-                self.folder.mkdir(exist_ok=True)
-                self.path = self._stack.enter_context(owned_file(self.folder))
-                os.utime(self.path, (self.began, self.began))
-
-    @property
-    def is_taken(self) -> bool:
-        """Whether the run has written to the store."""
-        return self.path is not None
+                folder = self._stack.enter_context(Folder.at(self.root, _FOLDER, create=True))
+                name, _ = self._stack.enter_context(folder.owned("owned"))
+                self.is_taken = True
+                folder.touch(name, int(self.began * 1e9))
 
     def __enter__(self) -> Lease:
         return self
@@ -42,10 +40,11 @@ class Lease:
         self._stack.close()
 
 
-def protected_since(folder: Path) -> float:
+def protected_since(root: Path) -> float:
     """What was used since then may be in use by a run, in seconds since 1970; infinite if no run is going on."""
-    times = []
-    for path in remove_abandoned(folder):
-        with contextlib.suppress(OSError):  # it has just ended
-            times.append(path.stat().st_mtime - _MARGIN)
-    return min(times, default=float("inf"))
+    try:
+        with Folder.at(root, _FOLDER) as folder:
+            times = [folder.time(name) - _MARGIN for name in folder.remove_abandoned()]
+    except FileNotFoundError:
+        return float("inf")
+    return min((one for one in times if one > 0), default=float("inf"))  # not those that have just ended

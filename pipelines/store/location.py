@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from texloom.pipelines.store import ownership
+
 PROJECT_STORE = "artifacts"
-"""a working folder with such a folder in it is a project, and that folder its store"""
+"""a working folder with such a folder in it is a project, and that folder its store if nothing else is in it"""
 
 
 def default_store() -> Path:
@@ -14,7 +16,8 @@ def default_store() -> Path:
     chosen = os.environ.get("TEXLOOM_STORE")
     if chosen:
         return Path(chosen)
-    return Path(PROJECT_STORE) if Path(PROJECT_STORE).is_dir() else cache_store()
+    project = Path(PROJECT_STORE)
+    return project if project.is_dir() and ownership.is_usable(project) else cache_store()
 
 
 def cache_store() -> Path:
@@ -22,3 +25,16 @@ def cache_store() -> Path:
     import platformdirs
 
     return platformdirs.user_cache_path("texloom") / "store"
+
+
+def passed_over(root: Path) -> str | None:
+    """A line on a folder ``artifacts`` here that is not used, where ``root`` is used in its place."""
+    project = Path(PROJECT_STORE)
+    if os.environ.get("TEXLOOM_STORE") or not project.is_dir():
+        return None
+    if project.resolve() == root or root != cache_store().resolve():
+        return None
+    why, remedy = "holds other files", "--store chooses a folder"
+    if ownership.has_form(project):
+        why, remedy = "was made by another user or machine", "`texloom store adopt` takes it over"
+    return f"{PROJECT_STORE} {why} and is left alone, results are in {root}; {remedy}"

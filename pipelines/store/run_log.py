@@ -6,13 +6,15 @@ import contextlib
 import dataclasses
 import hashlib
 import json
-import os
+import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.store.atomic import write_atomically
+from texloom.pipelines.store.folders import Folder
 
+_FOLDER = "log"
+_NAME = re.compile(r"[0-9a-f]{32}\.json")
 _MAX_SIZE = 1 << 28  # bytes of an entry that is read
 
 
@@ -34,44 +36,41 @@ def write(root: Path, run: LoggedRun) -> None:
     """Log a run in the store at ``root``, if that is possible; one that is repeated keeps its entry."""
     content = {"flow": run.flow, "sources": dict(run.sources), "seeds": run.seeds, "steps": dict(run.steps)}
     text = json.dumps(content).encode()
-    path = _folder(root) / f"{hashlib.sha256(text).hexdigest()[:32]}.json"
-    with contextlib.suppress(OSError):
-        if path.exists():
-            os.utime(path)
+    name = f"{hashlib.sha256(text).hexdigest()[:32]}.json"
+    with contextlib.suppress(OSError), Folder.at(root, _FOLDER, create=True) as folder:
+        if folder.status(name) is not None:
+            folder.touch(name)
         else:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(path, text, durable=False)
+            folder.write(name, text)
 
 
 def read(root: Path) -> list[LoggedRun]:
     """The logged runs, the last one first; what cannot be read is left out."""
-    runs = [run for path in _folder(root).glob("*.json") if (run := _read(path)) is not None]
+    try:
+        with Folder.at(root, _FOLDER) as folder:
+            runs = [run for name in folder.names() if _NAME.fullmatch(name) and (run := _read(folder, name))]
+    except OSError:
+        return []
     return sorted(runs, key=lambda run: -run.used)
 
 
 def forget(root: Path, kept: Collection[str], oldest: float) -> None:
     """Remove the runs before ``oldest`` of whose results none is among the keys ``kept``."""
-    for path in _folder(root).glob("*.json"):
-        run = _read(path)
-        is_old = run is None or (run.used < oldest and not any(key in kept for key in run.steps.values()))
-        if is_old:
-            path.unlink(missing_ok=True)
+    with contextlib.suppress(FileNotFoundError), Folder.at(root, _FOLDER) as folder:
+        for name in filter(_NAME.fullmatch, folder.names()):
+            run = _read(folder, name)
+            if run is None or (run.used < oldest and not any(key in kept for key in run.steps.values())):
+                folder.unlink_file(name)
 
 
-def _folder(root: Path) -> Path:
-    return root / "log"
-
-
-def _read(path: Path) -> LoggedRun | None:
+def _read(folder: Folder, name: str) -> LoggedRun | None:
     try:
-        status = path.stat()
-        if status.st_size > _MAX_SIZE:
-            return None
-        content: Any = json.loads(path.read_bytes())
+        used = folder.time(name)
+        content: Any = json.loads(folder.read(name, _MAX_SIZE))
         flow, sources, seeds, steps = (content[name] for name in ("flow", "sources", "seeds", "steps"))
         texts = [flow, *sources.keys(), *sources.values(), *steps.keys(), *steps.values()]
         if all(isinstance(text, str) for text in texts) and all(type(seed) is int for seed in seeds):
-            return LoggedRun(flow, sources, tuple(seeds), steps, status.st_mtime)
+            return LoggedRun(flow, sources, tuple(seeds), steps, used)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         pass
     return None

@@ -10,11 +10,13 @@
       history/<flow>                   what a flow's last runs used, see `texloom.pipelines.store.history`
       log/<digest>.json                a run and the results that it used, see `texloom.pipelines.store.run_log`
       running/                         one file for each run that is going on, see `Store.used_by_run`
+      markers/<key id>                 whose store it is, see `texloom.pipelines.store.ownership`
       settings.json                    the limit of the size, see `texloom.pipelines.store.housekeeping`
       size.json                        the running total, see `texloom.pipelines.store.usage`
       sources/                         arrays given by a Python program, see `texloom.pipelines.media.arrays`
       exports/<key>                    digests of exported files, see `texloom.pipelines.engine.exports`
       runs/<flow>-<time>/              exports
+      written/<flow>-<time>            digests of these, see `texloom.pipelines.store.written`
       identity                         distinguishes this folder from others of the same path on other machines
 
 A result is written under a temporary name, flushed and renamed; its manifest, which lists the files with their
@@ -26,21 +28,23 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import datetime
+import errno
 import functools
 import hashlib
 import importlib.metadata
 import json
 import os
 import secrets
-import shutil
 import stat
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from texloom.pipelines.errors import refused
 from texloom.pipelines.memory import memory_limit
-from texloom.pipelines.store import usage
-from texloom.pipelines.store.atomic import check_folder, file_digest, named, probe_folder, remove, write_atomically
+from texloom.pipelines.store import ownership, removal, usage
+from texloom.pipelines.store.atomic import check_folder, file_digest, probe_folder, write_atomically
+from texloom.pipelines.store.folders import Folder, LinkError, named
 from texloom.pipelines.store.lease import Lease
 from texloom.pipelines.store.record import ForeignRecordError, decode_record, record_name
 from texloom.stages.declare import InputError, Stage
@@ -52,11 +56,12 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-MANIFEST = "manifest.json"
+MANIFEST = removal.MANIFEST
 _MAX_JSON_SIZE = 1 << 24  # bytes
 _SCRATCH_SHARE = 1 / 32  # of the memory limit; larger arrays are in files
-_AT_ONCE = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
-"""how files are opened: to open a pipe without it would wait for its writer"""
+_AT_ONCE = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+"""how files are opened: to open a pipe without it would wait for its writer; links are not followed"""
+_CAN_TOUCH_LINKS = os.utime in os.supports_follow_symlinks
 NOT_AS_EXPECTED = (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError)
 """raised by reading JSON of unexpected form"""
 
@@ -105,12 +110,15 @@ class Store:
             self.root = root.expanduser().resolve()
         except RuntimeError as error:
             raise InputError(f"--store {root}: {error}") from None
+        except OSError as error:
+            raise refused(f"--store {root}: {str(error.strerror).lower()}") from None
         self.records = self.root / "records"
         self.locks = self.root / "locks"
         self.exports = self.root / "exports"
         self.running = self.root / "running"
         self._cache = f"{self.root}/cache"
         self._lease: Lease | None = None
+        self._is_claimed = False
 
     def __reduce__(self) -> Any:
         return Store, (self.root,)
@@ -131,25 +139,58 @@ class Store:
         """The file of its record."""
         return f"{self.records}/{record_name(artifact.stage, artifact.key)}"
 
+    def inside(self, *names: str, create: bool = False) -> Folder:
+        """A folder of the store, reached without following a link; errors as of `Folder.at`."""
+        return Folder.at(self.root, *names, create=create)
+
+    def check_owned(self) -> None:
+        """`InputError` where this user may not use the folder, see `texloom.pipelines.store.ownership`."""
+        ownership.check(self.root)
+
+    def _claim(self) -> None:
+        """Make an empty or new folder a store of this user; `InputError` where it is neither that nor one already.
+
+        Workers do not call it: the run that they work for has done so, and `check_identity` compares.
+        """
+        if not self._is_claimed and ownership.marked(self.root) is None:
+            self.root.mkdir(parents=True, exist_ok=True)
+            self.check_owned()
+            ownership.mark(self.root)
+        self._is_claimed = True
+
+    def adopt(self) -> None:
+        """Make a store that another user or machine made one of this user too; `InputError` if that fails."""
+        try:
+            ownership.refuse_links(self.root)
+            ownership.mark(self.root)
+        except OSError as error:
+            raise refused(f"--store {self.root}: cannot be written: {error.strerror}") from None
+
+    def ready(self, name: str) -> Path:
+        """A folder of the store to write to, which is made if need be."""
+        self._claim()
+        with self.inside(name, create=True):
+            return self.root / name
+
     def create(self) -> None:
         """Create the folders; `InputError` where that is not permitted."""
         try:
-            for name in ("cache", "checkpoints", "records", "locks", "history", "exports"):
-                (self.root / name).mkdir(parents=True, exist_ok=True)
+            self._claim()
+            with self.inside() as folder:
+                for name in ("cache", "checkpoints", "records", "locks", "history", "exports"):
+                    with folder.child(name, create=True):
+                        pass
             probe_folder(self.root)
+        except LinkError as error:
+            raise refused(f"--store {self.root}: {error.filename} {error.strerror}") from None
         except OSError as error:
             raise InputError(f"--store {self.root}: cannot be written: {error.strerror}") from None
         self.hold()
 
     def identity(self) -> str:
         """A unique name of this folder, by which processes on other machines recognise it."""
-        path = self.root / "identity"
-        if not path.exists():
-            self.create()
-            with self.lock("identity"):
-                if not path.exists():
-                    write_atomically(path, secrets.token_hex(16).encode())
-        return path.read_text()
+        self.create()
+        return (self.root / "identity").read_text()
 
     def check_identity(self, identity: str) -> None:
         """`InputError` unless this folder is the one that a run on another machine calls by the same path."""
@@ -165,12 +206,15 @@ class Store:
         import filelock
 
         path = self.locks / f"{name}.lock"
+        for one in (self.locks, path):  # `filelock` follows links, and empties the file
+            if one.is_symlink():
+                raise LinkError(str(one))
         return filelock.FileLock(path, timeout=timeout, thread_local=False, fallback_to_soft=False)
 
     @contextlib.contextmanager
     def used_by_run(self) -> Iterator[Lease]:
         """Keep what is used from now on from being removed by other processes, until the ``with`` block ends."""
-        with Lease(self.running) as lease:
+        with Lease(self.root) as lease:
             self._lease = lease
             try:
                 yield lease
@@ -180,7 +224,9 @@ class Store:
     def hold(self) -> None:
         """Take the lease of `used_by_run`, if there is one; called before a run writes anything."""
         if self._lease is not None:
-            self._lease.take()
+            with contextlib.suppress(OSError):  # then nothing can be written
+                self._claim()
+                self._lease.take()
 
     def check_writable(self) -> None:
         """`InputError` where `create` would fail; creates nothing."""
@@ -210,10 +256,8 @@ class Store:
 
     def write_record(self, name: str, content: bytes) -> None:
         """Write the record called ``name``, complete or not at all; its caller holds the lock of that name."""
-        temporary = self.records / f".new-{name}"
-        with named(self.records / name):
-            temporary.write_bytes(content)
-            temporary.replace(self.records / name)
+        with self.inside() as root, root.child("records") as folder:
+            folder.write(name, content, beside=root)  # a small folder, which the end of each run looks through
 
     def check_record(self, record: Mapping[str, Any], stage: str, key: str) -> Artifact:
         """The artifact of ``key`` by its record; `BrokenArtifactError` if it is another's or not complete.
@@ -244,7 +288,8 @@ class Store:
         """
         self.forget(stage.name, key)
         folder = self.folder(stage.name, key)
-        outputs, digest = _write(folder, result, {**provenance, "stage": stage.name, "key": key}, seconds)
+        with self.inside("cache", stage.name, create=True) as parent:
+            outputs, digest = _write(parent, key, result, {**provenance, "stage": stage.name, "key": key}, seconds)
         usage.add(self, folder)
         return Artifact(stage.name, key, str(folder), outputs, digest)
 
@@ -270,16 +315,28 @@ class Store:
 
     def forget(self, stage: str, key: str) -> None:
         """Remove the record, so that the result is computed again."""
-        remove(self.records / record_name(stage, key))
+        with contextlib.suppress(FileNotFoundError), self.inside("records") as folder:
+            folder.remove(record_name(stage, key))
 
     def drop_checkpoints(self, stage: str, key: str) -> None:
         """Remove the checkpoints of a step, whose result is complete."""
-        shutil.rmtree(self.root / "checkpoints" / stage / key, ignore_errors=True)
+        removal.remove_checkpoints(self.root, stage, key)
+
+    def remove(self, stage: str, key: str) -> bool:
+        """Remove a result, whose key the caller has locked; whether its folder is gone."""
+        outputs: Collection[str] = ()
+        with contextlib.suppress(BrokenArtifactError, *NOT_AS_EXPECTED):
+            outputs = dict((self.read_record(record_name(stage, key)) or {})["outputs"])
+        self.forget(stage, key)
+        with self.inside("cache", stage) as folder:
+            is_gone = removal.remove_result(folder, key, outputs)
+        self.drop_checkpoints(stage, key)
+        return is_gone
 
     def touch(self, artifact: Artifact, now: int) -> None:
         """Mark the artifact as used now, in ns since 1970, by the time of its record."""
         with contextlib.suppress(OSError):
-            os.utime(self.record(artifact), ns=(now, now))
+            os.utime(self.record(artifact), ns=(now, now), follow_symlinks=not _CAN_TOUCH_LINKS)
 
     def used(self, artifact: Artifact) -> float:
         """When it was used last, in seconds since 1970; if it has no record, when it was written; else 0."""
@@ -290,7 +347,7 @@ class Store:
 
     def checkpoints(self, stage: str, key: str) -> StoredCheckpoints:
         """The checkpoints of the step of ``key``."""
-        return StoredCheckpoints(self.root / "checkpoints" / stage / key, {"stage": stage, "key": key})
+        return StoredCheckpoints(self.root, stage, key)
 
     @contextlib.contextmanager
     def try_lock(self, stage: str, key: str) -> Iterator[bool]:
@@ -309,9 +366,9 @@ class Store:
 class StoredCheckpoints:
     """The checkpoints of one step, see `texloom.stages.checkpoints.Checkpoints`."""
 
-    def __init__(self, folder: Path, provenance: Mapping[str, Any]):
-        self.folder = folder
-        self.provenance = provenance
+    def __init__(self, root: Path, stage: str, key: str):
+        self.folder = root / "checkpoints" / stage / key
+        self._root, self._stage, self._key = root, stage, key
 
     def levels(self) -> list[int]:
         """The stored levels, highest first."""
@@ -327,57 +384,76 @@ class StoredCheckpoints:
 
     def save(self, level: int, state: Any) -> None:
         """Store ``state``; after a power failure it may be broken, and then an earlier one is the latest."""
-        provenance = {**self.provenance, "level": level}
-        _write(self.folder / f"{level:02d}", state, provenance, is_checkpoint=True)
+        provenance = {"stage": self._stage, "key": self._key, "level": level}
+        with Folder.at(self._root, "checkpoints", self._stage, self._key, create=True) as folder:
+            _write(folder, f"{level:02d}", state, provenance, is_checkpoint=True)
 
 
 def _write(
-    folder: Path, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0, is_checkpoint: bool = False
+    parent: Folder,
+    name: str,
+    result: Any,
+    provenance: Mapping[str, Any],
+    seconds: float = 0.0,
+    is_checkpoint: bool = False,
 ) -> tuple[dict[str, str], str]:
-    """File ``result`` as ``folder``; content digests of its outputs, and the manifest's.
+    """File ``result`` as a folder in ``parent``; content digests of its outputs, and the manifest's.
 
     A checkpoint is not flushed to the disk and has no previews.
     """
     from texloom.pipelines.store.outputs import outputs_of
 
     result = outputs_of(result)
-    with named(folder):
-        return _write_as(folder, result, provenance, seconds, is_checkpoint)
+    with named(f"{parent.path}/{name}"):
+        return _write_as(parent, name, result, provenance, seconds, is_checkpoint)
 
 
 def _write_as(
-    folder: Path, result: Any, provenance: Mapping[str, Any], seconds: float, is_checkpoint: bool
+    parent: Folder, name: str, result: Any, provenance: Mapping[str, Any], seconds: float, is_checkpoint: bool
 ) -> tuple[dict[str, str], str]:
     from texloom.pipelines.store import codec
 
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    prefix = f".new-{folder.name}-"
-    for left in folder.parent.glob(f"{prefix}*"):  # by a process that was killed, as the lock is ours
-        shutil.rmtree(left, ignore_errors=True)
-    temporary = folder.with_name(prefix + secrets.token_hex(4))
-    temporary.mkdir()
+    prefix = f".new-{name}-"
+    for left in parent.names():
+        if left.startswith(prefix):  # by a process that was killed, as the lock is ours
+            removal.remove_temporary(parent, left)
+    temporary = prefix + secrets.token_hex(4)
+    parent.mkdir(temporary)
+    folder = Path(parent.path, temporary)
     try:
         made = {"program": program_version(), **provenance}
-        names = codec.write(result, temporary, made, previews=not is_checkpoint)
+        names = codec.write(result, folder, made, previews=not is_checkpoint)
         # the digests of the outputs are computed while others wait for the disk
         work: list[Callable[[], Any]] = [functools.partial(codec.digests, result)]
-        work += [functools.partial(_entry, temporary / name, not is_checkpoint) for name in names]
+        work += [functools.partial(_entry, folder / file, not is_checkpoint) for file in names]
         outputs, *entries = run_all(lambda one: one(), [(one,) for one in work])
         files = dict(zip(names, entries, strict=True))
         times = {"created": _now(), "seconds": round(seconds, 3)}
         manifest = json.dumps({**made, **times, "outputs": outputs, "files": files}, indent=2).encode()
-        write_atomically(temporary / MANIFEST, manifest, not is_checkpoint)
+        write_atomically(folder / MANIFEST, manifest, not is_checkpoint)
         if not is_checkpoint:
-            _flush(temporary)
-        if folder.exists():  # broken, or it would not be computed again
-            shutil.rmtree(folder)
-        temporary.rename(folder)
+            _flush(folder)
+        _make_room(parent, name, outputs)
+        parent.rename(temporary, name)
         if not is_checkpoint:
-            _flush(folder.parent)
+            _flush(Path(parent.path))
     except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
+        removal.remove_temporary(parent, temporary)
         raise
     return outputs, hashlib.sha256(manifest).hexdigest()
+
+
+def _make_room(parent: Folder, name: str, outputs: Collection[str]) -> None:
+    """Remove what is in place of a result: it is broken, or it would not be computed again."""
+    status = parent.status(name)
+    if status is None:
+        return
+    if not stat.S_ISDIR(status.st_mode):
+        parent.unlink(name)
+    elif not removal.remove_result(parent, name, outputs):
+        raise OSError(
+            errno.ENOTEMPTY, "holds files that texloom did not write; move them away", f"{parent.path}/{name}"
+        )
 
 
 def _entry(path: Path, is_durable: bool) -> dict[str, Any]:

@@ -14,12 +14,13 @@ import stat
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from texloom.pipelines.store.store import Store
 
 _NAME = "size.json"
+_MOST = 4096  # bytes of it
 _MAX_AGE = 86400  # seconds since it was measured
 _BESIDE = 2000  # bytes: the record of a result, notes of its exports
 
@@ -27,7 +28,7 @@ _BESIDE = 2000  # bytes: the record of a result, notes of its exports
 def total(store: Store) -> int | None:
     """Bytes of the store, if it was measured within a day."""
     try:
-        content = json.loads((store.root / _NAME).read_bytes())
+        content = _read(store)
         size, measured = int(content["bytes"]), float(content["measured"])
     except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return None
@@ -45,19 +46,24 @@ def add(store: Store, path: Path) -> None:
         return
     written = size_of(path) + _BESIDE
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError), store.lock("size"):
-        content = json.loads((store.root / _NAME).read_bytes())
+        content = _read(store)
         _write(store, {**content, "bytes": content["bytes"] + written})
 
 
 def forget(store: Store) -> None:
     """Let the next run under a limit measure the store."""
-    (store.root / _NAME).unlink(missing_ok=True)
+    with store.inside() as folder:
+        folder.unlink_file(_NAME)
+
+
+def _read(store: Store) -> Any:
+    with store.inside() as folder:
+        return json.loads(folder.read(_NAME, _MOST))
 
 
 def _write(store: Store, content: dict[str, float]) -> None:
-    """Not atomic: half of it is no JSON, and measured anew."""
-    with contextlib.suppress(OSError):
-        (store.root / _NAME).write_text(json.dumps(content))
+    with contextlib.suppress(OSError), store.inside() as folder:
+        folder.write(_NAME, json.dumps(content).encode())
 
 
 def size_of(path: str | Path) -> int:

@@ -12,8 +12,11 @@ from pathlib import Path
 import click
 import uvicorn
 
-from texloom.pipelines.errors import refused
+from texloom.pipelines.errors import one_line, refused
 from texloom.pipelines.flow.runner import check_environment
+from texloom.pipelines.store.location import passed_over
+from texloom.pipelines.store.ownership import keeps_no_key
+from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.page import check_page
 from texloom.pipelines.studio.security import Codes, leading_to
 from texloom.pipelines.studio.server import application
@@ -74,9 +77,13 @@ def launch(folder: Path, store: Path, port: int, browser: bool) -> None:
     check_page()
     if not folder.is_dir():
         raise refused(f"{folder}: is not a folder")
+    opened = Store(store)
+    opened.check_owned()
+    for note in filter(None, (passed_over(opened.root), keeps_no_key())):
+        click.echo(one_line(note), err=True)
     with _listening(port) as listener, tempfile.TemporaryDirectory(prefix="texloom-studio-") as scratch:
         port = listener.getsockname()[1]
-        places = Places(folder=str(folder.resolve()), store=str(store.expanduser().resolve()), scratch=scratch)
+        places = Places(folder=str(folder.resolve()), store=str(opened.root), scratch=scratch)
         entrance = _Entrance(port, Path(scratch, "open.html") if browser else None)
         # Without the access log, which would show the codes.
         config = uvicorn.Config(

@@ -19,6 +19,7 @@ from texloom.pipelines.media.meshes import SUFFIXES
 from texloom.pipelines.media.shapes import SHAPES
 from texloom.pipelines.media.sources import Source, open_mesh, open_source
 from texloom.pipelines.store.atomic import file_digest, write_atomically
+from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.messages import Picture
 from texloom.stages.declare import InputError
 
@@ -44,6 +45,7 @@ class Library:
 
     def __init__(self, folder: Path, store: Path, **others: Path):
         roots = {"folder": folder, "dropped": store / "sources", "run": store / "runs", "shipped": _SHIPPED}
+        self._store = Store(store)
         self.roots = {scheme: root.resolve() for scheme, root in (roots | others).items()}
 
     def reference(self, picture: str) -> str:
@@ -105,10 +107,15 @@ class Library:
 
     # -- dropping
 
+    def dropped(self) -> Path:
+        """The folder of what was dropped, made if need be."""
+        self._store.ready("sources")
+        return self.roots["dropped"]
+
     def new_folder(self) -> Path:
         """A folder for files that are being received; `keep` or `discard` it."""
-        folder = self.roots["dropped"] / f".new-{secrets.token_hex(8)}"
-        folder.mkdir(parents=True)
+        folder = self.dropped() / f".new-{secrets.token_hex(8)}"
+        folder.mkdir()
         return folder
 
     def keep(self, received: Path, name: str) -> Picture:
@@ -144,6 +151,7 @@ class Library:
 
     def keep_document(self, content: bytes, name: str) -> str:
         """Keep a document that the page has made; its id."""
+        self.dropped()
         path = self._own(content) / f"{_PAINTED}{safe_name(name)}.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(path, content)

@@ -122,4 +122,4 @@ def _brightness(library: Library, texture: str) -> str:
     color = open_source("texture", library.reference(texture)).read().color
     luminance = color @ np.array([0.2126, 0.7152, 0.0722], np.float32)
     codes = Image(luminance[..., None], ("Y",)).srgb[..., 0]
-    return f"dropped:{Path(file_source(codes, library.roots['dropped'])).name}"
+    return f"dropped:{Path(file_source(codes, library.dropped())).name}"

@@ -80,7 +80,7 @@ def overrides_of(recipe: Recipe, library: Library) -> Overrides:
     if recipe.mask is not None:
         first = next(iter(sources))
         mask = library.reference(recipe.mask)
-        folder = library.roots.get("attached", library.roots["dropped"])
+        folder = library.roots.get("attached") or library.dropped()
         sources[first] = file_source(masked(sources[first], mask), folder)
     params = {name: json.dumps(value) for name, value in _params(recipe, library)}
     delivery = {"layout": recipe.layout} if recipe.layout else {}

@@ -35,6 +35,7 @@ from tests.conftest import ROOT
 from tests.docs.files import make_files
 from tests.docs.pages import DOCS, PAGES, label, shell_lines
 from texloom.pipelines.store import codec
+from texloom.pipelines.store.store import Store
 
 SHELLS = {"bash": ["bash", "-eu"], "zsh": ["zsh", "-feu"]}
 PROGRAMS = {
@@ -80,7 +81,7 @@ class Session:
         }.items():
             (folder / link).parent.mkdir(exist_ok=True)
             (folder / link).symlink_to(target)
-        (folder / "artifacts" / "cache").mkdir(parents=True)
+        Store(folder / "artifacts").create()
 
     def run(self, line: str) -> str:
         """Run a line of a page, and check what it prints and writes; its output."""

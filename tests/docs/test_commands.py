@@ -20,6 +20,7 @@ from tests.docs.pages import PAGES, blocks, commands, label, shell_lines
 from tests.docs.run_commands import PROGRAMS, SHELLS, session
 from texloom.pipelines.cli import main as cli
 from texloom.pipelines.engine import run, scheduler
+from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio import launch
 
 QUICK = {
@@ -40,7 +41,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("PREFECT_API_URL", "TEXLOOM_STORE"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "artifacts" / "cache").mkdir(parents=True)
+    Store(tmp_path / "artifacts").create()
     return tmp_path
 
 

@@ -1418,6 +1418,108 @@ def test_the_list_is_by_run(again: Path) -> None:
     assert {line.split()[0] for line in texloom("store", "ls").out.splitlines()[1:11]} <= set(stage_names())
 
 
+# -- whose store it is
+
+
+@pytest.fixture
+def project(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder of a project that has a folder ``artifacts`` of its own, with files of the user."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "user cache"))
+    for name in ("artifacts/runs/experiment1/a.txt", "artifacts/sources/data.csv", "user/thesis.txt"):
+        (folder / name).parent.mkdir(parents=True)
+        (folder / name).write_text("mine")
+        os.utime(folder / name, (1, 1))
+    return folder
+
+
+def test_a_folder_of_the_user_is_left_alone(project: Path) -> None:
+    before = tree(project / "artifacts")
+    ran = texloom("run", "flow.yaml", "--out", "out", "--json")
+    assert ran.code == 0
+    (note,) = ran.report["notes"]
+    store = project / "user cache" / "texloom" / "store"
+    assert (
+        note == f"artifacts holds other files and is left alone, results are in {store}; --store chooses a folder"
+    )
+    assert note in ran.err
+    assert ran.report["store"] == str(store)
+    pruned = texloom("store", "prune", "--days", "0")
+    assert (pruned.code, pruned.err) == (0, f"{note}\n")
+    assert tree(project / "artifacts") == before
+    shown = Path("artifacts")
+    assert_refused(
+        texloom("run", "flow.yaml", "--store", shown), "artifacts: holds files and is no store; give a new"
+    )
+    for command in ("ls", "verify", "prune"):
+        assert_refused(texloom("store", command, "--store", shown), "no store there")
+    assert_refused(texloom("store", "limit", "1GB", "--store", shown), "holds files and is no store")
+    assert_refused(texloom("store", "adopt"), "no store there")
+    assert tree(project / "artifacts") == before
+
+
+@pytest.mark.parametrize("formed", [False, True])
+def test_a_link_in_a_folder_that_came_with_a_project_deletes_nothing(project: Path, formed: bool) -> None:
+    """With settings that would remove everything at the end of each run."""
+    shutil.rmtree("artifacts")
+    Path("artifacts").mkdir()
+    Path("artifacts/runs").symlink_to(project / "user")
+    Path("artifacts/settings.json").write_text('{"limit": 1}')
+    for name in ("cache", "records") if formed else ():
+        (Path("artifacts") / name).mkdir()
+    assert texloom("run", "flow.yaml").code == 0
+    assert_refused(texloom("run", "flow.yaml", "--store", "artifacts"), "is a link")
+    assert Path("user/thesis.txt").read_text() == "mine"
+
+
+def test_a_store_of_another_user_is_adopted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+    assert texloom("run", "flow.yaml", "--out", "out").code == 0
+    assert texloom("store", "limit", "1GB").code == 0
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(folder / "config"))
+    remedy = f"`texloom store adopt --store {folder}/artifacts` takes it over"
+    for command in (["run", "flow.yaml"], ["plan", "flow.yaml"], ["store", "ls"], ["store", "prune"]):
+        assert_refused(texloom(*command, "--store", "artifacts"), remedy)
+    ran = texloom("run", "flow.yaml", "--json", "--out", "new")
+    assert "artifacts was made by another user or machine and is left alone" in ran.report["notes"][0]
+    assert set(ran.states.values()) == {"ran"}
+
+    adopted = texloom("store", "adopt")
+    assert adopted.code == 0
+    assert re.fullmatch(rf"{folder}/artifacts: 3 results and 0 other folders, [\d.]+ kB, taken over\n", adopted.out)
+    assert adopted.err.endswith(
+        "its limit of 1.0 GB was not set by this user and does not apply; `texloom store limit SIZE` sets one\n"
+    )
+    assert texloom("store", "adopt", "--json").report["adopted"] is False
+    ran = texloom("run", "flow.yaml", "--json", "--out", "new")
+    assert set(ran.states.values()) == {"cached"}
+    assert ran.report["notes"] == []
+    ran = texloom("run", "flow.yaml", "--json", "--out", "new", "--set", "edges.finest=3")
+    assert "does not apply" in ran.err
+    assert texloom("store", "limit", "--json").report == {"limit": None}
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["--out", "o" * 256],
+        ["--out", f"{'é' * 128}/out"],
+        ["--out", "o" * 255 + "/" + "p/" * 1900],
+        ["--out", "out", "--store", "s" * 256],
+    ],
+)
+def test_a_name_that_is_too_long_is_refused_before_anything_is_computed(folder: Path, options: list[str]) -> None:
+    before = tree(folder)
+    result = texloom("run", "flow.yaml", *options)
+    assert_refused(result, "bytes; ")
+    assert tree(folder) == before
+
+
+def test_the_longest_names_are_written(folder: Path) -> None:
+    name = "e" * 128 + ".png"
+    assert texloom("run", "flow.yaml", "--out", "o" * 255, "--export", f"{name}=edges.strength").code == 0
+    assert (folder / ("o" * 255) / name).is_file()
+
+
 def test_an_array_is_listed_without_its_digest(folder: Path) -> None:
     api.run("flow.yaml", {"exemplar": np.zeros((24, 24), np.uint8)}, store="store")
     rows = [line.split() for line in texloom("store", "ls", "--store", "store").out.splitlines()]

@@ -153,7 +153,9 @@ def read_only(monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
     def protect(folder: Path) -> None:
         def refusing(function: Callable[..., Any], writes: Callable[..., bool]) -> Callable[..., Any]:
             def call(path: Any, *arguments: Any, **options: Any) -> Any:
-                inside = isinstance(path, str | os.PathLike) and Path(path).is_relative_to(folder)
+                handle = options.get("dir_fd", options.get("src_dir_fd"))
+                place = path if handle is None else f"/proc/self/fd/{handle}/{path}"
+                inside = isinstance(place, str | os.PathLike) and Path(place).resolve().is_relative_to(folder)
                 if inside and writes(*arguments, **options):
                     raise OSError(errno.EROFS, os.strerror(errno.EROFS), str(path))
                 return function(path, *arguments, **options)

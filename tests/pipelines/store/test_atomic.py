@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from texloom.pipelines.store import atomic, codec
+from texloom.pipelines.store import codec, folders
 from texloom.pipelines.store.atomic import atomic_path, probe_folder, remove_abandoned, write_atomically
 from texloom.stages.arrays import Image
 
@@ -45,7 +45,7 @@ def test_what_is_being_written_stays(tmp_path: Path) -> None:
 
 def test_where_files_cannot_be_locked_old_ones_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As on Windows."""
-    monkeypatch.setattr(atomic, "_CAN_LOCK", False)
+    monkeypatch.setattr(folders, "_CAN_LOCK", False)
     (tmp_path / ".new-01234567-old").touch()
     os.utime(tmp_path / ".new-01234567-old", (0, 0))
     with atomic_path(tmp_path / "a.bin") as temporary:

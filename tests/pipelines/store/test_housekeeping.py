@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import multiprocessing
 import os
 import time
@@ -11,7 +12,7 @@ import filelock
 import pytest
 
 from tests.pipelines.store.results import KEY, STAGE, finished, result, write_record
-from texloom.pipelines.store import housekeeping, run_log, usage
+from texloom.pipelines.store import housekeeping, run_log, usage, written
 from texloom.pipelines.store.history import History
 from texloom.pipelines.store.record import record_name
 from texloom.pipelines.store.run_log import LoggedRun
@@ -54,6 +55,7 @@ def exports(store: Store, name: str = "flow-1") -> Path:
     folder = store.root / "runs" / name
     folder.mkdir(parents=True)
     (folder / "texture.png").write_bytes(bytes(1000))
+    written.add(store.root, name, {"texture.png": hashlib.sha256(bytes(1000)).hexdigest()})
     return folder
 
 

@@ -232,8 +232,9 @@ def test_three_runners_on_one_store_compute_each_step_once(tmp_path: Path) -> No
 def test_a_lock_outlives_no_process(tmp_path: Path) -> None:
     """SIGKILL in the middle of a step leaves no lock behind."""
     path = write_flow(tmp_path)
-    locks = open_run(path).store.locks
-    locks.mkdir(parents=True)
+    store = open_run(path).store
+    store.create()
+    locks = store.locks
     holder = subprocess.Popen(
         [
             sys.executable,

@@ -22,6 +22,7 @@ from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import MAX_RESTARTS, execute
 from texloom.pipelines.flow.model import Runner
 from texloom.pipelines.store import codec
+from texloom.pipelines.store.folders import Folder
 from texloom.pipelines.store.keep import keep_record
 from texloom.pipelines.store.record import SERIALIZER, decode_record, record_name
 from texloom.pipelines.store.store import (
@@ -186,13 +187,13 @@ def test_a_record_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch: py
     local(run, tmp_path / "out")
     path = next(run.store.records.iterdir())
     whole = path.read_bytes()
-    write = Path.write_bytes
+    fill = Folder.fill
 
-    def stops(self: Path, content: bytes) -> int:
-        write(self, content[:20])
+    def stops(self: Folder, name: str, handle: int, content: bytes, durable: bool) -> None:
+        fill(self, name, handle, content[:20], durable)
         raise OSError("full")
 
-    monkeypatch.setattr(Path, "write_bytes", stops)
+    monkeypatch.setattr(Folder, "fill", stops)
     with pytest.raises(OSError, match="full"):
         records.folder(run.store).write_path(path.name, whole)
     monkeypatch.undo()
