@@ -45,7 +45,7 @@ _before = contextlib.ExitStack()  # gives OpenEXR its settings back
 
 
 @contextlib.contextmanager
-def _set_up() -> Iterator[None]:
+def set_up() -> Iterator[None]:
     """Have OpenEXR use all threads, and a level of compression, inside the ``with`` block."""
     global _inside  # noqa: PLW0603 (the settings belong to the process)
     with _guard:
@@ -181,7 +181,7 @@ def _write(parts: list[Any], target: Path | BinaryIO) -> None:
     import OpenEXR
 
     try:
-        with _set_up():
+        with set_up():
             OpenEXR.File(parts).write(str(target) if isinstance(target, Path) else target)
     except RuntimeError as error:  # also on a full disk
         raise OSError(f"{target}: {error}") from None
@@ -234,7 +234,7 @@ def _parts(file: Path | BinaryIO, **options: bool) -> list[Any]:
     import OpenEXR
 
     try:
-        with _set_up():
+        with set_up():
             return list(OpenEXR.File(source, **options).parts)
     except RuntimeError:
         raise ValueError("not a whole EXR file") from None
