@@ -27,7 +27,6 @@ from texloom.stages.analysis.gaussian_stack import GaussianStackParams, gaussian
 from texloom.stages.analysis.jacobian_field import JacobianFieldParams, jacobian_field
 from texloom.stages.arrays import Image
 from texloom.stages.kernels.core.threads import thread_count
-from texloom.stages.libraries import single_threaded
 from texloom.stages.synthesis.per_pixel import PerPixelParams, flat, per_pixel
 from texloom.stages.synthesis.place_texture import PlaceTextureParams, place_texture
 
@@ -128,7 +127,7 @@ def main() -> None:
     options = parser.parse_args()
     side = options.side
     print(f"{thread_count()} threads, photograph of {side}x{side} px")
-    with tempfile.TemporaryDirectory() as folder, single_threaded():
+    with tempfile.TemporaryDirectory() as folder:
         geometry = Path(folder) / "geometry.json"
         corners = [[0, 0.3 * side], [0, 0.7 * side], [side - 1, side], [side - 1, 0]]
         region = [[0, 0], [0, side - 1], [side - 1, side - 1], [side - 1, 0]]

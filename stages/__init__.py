@@ -15,7 +15,6 @@ if TYPE_CHECKING:
 def __getattr__(name: str) -> DirectCall:
     if name.startswith("_"):  # Python and its tools look for such names
         raise AttributeError(name)
-    import texloom.stages.libraries  # noqa: F401 (before numpy is imported)
     from texloom.stages.direct import direct_call
 
     globals()[name] = call = direct_call(name)

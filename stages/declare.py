@@ -38,9 +38,7 @@ from typing import Annotated, Any, ParamSpec, TypeVar
 
 import pydantic
 
-from texloom.stages.libraries import import_jaxtyping
-
-import_jaxtyping()
+from texloom.stages.libraries import single_threaded
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -242,7 +240,7 @@ def stage(
         result = hints.pop("return")
         signature = inspect.signature(function).parameters
         inputs = {key: hint for key, hint in hints.items() if key not in RESERVED}
-        function = function if check is None else _checked(function, check, list(inputs))
+        function = single_threaded()(function if check is None else _checked(function, check, list(inputs)))
         _registry[name] = Stage(
             name=name,
             version=version,

@@ -15,7 +15,6 @@ import pydantic
 from texloom.stages.arrays import Image
 from texloom.stages.checkpoints import NoCheckpoints
 from texloom.stages.declare import InputError, Params, Stage, find_stage, first_problem, shipped_stages, stage_names
-from texloom.stages.libraries import single_threaded
 
 SEED = 7
 """of the random numbers, unless another is given"""
@@ -86,8 +85,7 @@ def _direct(stage: Stage) -> DirectCall:
         if has_params:
             values["params"] = chosen
         try:
-            with single_threaded():
-                return stage.function(**values)
+            return stage.function(**values)
         except InputError as error:
             raise InputError(f"{label}: {error}") from None
 

@@ -3,6 +3,8 @@
 import os
 import signal
 
+# Of NumPy and OpenCV, which read these when they are imported, here and in worker processes.
+_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
 
@@ -14,6 +16,7 @@ def _end(number: int, _: object) -> None:
 
 def main() -> None:
     """Run the command line and exit; signals are handled before anything is imported."""
+    os.environ |= dict.fromkeys(_ONE_THREAD, "1")
     for number in _WORDS:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _end)

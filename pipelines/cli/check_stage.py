@@ -16,7 +16,6 @@ from texloom.pipelines.store.types import Hint
 from texloom.stages.arrays import Image
 from texloom.stages.checkpoints import NoCheckpoints
 from texloom.stages.declare import InputError, Stage, find_stage
-from texloom.stages.libraries import single_threaded
 from texloom.stages.normals import NORMAL
 
 State = Literal["passed", "failed", "skipped"]
@@ -124,8 +123,7 @@ class _Subject:
             values["rng"] = np.random.default_rng(seed)
         if self.stage.uses_checkpoints:
             values["checkpoints"] = NoCheckpoints()
-        with single_threaded():
-            return self.stage.function(**values)
+        return self.stage.function(**values)
 
     def plain(self) -> Any:
         """The result of the exemplar, computed once."""

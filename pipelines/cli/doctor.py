@@ -99,7 +99,7 @@ def _processors() -> dict[str, Any]:
 
 
 def _kernels() -> dict[str, Any]:
-    from texloom.pipelines.engine.kernel_cache import kernel_folder
+    from texloom.stages.kernels.core.kernel_folder import kernel_folder
 
     folder = kernel_folder()
     files = [path for path in folder.rglob("*.nb?") if path.is_file()]

@@ -41,7 +41,6 @@ from texloom.pipelines.store.keep import keep_record
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, BrokenStoreError, Store
 from texloom.stages.declare import InputError
 from texloom.stages.kernels.core.threads import thread_count
-from texloom.stages.libraries import single_threaded
 
 T = TypeVar("T")
 
@@ -253,7 +252,7 @@ def _execute(
     try:
         while True:
             try:
-                with single_threaded(), run.store.used_by_run() as lease:
+                with run.store.used_by_run() as lease:
                     exports = _Attempt(run, executor, listener, out, submit_cached).exports()
                     if lease.is_taken:
                         _tidy(run.store, listener)

@@ -17,6 +17,8 @@ _tell: contextvars.ContextVar[Callable[[str], None] | None] = contextvars.Contex
 _guard = threading.Lock()
 _running: Counter[str] = Counter()
 """package to the number of tasks that are being computed"""
+_propagated: dict[str, bool] = {}
+"""package of tasks that are being computed to whether its logger passes records on else"""
 
 
 @contextlib.contextmanager
@@ -30,7 +32,7 @@ def logging_to(module: str, tell: Callable[[str], None]) -> Iterator[None]:
     with _guard:
         _running[package] += 1
         if _running[package] == 1:
-            _install(package)
+            _propagated[package] = _install(package)
     try:
         yield
     finally:
@@ -38,7 +40,7 @@ def logging_to(module: str, tell: Callable[[str], None]) -> Iterator[None]:
         with _guard:
             _running[package] -= 1
             if not _running[package]:
-                _remove(package)
+                _remove(package, _propagated.pop(package))
 
 
 class _TaskHandler(logging.Handler):
@@ -67,19 +69,21 @@ class _ShowWarning:
             tell(f"{category.__name__}: {message}")
 
 
-def _install(package: str) -> None:
-    logger = logging.getLogger(package)
-    logger.addHandler(_TaskHandler())
-    logger.propagate = False
+def _install(package: str) -> bool:
     if not isinstance(warnings.showwarning, _ShowWarning):
         warnings.showwarning = _ShowWarning(warnings.showwarning)
+    logger = logging.getLogger(package)
+    propagated = logger.propagate
+    logger.addHandler(_TaskHandler())
+    logger.propagate = False
+    return propagated
 
 
-def _remove(package: str) -> None:
+def _remove(package: str, propagated: bool) -> None:
     logger = logging.getLogger(package)
     for handler in list(logger.handlers):
         if isinstance(handler, _TaskHandler):
             logger.removeHandler(handler)
-    logger.propagate = True
+    logger.propagate = propagated
     if isinstance(warnings.showwarning, _ShowWarning):
         warnings.showwarning = warnings.showwarning.show

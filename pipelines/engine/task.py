@@ -12,7 +12,6 @@ import numpy as np
 import pydantic
 
 from texloom.pipelines.engine.events import Listener, Note, StepProgress
-from texloom.pipelines.engine.kernel_cache import keep_kernels
 from texloom.pipelines.engine.keys import KeyParts, generator, key_parts
 from texloom.pipelines.engine.stage_log import logging_to
 from texloom.pipelines.flow.model import Reference, Step
@@ -147,7 +146,6 @@ def run_task(
     threads : how many it may use; all if not given.
     listener : receives notes and progress.
     """
-    keep_kernels()
     began = time.perf_counter()
     with sharing(threads) if threads is not None else contextlib.nullcontext():
         with (

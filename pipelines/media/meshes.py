@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.util
 import io
@@ -9,7 +10,7 @@ import itertools
 import json
 import logging
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -144,11 +145,22 @@ def _check_faces(count: int) -> None:
         raise Refusal(f"has {count} faces; it {problem}")
 
 
+@contextlib.contextmanager
+def _unlogged(name: str) -> Iterator[None]:
+    """Without handlers, Python prints what a library logs."""
+    logger, handler = logging.getLogger(name), logging.NullHandler()
+    logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+
+
+@_unlogged("trimesh")
 def _by_trimesh(path: Path, suffix: str) -> list[np.ndarray]:
     """The corners of each object."""
     import trimesh
 
-    logging.getLogger("trimesh").addHandler(logging.NullHandler())
     content = path.read_bytes()
     options: dict[str, Any] = {"skip_materials": True}
     if suffix in ("glb", "gltf"):

@@ -10,8 +10,8 @@ import contextlib
 import ctypes
 import io
 import math
-from collections.abc import Mapping
-from functools import cache
+import threading
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -39,14 +39,43 @@ MAX_NAME = 255
 """bytes of a channel's name; OpenEXR truncates longer ones without an error"""
 
 
-@cache
-def _openexr() -> Any:
+_guard = threading.Lock()
+_inside = 0  # calls that have begun and not ended, on all threads
+_before = contextlib.ExitStack()  # gives OpenEXR its settings back
+
+
+@contextlib.contextmanager
+def set_up() -> Iterator[None]:
+    """Have OpenEXR use all threads, and a level of compression, inside the ``with`` block."""
+    global _inside  # noqa: PLW0603 (the settings belong to the process)
+    with _guard:
+        if not _inside:
+            _set()
+        _inside += 1
+    try:
+        yield
+    finally:
+        with _guard:
+            _inside -= 1
+            if not _inside:
+                _before.close()
+
+
+def _set() -> None:
     import OpenEXR
 
+    _before.callback(OpenEXR.set_global_thread_count, OpenEXR.global_thread_count())
     OpenEXR.set_global_thread_count(thread_count())
     with contextlib.suppress(AttributeError, OSError):  # builds may hide it
-        ctypes.CDLL(OpenEXR.__file__).exr_set_default_zstd_compression_level(_ZSTD_LEVEL)
-    return OpenEXR
+        library = ctypes.CDLL(OpenEXR.__file__)
+        _before.callback(library.exr_set_default_zstd_compression_level, _zstd_level(library))
+        library.exr_set_default_zstd_compression_level(_ZSTD_LEVEL)
+
+
+def _zstd_level(library: Any) -> int:
+    level = ctypes.c_int()
+    library.exr_get_default_zstd_compression_level(ctypes.byref(level))
+    return level.value
 
 
 def stored(name: str, plane: np.ndarray) -> Planes:
@@ -131,25 +160,29 @@ def _part(
     display: tuple[int, ...] | None = None,
     attributes: Mapping[str, Any] | None = None,
 ) -> Any:
-    openexr = _openexr()
+    import OpenEXR
+
     shape = next(iter(planes.values())).shape
     header = {
-        "type": openexr.tiledimage if is_tiled else openexr.scanlineimage,
-        "compression": getattr(openexr, f"{compression}_COMPRESSION"),
+        "type": OpenEXR.tiledimage if is_tiled else OpenEXR.scanlineimage,
+        "compression": getattr(OpenEXR, f"{compression}_COMPRESSION"),
         "displayWindow": _window(*(display or shape)),
         "dataWindow": _window(*shape),
     }
     if is_tiled:
-        header["tiles"] = _tiles(openexr)
+        header["tiles"] = _tiles()
     kept: Planes = {}
     for channel, plane in planes.items():
         kept |= stored(channel, plane)
-    return openexr.Part(header | dict(attributes or {}), kept, name)
+    return OpenEXR.Part(header | dict(attributes or {}), kept, name)
 
 
 def _write(parts: list[Any], target: Path | BinaryIO) -> None:
+    import OpenEXR
+
     try:
-        _openexr().File(parts).write(str(target) if isinstance(target, Path) else target)
+        with set_up():
+            OpenEXR.File(parts).write(str(target) if isinstance(target, Path) else target)
     except RuntimeError as error:  # also on a full disk
         raise OSError(f"{target}: {error}") from None
 
@@ -169,8 +202,10 @@ def _encoded(parts: list[Any]) -> tuple[int, list[chunks.Part], list[list[chunks
     )
 
 
-def _tiles(openexr: Any) -> Any:
-    tiles = openexr.TileDescription()
+def _tiles() -> Any:
+    import OpenEXR
+
+    tiles = OpenEXR.TileDescription()
     tiles.xSize = tiles.ySize = _TILE
     return tiles
 
@@ -196,8 +231,11 @@ def _parts(file: Path | BinaryIO, **options: bool) -> list[Any]:
     source = str(file) if isinstance(file, Path) else file
     if source is file:
         file.seek(0)
+    import OpenEXR
+
     try:
-        return list(_openexr().File(source, **options).parts)
+        with set_up():
+            return list(OpenEXR.File(source, **options).parts)
     except RuntimeError:
         raise ValueError("not a whole EXR file") from None
 
@@ -210,7 +248,9 @@ def data_size(header: Mapping[str, Any]) -> tuple[int, int]:
 
 def is_flat(header: Mapping[str, Any]) -> bool:
     """Whether a part has one sample a pixel, and not the lists of samples of deep images."""
-    return header["type"] in (_openexr().scanlineimage, _openexr().tiledimage)
+    import OpenEXR
+
+    return header["type"] in (OpenEXR.scanlineimage, OpenEXR.tiledimage)
 
 
 def load(path: Path, pixels: bool = True, largest: int | None = None) -> tuple[dict[str, Any], dict[str, Planes]]:

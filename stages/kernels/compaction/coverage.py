@@ -1,9 +1,9 @@
 """How much of a texture's clusters blocks would leave missing."""
 
-import numba
+from texloom.stages.kernels.core.compiled import compiled
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def missing_sums(distances, missing, totals):
     """Sum over the clusters of what each block, with those taken before it, lacks of them.
 

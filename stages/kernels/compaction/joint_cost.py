@@ -1,10 +1,11 @@
 """Visibility of the joints between a piece of a texture and the already synthesised region."""
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 
-@numba.njit(cache=True, nogil=True)
+
+@compiled
 def weighted_differences(planes, pieces, region, weights, totals):
     """Sum over the pixels of each piece of the squared difference from the already synthesised region, weighted.
 

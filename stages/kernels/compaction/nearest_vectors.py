@@ -3,15 +3,15 @@
 Vectors are held as in `texloom.stages.kernels.compaction.tree`.
 """
 
-import numba
 import numpy as np
 
 from texloom.stages.kernels.compaction.tree import vector_distance
+from texloom.stages.kernels.core.compiled import compiled
 
 _BATCH = 8  # vectors compared on one side before those on the other
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def nearest_vectors(wanted, given, numbers, nearest, first, last):
     """Find the nearest vector for those ``first`` to ``last`` of ``wanted``; of equals the one of lowest number.
 

@@ -8,9 +8,9 @@ texture's pixels, since steps of a pixel in a frame are no whole pixels; rounded
 import math
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.patchmatch.search import cross_step, square_step, wrap_index
 
 
@@ -36,7 +36,7 @@ class AngleSearch(NamedTuple):
     """px around a neighbourhood's match in the compaction that are searched"""
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def sample(texture, channels, row, column, into, start):
     """Interpolate ``texture``, (h, w * channels) int16, bilinearly at a place, into ``into`` from ``start`` on."""
     height, width = texture.shape[0], texture.shape[1] // channels
@@ -50,7 +50,7 @@ def sample(texture, channels, row, column, into, start):
         into[start + k] = np.int16(math.floor((1 - down) * above + down * under + 0.5))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _write_window(texture, channels, row, column, angle, size, into):
     """Write the neighbourhood around a pixel, in the frame of ``angle``, row by row."""
     middle = size // 2
@@ -64,7 +64,7 @@ def _write_window(texture, channels, row, column, angle, size, into):
             )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def oriented_windows(texture, channels, places, angle, size, out, first, last):
     """Fill entries ``first`` to ``last`` of ``out`` with the neighbourhoods around ``places``.
 
@@ -80,7 +80,7 @@ def oriented_windows(texture, channels, places, angle, size, out, first, last):
         _write_window(texture, channels, places[n, 0], places[n, 1], angle[n], size, out[n])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _difference(windows, at_row, at_column, size, own, bound):
     """Squared difference of a neighbourhood and that of ``windows`` at a place; any value if above ``bound``."""
     run = own.size // size
@@ -95,7 +95,7 @@ def _difference(windows, at_row, at_column, size, own, bound):
     return total
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _least_around(compaction, size, own, row, column, within, bound):
     """Least squared difference of ``own`` to the compaction's neighbourhoods within some px of a place.
 
@@ -114,7 +114,7 @@ def _least_around(compaction, size, own, row, column, within, bound):
     return best
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def refine_angles(texture, channels, compaction, search, places, match, mean, size, out, first, last):
     """Fill entries ``first`` to ``last`` of ``out`` with the angle at which each neighbourhood matches best.
 
@@ -157,7 +157,7 @@ def refine_angles(texture, channels, compaction, search, places, match, mean, si
         out[n] = centre
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def sample_sources(texture, source, values, first, last):
     """Fill rows ``first`` to ``last`` of ``values``, (H, W * channels) int16, with the texture at ``source``.
 
@@ -175,7 +175,7 @@ def sample_sources(texture, source, values, first, last):
             )
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def matched_distances(windows, others, match, out, first, last):
     """Fill entries ``first`` to ``last`` of ``out`` with squared distances of neighbourhoods and their matches.
 
@@ -193,7 +193,7 @@ def matched_distances(windows, others, match, out, first, last):
         out[n] = total
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def add_votes(windows, match, size, sums, votes):
     """Add the values of each neighbourhood to the compaction's pixels that it is matched with.
 
@@ -216,7 +216,7 @@ def add_votes(windows, match, size, sums, votes):
                 sums[row + i, first + k] += windows[n, i * run + k]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _continued(angle, row, column, dy, dx):
     """The place in the texture that lies (dy, dx) from another in its frame; the frames are of whole pixels."""
     at = angle[np.int64(row + np.float32(0.5)), np.int64(column + np.float32(0.5))]
@@ -225,7 +225,7 @@ def _continued(angle, row, column, dy, dx):
     return row + y * cosine + x * sine, column - y * sine + x * cosine
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _sample_continued(texture, row, column, dy, dx, into, start):
     """Sample the texture (dy, dx) from a place in its frame; whether that is in the texture."""
     height, width = texture.angle.shape
@@ -236,7 +236,7 @@ def _sample_continued(texture, row, column, dy, dx, into, start):
     return True
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _squared_difference(one, first, other, second, channels):
     """Of two pixels in rows of int16 values, float32."""
     total = np.float32(0)
@@ -246,7 +246,7 @@ def _squared_difference(one, first, other, second, channels):
     return total
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def oriented_seam_sum(texture, source, values):
     """How visible seams are, over all pairs of pixels side by side and one below the other; float64.
 
@@ -274,7 +274,7 @@ def oriented_seam_sum(texture, source, values):
     return total
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def choose_oriented_places(texture, objective, proposed, source, values):
     """Set the source of each compaction pixel in turn to the candidate of least cost.
 

@@ -5,9 +5,9 @@ Features are int16, pixels in rows of ``width * channels`` values. A neighbourho
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.patchmatch.search import PatchShape, cross_step, patch_distance, square_step, wrap_index
 
 
@@ -48,14 +48,14 @@ class Objective(NamedTuple):
     """the compaction is a torus"""
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@compiled(forceinline=True)
 def _distance(neighbourhoods, y, x, row, column, limit):
     """Distance of the neighbourhood of a grid point to one of the other picture; see `patch_distance`."""
     shape, features, others, step = neighbourhoods
     return patch_distance(shape, features, y * step, x * step, others, row, column, limit)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def improve_match(neighbourhoods, proposed, moved, match, distance, first, last):
     """Give neighbourhoods of grid rows ``first`` to ``last`` the better of their match and a proposal.
 
@@ -85,7 +85,7 @@ def improve_match(neighbourhoods, proposed, moved, match, distance, first, last)
                 match[0, y, x], match[1, y, x] = row, column
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def propagate_match(neighbourhoods, wrap, known, changed, match, distance, first, last):
     """Let neighbourhoods of grid rows ``first`` to ``last`` try the shifted matches of their four neighbours.
 
@@ -123,7 +123,7 @@ def propagate_match(neighbourhoods, wrap, known, changed, match, distance, first
                     match[0, y, x], match[1, y, x] = row, column
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@compiled(forceinline=True)
 def _is_among(tried, count, candidate):
     """Whether one of the first ``count`` of ``tried`` is ``candidate``, all int64; without branches."""
     found = False
@@ -132,7 +132,7 @@ def _is_among(tried, count, candidate):
     return found
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def match_by_coherence(neighbourhoods, source, candidates, moved, match, distance, first, last):
     """Match compaction neighbourhoods of rows ``first`` to ``last`` with the texture by k-coherence [Tong2002]_.
 
@@ -184,7 +184,7 @@ def match_by_coherence(neighbourhoods, source, candidates, moved, match, distanc
             distance[y, x] = best
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _add_neighbourhood(shape, pixels, row, column, sums, counts, to_row, to_column):
     """Add the pixels of a neighbourhood to ``sums`` and their number to ``counts``, both at another place."""
     channels, run = shape.channels, len(shape.run)
@@ -197,7 +197,7 @@ def _add_neighbourhood(shape, pixels, row, column, sums, counts, to_row, to_colu
             counts[to_row + i, to_column + j] += 1
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def scatter_votes(neighbourhoods, match, sums, counts, first, last):
     """Add the pixels of neighbourhoods of grid rows ``first`` to ``last`` to those they are matched with.
 
@@ -215,7 +215,7 @@ def scatter_votes(neighbourhoods, match, sums, counts, first, last):
                 _add_neighbourhood(shape, features, y * step, x * step, sums, counts, row, column)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def gather_votes(neighbourhoods, match, sums, counts):
     """Add the neighbourhoods that those of the compaction are matched with to its pixels.
 
@@ -231,7 +231,7 @@ def gather_votes(neighbourhoods, match, sums, counts):
             _add_neighbourhood(shape, others, match[0, y, x], match[1, y, x], sums, counts, y, x)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def pixel_difference(features, channels, row, column, other_row, other_column):
     """Squared difference of two pixels of (h, w * channels) int16, float32."""
     total = np.float32(0)
@@ -242,7 +242,7 @@ def pixel_difference(features, channels, row, column, other_row, other_column):
     return total
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _difference(texture, width, channels, row, column, other_row, other_column):
     """Squared difference of two texture pixels; 0 where one is outside."""
     height = texture.shape[0]
@@ -253,7 +253,7 @@ def _difference(texture, width, channels, row, column, other_row, other_column):
     return pixel_difference(texture, channels, row, column, other_row, other_column)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def seam(texture, width, channels, row, column, other_row, other_column, dy, dx):
     """How visible a seam is, between a pixel from (row, column) and one (dy, dx) beside from the other place.
 
@@ -265,7 +265,7 @@ def seam(texture, width, channels, row, column, other_row, other_column, dy, dx)
     return one + _difference(texture, width, channels, row, column, other_row - dy, other_column - dx)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def seam_sum(texture, channels, wrap, source):
     """Sum of `seam` over all pairs of pixels side by side and one below the other; float64."""
     total = 0.0
@@ -282,7 +282,7 @@ def seam_sum(texture, channels, wrap, source):
     return total
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@compiled(forceinline=True)
 def wanted_cost(features, objective, y, x, row, column):
     """Cost, float32, of how a texture pixel differs from what is wanted at the compaction's (y, x)."""
     channels = objective.wanted.shape[2]
@@ -293,7 +293,7 @@ def wanted_cost(features, objective, y, x, row, column):
     return cost * objective.weights[y, x]
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@compiled(forceinline=True)
 def _pixel_cost(features, objective, source, y, x, row, column, limit):
     """Cost of copying a texture pixel to the compaction's (y, x), float32; any value from ``limit`` on."""
     wanted, _, seam_weight, wrap = objective
@@ -313,7 +313,7 @@ def _pixel_cost(features, objective, source, y, x, row, column, limit):
     return cost
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def choose_pixels(texture, objective, active, source):
     """Set the source of each active compaction pixel in turn to the candidate of least cost.
 

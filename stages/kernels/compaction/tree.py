@@ -3,23 +3,23 @@
 Vectors are int16 of `DIMENSIONS` values, held as (2 n, `HALF`) so that one is two rows for `two_row_distance`.
 """
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.core.row_distance import two_row_distance
 from texloom.stages.kernels.core.vector_size import DIMENSIONS
 
 HALF = DIMENSIONS // 2
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@compiled(forceinline=True)
 def vector_distance(vectors, number, others, other):
     """Squared distance of a vector, by number, and another of ``others``, int64."""
     stride = np.uint64(DIMENSIONS)
     return two_row_distance(vectors, np.uint64(number) * stride, others, np.uint64(other) * stride, HALF)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def farthest_vector(vectors, number):
     """Number of the vector farthest from a given one, the first of equals, and their squared distance, int64."""
     at, largest = 0, np.int64(-1)
@@ -30,7 +30,7 @@ def farthest_vector(vectors, number):
     return at, largest
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def split_nodes(vectors, order, scratch, begin, count, bound, steps, means, medoid, distortion, left, first, last):
     """Split the nodes ``first`` to ``last`` in two by k-means [Wei2000]_.
 
@@ -115,7 +115,7 @@ def split_nodes(vectors, order, scratch, begin, count, bound, steps, means, medo
         members[:] = np.concatenate((members[sides == 0], members[sides == 1]))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def drop_vectors(vectors, child, means, leaf, first, last):
     """Set ``leaf[first:last]`` (int32) to the leaf that each vector falls into.
 
@@ -134,7 +134,7 @@ def drop_vectors(vectors, child, means, leaf, first, last):
         leaf[vector] = node
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def fold_sizes(parent, child, distortion, fold):
     """Fold up the inner node that costs least distortion for a leaf less, again and again (BFOS) [Gersho1992]_.
 
@@ -189,14 +189,14 @@ def fold_sizes(parent, child, distortion, fold):
             above = np.int64(parent[above])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _play(cost, winner, place):
     better = 2 * place if cost[2 * place] <= cost[2 * place + 1] else 2 * place + 1
     cost[place] = cost[better]
     winner[place] = winner[better]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _set_cost(cost, winner, half, node, value):
     cost[half + node] = value
     place = (half + node) // 2
@@ -205,7 +205,7 @@ def _set_cost(cost, winner, half, node, value):
         place //= 2
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def folded_into(parent, fold, leaves, owner):
     """Set ``owner`` (int32) to the leaf of the folded tree above each node; itself where it is not folded away.
 

@@ -1,9 +1,8 @@
 """Votes of a structured forest for the pixels that are contours."""
 
-import numba
 import numpy as np
 
-from texloom.stages.kernels.core.inner import inner
+from texloom.stages.kernels.core.compiled import compiled, inner
 
 NODE = np.dtype([("first", np.int32), ("second", np.int32), ("right", np.int32), ("threshold", np.float32)])
 """A node: from the patch's start in the channels, the value that is compared, and where that is a difference the
@@ -22,7 +21,7 @@ def _next_node(nodes, node, channels, start):
     return here.right - (not value >= here.threshold)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def add_votes(channels, row_step, step, patches, nodes, trees, bounds, bins, votes):
     """Let the patches that begin at every second pixel vote for pixels of the 16 x 16 at their centres.
 

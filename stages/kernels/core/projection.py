@@ -5,13 +5,13 @@ The library's matrix product would need a copy of each window, as long as the pr
 
 from typing import Any
 
-import numba
+import numba  # noqa: F401  # all of it before its parts, which other threads may be loading
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-import texloom.stages.kernels.core.numba_loading  # noqa: F401
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.core.vector_size import DIMENSIONS
 
 _LANES = (np.int8(0),) * DIMENSIONS
@@ -65,7 +65,7 @@ def _add_products(
     return signature, generate
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def project_windows(image, starts, size, run, basis, offset, longest, out, first, last):
     """Set rows ``first`` to ``last`` of ``out`` to windows of an image, projected, rounded towards zero.
 

@@ -1,15 +1,14 @@
 """Resampling: bilinear, and by cubic convolution (Catmull-Rom)."""
 
-import numba
 import numpy as np
 
-import texloom.stages.kernels.core.numba_loading  # noqa: F401
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.core.threads import run_all, spans
 
 _PIECES = 64  # of work that threads share
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _weights(t):
     """Weights of four pixels in a row for a position ``t`` px after the second, 0 <= t < 1."""
     square, cube = t * t, t * t * t
@@ -21,7 +20,7 @@ def _weights(t):
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def add_sample(pixels, row, column, share, out):
     """Add to ``out``, (c,), ``share`` times the picture's value at a place; beyond the picture that at its border.
 
@@ -47,7 +46,7 @@ def add_sample(pixels, row, column, share, out):
         out[channel] += share * min(max(value, low), high)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def bilinear(plane, row, column):
     """A plane's value between its entries; beyond it that at its border."""
     height, width = plane.shape
@@ -59,7 +58,7 @@ def bilinear(plane, row, column):
     return (1.0 - s) * upper + s * lower
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def sample(pixels, places, out):
     """Fill ``out`` with the picture's values at ``places``.
 
@@ -92,7 +91,7 @@ def sampled(pixels: np.ndarray, places: np.ndarray) -> np.ndarray:
     return values.reshape(*places.shape[:-1], -1)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def enlarge(grid, every, out, first, last):
     """Fill the rows of ``out`` from the ``first`` to the ``last`` row of a grid with the values between its own.
 

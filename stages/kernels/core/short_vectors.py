@@ -6,13 +6,13 @@ C-contiguous int16 arrays, named by their number; nothing is checked.
 
 from typing import Any
 
-import numba
+import numba  # noqa: F401  # all of it before its parts, which other threads may be loading
 import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-import texloom.stages.kernels.core.numba_loading  # noqa: F401
+from texloom.stages.kernels.core.compiled import compiled
 
 WIDTH = 8
 """values of a vector"""
@@ -32,7 +32,7 @@ def _address(
     return builder.inttoptr(address, ir.VectorType(_INT16, size).as_pointer())
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def paired(basis):
     """A basis as `sum_of_projections` reads it, (4 n, 16) int16, from one for each of n vectors, (8 n, 8) int16.
 
@@ -93,7 +93,7 @@ def sum_of_projections(
     return signature, generate
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True, _nrt=False)
+@compiled(forceinline=True, _nrt=False)
 def sum_of_eight(out, out_row, vectors, rows, basis, first):
     """`sum_of_projections` of eight rows in an array."""
     at = (rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7])

@@ -2,15 +2,16 @@
 
 import math
 
-import numba
 import numpy as np
+
+from texloom.stages.kernels.core.compiled import compiled
 
 _SPACING = 0.75  # standard deviations between samples
 _SIDE = 4  # samples on each side of the middle
 _SHARES = tuple(math.exp(-0.5 * (_SPACING * number) ** 2) for number in range(_SIDE + 1))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def blur_along(planes, jacobian, valid, sigma, axis, out, first, last):
     """Fill rows ``first`` to ``last`` of ``out``: a Gaussian mean along the line of the texture through each pixel.
 

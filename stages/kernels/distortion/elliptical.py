@@ -2,8 +2,9 @@
 
 import math
 
-import numba
 import numpy as np
+
+from texloom.stages.kernels.core.compiled import compiled
 
 _LARGEST = 256.0  # px of a footprint's axis
 _SUPPORT = 3.0  # px, of Lanczos' kernel
@@ -17,7 +18,7 @@ _INTEGRAL = np.append(0, np.cumsum(_LANCZOS[1:] + _LANCZOS[:-1]))
 _INTEGRAL /= 2 * _INTEGRAL[-1]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _entry(table, t):
     """A table's value at ``t``, 0 or more; beyond it the last."""
     place = min(t, _SUPPORT) * _PER_UNIT
@@ -26,7 +27,7 @@ def _entry(table, t):
     return (1 - share) * table[index] + share * table[index + 1]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _weight(t, width):
     """Lanczos' kernel at ``t`` px, averaged over a ``width``."""
     if width < _NARROW:
@@ -36,7 +37,7 @@ def _weight(t, width):
     return (math.copysign(_entry(_INTEGRAL, abs(after)), after) - first) / width
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _footprint(a, b, c, d):
     """Entries of the symmetric matrix whose ellipse is that of [[a, b], [c, d]], with axes of at least a px."""
     p, q, r = a * a + b * b, a * c + b * d, c * c + d * d
@@ -48,7 +49,7 @@ def _footprint(a, b, c, d):
     return short + share * (p - minor), share * q, short + share * (r - minor)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def sample_ellipses(pixels, usable, positions, footprints, out):
     """Fill ``out`` with the picture at ``positions``, each a mean under its footprint.
 

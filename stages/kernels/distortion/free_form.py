@@ -4,11 +4,12 @@ A lattice of ``m - 3`` by ``n - 3`` cells has (m, n) control points, one row and
 beyond it. One that wraps around has as many control points as cells.
 """
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 
-@numba.njit(cache=True, nogil=True)
+
+@compiled
 def _place(position, low, spacing, cells, wrap):
     """The cell along one axis that holds a position, and the weights of the four control points around it."""
     at = (position - low) / spacing
@@ -25,7 +26,7 @@ def _place(position, low, spacing, cells, wrap):
     return cell, (first, second, third, t * t * t / 6.0)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def approximate(positions, values, low, spacing, wrap, control):
     """Fill a control lattice so that its spline comes near to scattered values.
 
@@ -64,7 +65,7 @@ def approximate(positions, values, low, spacing, wrap, control):
                 control[i, j] /= total[i, j]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def deform(control, low, spacing, wrap, positions):
     """Add to each of ``positions`` the spline's value there; beyond the box that at its border.
 

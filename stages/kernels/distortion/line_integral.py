@@ -1,10 +1,11 @@
 """Line integral convolution: noise averaged along a field, which makes the field visible."""
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 
-@numba.njit(cache=True, nogil=True)
+
+@compiled
 def convolve_lines(noise, direction, length, out, first, last):
     """Fill rows ``first`` to ``last`` of ``out`` with the mean of ``noise`` along the field line of each pixel.
 

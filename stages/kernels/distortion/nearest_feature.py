@@ -2,13 +2,14 @@
 
 import math
 
-import numba
 import numpy as np
+
+from texloom.stages.kernels.core.compiled import compiled
 
 _MAX_ROUNDS = 6
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _square(inverse, row, column, source):
     """Squared length in texture of the straight line from a pixel to another, by Simpson's rule."""
     width = inverse.shape[1]
@@ -21,7 +22,7 @@ def _square(inverse, row, column, source):
     return down * down + across * across
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _closer(nearest, square, inverse, row, column, side_row, side_column):
     """Let a pixel take the feature of a neighbour, if that is nearer than its own; whether it is."""
     at_row, at_column = row + side_row, column + side_column
@@ -37,7 +38,7 @@ def _closer(nearest, square, inverse, row, column, side_row, side_column):
     return False
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def spread(nearest, square, inverse):
     """Propagate the nearest feature to all pixels, by sweeps down and up until none changes, at most six times.
 
@@ -64,7 +65,7 @@ def spread(nearest, square, inverse):
             break
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def walk(features, jacobian, axis, farthest, out, first, last):
     """Fill rows ``first`` to ``last`` of ``out`` with the distance to features' border along an axis of texture.
 

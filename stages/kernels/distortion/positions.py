@@ -1,12 +1,12 @@
 """Positions in a photograph of the pixels of its flat texture."""
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.core.resample import add_sample
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def find_positions(chart, jacobian, sharp, steps, most, position, shown, first, last):
     """Improve rows ``first`` to ``last`` of ``position`` by Newton's method.
 

@@ -6,9 +6,9 @@ away. Offsets are advected a step at a time along the Jacobians, by the midpoint
 
 import math
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.core.short_vectors import paired, sum_of_eight
 
 _SIDE = 2  # samples on each side of a window's middle
@@ -24,12 +24,12 @@ MARGIN = TILE + 1
 """px that planes are continued beyond the border, to read a tile at once"""
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@compiled(forceinline=True)
 def _nearest(value, size):
     return int(min(max(value + 0.5, 0.0), size - 0.5))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _advect(jacobian, row, column, down, across, step):
     """The row and column so many steps down and across the texture from another, taken a step at a time."""
     height, width = jacobian.shape[:2]
@@ -47,14 +47,14 @@ def _advect(jacobian, row, column, down, across, step):
     return row, column
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _is_set(flags, row, column):
     """Whether the pixel nearest to a position is in the picture and set in ``flags``."""
     r, c = math.floor(row + 0.5), math.floor(column + 0.5)
     return 0 <= r < flags.shape[0] and 0 <= c < flags.shape[1] and flags[r, c]
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@compiled(forceinline=True)
 def _add_sample(planes, row, column, out, at):
     """Put the picture's values between pixels into ``out`` from ``at`` on; beyond the border those at it."""
     height, width, channels = planes.shape
@@ -70,7 +70,7 @@ def _add_sample(planes, row, column, out, at):
         out[at + c] = (one - p) * upper + p * lower
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def least_stretch(jacobian, used, first, last):
     """The smallest singular value, at most 1, of the Jacobians of the ``used`` pixels of some rows.
 
@@ -90,7 +90,7 @@ def least_stretch(jacobian, used, first, last):
     return math.sqrt(max(least, 0.0))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def whole_windows(valid, jacobian, step, reach, every, out, first, last):
     """Fill whether all positions around every ``every``-th pixel of every ``every``-th row are valid.
 
@@ -113,7 +113,7 @@ def whole_windows(valid, jacobian, step, reach, every, out, first, last):
             out[i, j] = whole
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def gather_windows(planes, jacobian, places, step, out):
     """Lay out the windows around some pixels.
 
@@ -136,7 +136,7 @@ def gather_windows(planes, jacobian, places, step, out):
                 at += channels
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _even_side(jacobian, top, left):
     """Side of the parts of a tile within which steps hardly vary."""
     height, width = jacobian.shape[:2]
@@ -157,7 +157,7 @@ def _even_side(jacobian, top, left):
     return side
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _read_tile(planes, known, sharp, top, left, shape, offset, mean, at, windows, used, missing, blurred):
     """Fill the samples at an offset from all pixels of a tile less the mean, 0 where unknown.
 
@@ -202,7 +202,7 @@ def _read_tile(planes, known, sharp, top, left, shape, offset, mean, at, windows
                 out[lane] *= used[at, lane]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _project_all(windows, basis, products, lanes):
     """Fill ``products``, (8, n), with those of the windows, (values, n), and the basis."""
     products[:, :lanes] = 0
@@ -213,7 +213,7 @@ def _project_all(windows, basis, products, lanes):
                 sums[lane] += factor * values[lane]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _fill_gram(basis, used, doubt, channels, matrix):
     """Fill the lower half with products of the basis over known samples, and ``doubt`` added on the diagonal."""
     for k in range(_COMPONENTS):
@@ -227,7 +227,7 @@ def _fill_gram(basis, used, doubt, channels, matrix):
                         matrix[k, m] += basis[j, k] * basis[j, m]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _solve(matrix, right):
     """Replace ``right`` by the solution of ``matrix`` x = ``right``: Cholesky, from the lower half."""
     size = right.size
@@ -247,7 +247,7 @@ def _solve(matrix, right):
         right[i] /= matrix[i, i]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def describe_windows(
     planes,
     jacobian,
@@ -320,7 +320,7 @@ def describe_windows(
                     seen[row, column] = blurred[lane] == 0
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def gather_neighbours(appearance, jacobian, places, step, out):
     """Lay out the appearances one step away from some pixels.
 
@@ -340,7 +340,7 @@ def gather_neighbours(appearance, jacobian, places, step, out):
                 out[index, _COMPONENTS * side + k] = appearance[r, c, k]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def describe_neighbourhoods(appearance, seen, jacobian, described, step, basis, every, out, whole, first, last):
     """Fill rows ``first`` to ``last`` of ``out`` with the components of each ``every``-th pixel's neighbourhood.
 
@@ -371,7 +371,7 @@ def describe_neighbourhoods(appearance, seen, jacobian, described, step, basis, 
                 whole[i, j] = complete
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def interpolate(grid, every, out, first, last):
     """Fill rows ``first`` to ``last`` of ``out`` with what is between the values of every ``every``-th pixel.
 
@@ -394,7 +394,7 @@ def interpolate(grid, every, out, first, last):
                 out[y, x, k] = above + p * (below - above)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def follow(targets, every, whole, jacobian, out, first, last):
     """Fill rows ``first`` to ``last`` of ``out`` with each pixel's target, offset from that of its block's first.
 
@@ -424,7 +424,7 @@ def follow(targets, every, whole, jacobian, out, first, last):
                     out[y, x] = _nearest(row, height) * width + _nearest(column, width)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def describe_whole(appearance, sides, margin, nearest_valid, jacobian, step, every, far, values, first, last):
     """Fill rows ``first`` to ``last`` of blocks of ``values``, see `texloom.stages.kernels.per_pixel.correction`.
 

@@ -4,17 +4,17 @@ Places are numbered row by row. Members of sets are row << bits | column, where 
 far two are apart needs no division then. Vectors are held as in `texloom.stages.kernels.compaction.tree`.
 """
 
-import numba
 import numpy as np
 
 from texloom.stages.kernels.compaction.tree import HALF, vector_distance
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.patchmatch.search import cross_step
 
 NONE = 2**31 - 1
 """distance of an empty entry"""
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@compiled(forceinline=True)
 def _insert(candidates, distance, place, d, bits, min_separation):
     """Add ``place``, nearer than the last of a set that is sorted by distance, unless a better one is too close.
 
@@ -44,7 +44,7 @@ def _insert(candidates, distance, place, d, bits, min_separation):
         at += 1
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def cluster_candidates(
     vectors, members, begin, across, bits, min_separation, most, candidates, distance, first, last
 ):
@@ -91,7 +91,7 @@ def cluster_candidates(
                     _insert(own, own_distance, packed[start + j * step], d, bits, min_separation)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def propagate_candidates(vectors, down, across, bits, min_separation, known, candidates, distance, first, last):
     """Improve the sets of the places of rows ``first`` to ``last`` by the shifted candidates of their neighbours.
 

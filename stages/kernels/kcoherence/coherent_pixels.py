@@ -2,8 +2,9 @@
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
+
+from texloom.stages.kernels.core.compiled import compiled
 
 
 class Exemplar(NamedTuple):
@@ -32,14 +33,14 @@ class Result(NamedTuple):
     """(H, W) bool"""
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _soften(pixels, row, column, source, source_row, source_column):
     """Replace a pixel by its mean with one of ``source``."""
     for k in range(pixels.shape[2]):
         pixels[row, column, k] = np.float32(0.5) * (pixels[row, column, k] + source[source_row, source_column, k])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def resynthesise(order, done, radius, wrap, soften, exemplar, result):
     """Choose the pixels in ``order``, each the best continuation of the valid pixels around it.
 

@@ -1,10 +1,11 @@
 """Local search: candidates are replaced by better ones around them."""
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 
-@numba.njit(cache=True, nogil=True)
+
+@compiled
 def search_around(vectors, own, places, reach, first, last):
     """Replace the candidates of the vectors ``first`` to ``last`` by the most similar ones around them.
 

@@ -2,21 +2,21 @@
 
 import math
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.core.resample import bilinear
 from texloom.stages.kernels.patchmatch.search import random_bits
 
 _UNIT = 1.0 / 9007199254740992.0  # of 53 random bits
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _uniform(key, position, counter):
     return np.float64(random_bits(key, position, counter) >> np.uint64(11)) * _UNIT
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def draw_displacements(tables, step, neighbours, grid, most, rounds, key, moves):
     """Visit all vertices ``rounds`` times, each time drawing the displacement of one, given its neighbours.
 

@@ -1,10 +1,11 @@
 """How well a lattice of displacements explains a density of offsets."""
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 
-@numba.njit(cache=True, nogil=True)
+
+@compiled
 def lattice_sums(density, mass, penalty, first, second, sums):
     """Fill ``sums`` with scores of the lattice points within the density's box, without the origin.
 

@@ -2,13 +2,13 @@
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.core.resample import add_sample, bilinear
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _ramp(share, zone):
     """The neighbouring cell that is blended in, as a step -1, 0 or 1, and its weight; ``share`` is in 0..1."""
     if 2 * share < zone:
@@ -44,7 +44,7 @@ class Textons(NamedTuple):
     """(2,) float64, width of the zones in which cells are blended, as a share of the cell"""
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def lay_textons(pixels, source, places, lattice, textons, out, match):
     """Fill ``out`` with the textons at ``places`` of a regular lattice, blended linearly across borders of cells.
 

@@ -1,12 +1,12 @@
 """Votes that are copied: every target pixel takes one of the exemplar pixels that the patches over it propose."""
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.patchmatch.search import wrap_index
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def copy_votes(votes, target, reach, source, first, last):
     """Fill ``source[first:last]`` with the proposal whose surroundings are most like those of the target pixel.
 

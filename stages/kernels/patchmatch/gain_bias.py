@@ -8,9 +8,9 @@ integers, so results do not depend on the order of summation.
 import math
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.patchmatch.search import cross_step, random_bits, wrap_index
 
 _COLORS = 3
@@ -59,7 +59,7 @@ class Scan(NamedTuple):
     """uint64, of the random numbers"""
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _gain_and_bias(target, exemplar, limits, channel, y, x, r, c):
     """Gain and bias by which an exemplar patch gets mean and deviation of a target patch, within limits."""
     deviation = exemplar.deviation[channel, r, c]
@@ -72,7 +72,7 @@ def _gain_and_bias(target, exemplar, limits, channel, y, x, r, c):
     return gain, shift + (1 - gain) * mean
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@compiled(forceinline=True)
 def _product(run, one, y, x, other, r, c):
     """Sum of the products of two patches of planes, int64."""
     size = len(run)
@@ -86,7 +86,7 @@ def _product(run, one, y, x, other, r, c):
     return total
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def fitted_distance(run, target, exemplar, limits, y, x, r, c, limit):
     """Squared difference of a target patch and a fitted exemplar patch; anything at or above ``limit`` once there.
 
@@ -129,7 +129,7 @@ def fitted_distance(run, target, exemplar, limits, y, x, r, c, limit):
     return max(total, 0.0)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def fitted_distances(run, target, exemplar, limits, row, column, distance, first, last):
     """Fill rows ``first`` to ``last`` of ``distance``, float64, with the distances of target patches to matches."""
     for y in range(first, last):
@@ -139,7 +139,7 @@ def fitted_distances(run, target, exemplar, limits, row, column, distance, first
             )
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@compiled(forceinline=True)
 def _neighbour_match(row, column, y, x, dy, dx, wrap):
     """The exemplar patch that continues the match of the target patch (dy, dx) beside; -1, -1 if there is none."""
     ny, nx = wrap_index(y + dy, row.shape[0], wrap), wrap_index(x + dx, row.shape[1], wrap)
@@ -148,7 +148,7 @@ def _neighbour_match(row, column, y, x, dy, dx, wrap):
     return np.int64(row[ny, nx]) - dy, np.int64(column[ny, nx]) - dx
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def fitted_sweep(run, target, exemplar, limits, row, column, distance, allowed, scan, first, last):
     """One scan of PatchMatch over the target patches of rows ``first`` to ``last``.
 
@@ -212,7 +212,7 @@ def fitted_sweep(run, target, exemplar, limits, row, column, distance, allowed, 
     return changed
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def fit_matches(target, exemplar, limits, row, column, gain, bias, first, last):
     """Fill rows ``first`` to ``last`` of ``gain`` and ``bias``, (3, p, q) float32, with those of the matches."""
     for y in range(first, last):
@@ -224,7 +224,7 @@ def fit_matches(target, exemplar, limits, row, column, gain, bias, first, last):
                 gain[channel, y, x], bias[channel, y, x] = own, added
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def fitted_votes(row, column, plane, gain, bias, window, wrap, sums, first, last):
     """Fill rows ``first`` to ``last`` of ``sums`` with the weighted sum of all votes for each pixel of a plane.
 

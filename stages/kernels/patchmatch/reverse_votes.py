@@ -2,8 +2,7 @@
 
 from typing import Any, NamedTuple
 
-import numba
-
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.patchmatch.search import wrap_index
 
 
@@ -25,7 +24,7 @@ class ReverseVotes(NamedTuple):
     """the target is a torus of p rows; else it has p + patch_size - 1"""
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def reverse_vote_sums(votes, window, line_window, top, sums, weights, first, last):
     """Fill rows ``first`` to ``last`` of ``sums`` with the weighted sum of the votes, and ``weights`` with theirs.
 

@@ -7,10 +7,9 @@ results do not depend on the processor. A correspondence is two int32 arrays ``r
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
-from texloom.stages.kernels.core.inner import inner
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.core.row_distance import row_distance, two_row_distance
 
 _DRAWS = 5  # positions drawn for one random try until one passes the limit on the occurrence penalty
@@ -88,7 +87,7 @@ class Scan(NamedTuple):
     propose something new"""
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def random_bits(key, position, counter):
     """64 random bits that depend on nothing but the arguments (the finaliser of SplitMix64)."""
     bits = key + np.uint64(position) * np.uint64(0x9E3779B97F4A7C15)
@@ -98,7 +97,7 @@ def random_bits(key, position, counter):
     return bits ^ (bits >> np.uint64(31))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def count_matches(row, column, counts):
     """Add to ``counts``, int64, how often each exemplar patch is a match, by ``row`` and ``column``, int32."""
     for y in range(row.shape[0]):
@@ -106,7 +105,7 @@ def count_matches(row, column, counts):
             counts[row[y, x], column[y, x]] += 1
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def count_moves(moves, counts):
     """Update ``counts`` by what `sweep` returns."""
     flat = counts.reshape(counts.size)
@@ -115,7 +114,7 @@ def count_moves(moves, counts):
         flat[moves[k, 1]] += 1
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def occurrence_penalty(counts, patch_size, penalty_per_use, penalty):
     """Fill ``penalty`` with the occurrence map's mean over each exemplar patch, times ``penalty_per_use``.
 
@@ -156,7 +155,7 @@ def occurrence_penalty(counts, patch_size, penalty_per_use, penalty):
             total[x] += below[x] - above[x]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def match_energy(row, column, distance, penalty, first, last):
     """Sums of the distances and of the penalties of the matches of rows ``first`` to ``last``, int64."""
     energy, penalised = np.int64(0), np.int64(0)
@@ -219,7 +218,7 @@ def _distance_beside(shape, target, target_row, target_column, exemplar, row, co
     )  # fmt: skip
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def match_distances(shape, target, exemplar, first, last):
     """Fill rows ``first`` to ``last`` of ``target.distance``; their sum, int64.
 
@@ -243,7 +242,7 @@ def match_distances(shape, target, exemplar, first, last):
     return all_distances
 
 
-@numba.njit(cache=True, nogil=True, forceinline=True)
+@compiled(forceinline=True)
 def wrap_index(index, size, wrap):
     """An index at most ``size`` beyond an axis, on a torus wrapped around, else -1 where there is nothing."""
     if 0 <= index < size:
@@ -253,13 +252,13 @@ def wrap_index(index, size, wrap):
     return index + size if index < 0 else index - size
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def cross_step(number):
     """Rows and columns to one of the four neighbours of a pixel: above, left, below, right."""
     return (number - 1 if number % 2 == 0 else 0), (number - 2 if number % 2 == 1 else 0)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def square_step(number):
     """Rows and columns to one of the 3x3 pixels around a pixel, which itself is the first."""
     return (number + 4) % 9 // 3 - 1, (number + 4) % 9 % 3 - 1
@@ -287,7 +286,7 @@ def _is_coherent(row, column, y, x, wrap):
     return True
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def _below(bits, count):
     """A number from 0 to ``count`` - 1 from the lower 32 of random bits, without a division, which is slow."""
     return np.int64((bits & np.uint64(0xFFFFFFFF)) * np.uint64(count) >> np.uint64(32))
@@ -307,7 +306,7 @@ def _random_near(penalty, row, column, radius, limit, key, position, counter):
     return np.int64(-1), np.int64(-1)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def sweep(shape, target, exemplar, scan, first, last):
     """One scan of PatchMatch over the target patches of rows ``first`` to ``last``.
 

@@ -2,10 +2,9 @@
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 
-from texloom.stages.kernels.core.inner import inner
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.patchmatch.search import wrap_index
 
 
@@ -24,7 +23,7 @@ class Votes(NamedTuple):
     """the target is a torus of (p, q) >= patch_size - 1 pixels; else it has (p, q) + patch_size - 1 pixels"""
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def find_runs(votes, longest, first, last):
     """Find runs of patches side by side whose matches are side by side, of those over rows ``first`` to ``last``.
 
@@ -67,7 +66,7 @@ def find_runs(votes, longest, first, last):
     return runs, count
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def vote_sums(votes, shares, down, runs, count, sums):
     """Fill ``sums`` with the weighted sum of all votes for each target pixel of some rows, by runs of patches.
 
@@ -108,7 +107,7 @@ def vote_sums(votes, shares, down, runs, count, sums):
                 sums[y, m] += sums[y, across * channels + m]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")  # a test for zero would prevent vectors
+@compiled(error_model="numpy")  # a test for zero would prevent vectors
 def round_votes(sums, weights_across, weights_down, target, first, last):
     """Set rows ``first`` to ``last`` of the int16 ``target`` to the votes' mean; halves are rounded up.
 
@@ -124,7 +123,7 @@ def round_votes(sums, weights_across, weights_down, target, first, last):
             target[y, k] = np.int16(np.floor((2.0 * line[k] + weight) / (2.0 * weight)))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def weighted_values(exemplar, bins, excess, table, first, last):
     """Fill rows ``first`` to ``last`` of the exemplar in ``table`` with what a vote for each pixel adds.
 
@@ -156,7 +155,7 @@ def _bin(value, low, step, count):
     return np.int64(min(max((np.float32(value) - low) / step, np.float32(0)), np.float32(count - 1)))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def count_bins(values, lows, widths, counts):
     """Add the histograms of ``values``, (h, w * channels) int16, to ``counts``; see `histogram_votes`."""
     channels = lows.size
@@ -166,7 +165,7 @@ def count_bins(values, lows, widths, counts):
                 counts[c, _bin(values[y, x * channels + c], lows[c], widths[c], counts.shape[1])] += 1
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def surplus(counts, wanted):
     """How far ``counts`` exceed ``wanted``, both (channels, bins), float32; 0 where they do not."""
     excess = np.empty(counts.shape, np.float32)
@@ -201,7 +200,7 @@ def _add_runs(votes, shares, runs, count, place, line):
             line[m] += line[across * channels + m]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def histogram_votes(
     votes, shares, runs, count, lows, widths, rows, stops, target, counts, wanted, exemplar, bins, is_filled
 ):

@@ -1,10 +1,11 @@
 """The control of a result at every level: means of 2x2 pixels, and integers to compare with."""
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 
-@numba.njit(cache=True, nogil=True)
+
+@compiled
 def halve(fine, coarse, left, right, top, bottom):
     """Fill rows ``top`` to ``bottom`` and columns ``left`` to ``right`` of the next coarser level.
 
@@ -23,7 +24,7 @@ def halve(fine, coarse, left, right, top, bottom):
                 coarse[y, x, k] = np.float32(0.25) * total
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def place_control(planes, given, origin_row, origin_column, strength, left, right, top, bottom):
     """Fill rows ``top`` to ``bottom`` and columns ``left`` to ``right`` of the control given to a level.
 

@@ -9,9 +9,9 @@ References
 [LefebvreHoppe2005]_ sections 3 and 4; [LefebvreHoppe2006]_ section 3.
 """
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.core.short_vectors import (
     copy_eight,
     fetch_early,
@@ -42,7 +42,7 @@ _MATRIX = (0,) * 4
 _UNCHANGED = (2**31, 0, 2**31, 0)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def describe(appearance, sides, margin, step, values, first, last):
     """Fill rows ``first`` to ``last`` of the exemplar's pixels with the sums that describe them.
 
@@ -62,7 +62,7 @@ def describe(appearance, sides, margin, step, values, first, last):
             sum_of_projections(values, at * eights, appearance, around, sides, np.int64(0))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def contribute(appearance, sides, first_side, out, first, last):
     """Fill rows ``first`` to ``last`` of ``out`` with what appearances add to a sum in which they are one side.
 
@@ -76,14 +76,14 @@ def contribute(appearance, sides, first_side, out, first, last):
         sum_of_projections(out, row, appearance, (row,), sides, np.int64(first_side))
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def _widened(changed, y, x):
     """A rectangle (top, bottom, left, right) that holds a pixel too."""
     top, bottom, left, right = changed
     return min(top, y), max(bottom, y + 1), min(left, x), max(right, x + 1)
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def _control_distance(given, pixel, stored, base, exemplar, distortion):
     """Squared distance of the control at a place from that given to a pixel."""
     if len(exemplar.run) == 8:
@@ -92,7 +92,7 @@ def _control_distance(given, pixel, stored, base, exemplar, distortion):
     return squared_distance(given, np.int64(pixel), exemplar.values, 2 * (base + at) + 1, _HALF)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def start(level, exemplar, distortion, pieces, repetition, tolerance, key, area):
     """Fill pixels of the coarsest level with square pieces of the exemplar from random places.
 
@@ -141,7 +141,7 @@ def start(level, exemplar, distortion, pieces, repetition, tolerance, key, area)
     return changed
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def refine(level, coarse, exemplar, distortion, amplitude, key, area):
     """Fill pixels of a level with those that the next coarser level has there, displaced at random.
 
@@ -174,7 +174,7 @@ def refine(level, coarse, exemplar, distortion, amplitude, key, area):
     return changed
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def _read_neighbours(vertical, horizontal, diagonal, y, x, stored):
     """Fill what is stored at a pixel's neighbours, in scan order."""
     stored[0], stored[2] = diagonal[y - 1, x - 1], diagonal[y - 1, x + 1]
@@ -183,7 +183,7 @@ def _read_neighbours(vertical, horizontal, diagonal, y, x, stored):
     stored[3], stored[4] = horizontal[y, x - 1], horizontal[y, x + 1]
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def _differs(vertical, horizontal, diagonal, y, x, stored):
     """Nonzero if the pixel's neighbours are not ``stored``."""
     difference = (vertical[y - 1, x] ^ stored[1]) | (vertical[y + 1, x] ^ stored[6])
@@ -192,7 +192,7 @@ def _differs(vertical, horizontal, diagonal, y, x, stored):
     return difference | (horizontal[y, x - 1] ^ stored[3]) | (horizontal[y, x + 1] ^ stored[4])
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def _gather_candidates(own, around, base, length, exemplar, distortion, tried):
     """Put what continues candidates of the pixel's and its neighbours' places behind the first 9 of ``tried``.
 
@@ -212,7 +212,7 @@ def _gather_candidates(own, around, base, length, exemplar, distortion, tried):
             tried[9 * k + u + 1] = candidate
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def _describe_pixel(same, own, sampled, around, exemplar, appearance, distortion, rows, wanted):
     """Put what describes a pixel by its neighbours into the first 8 of ``wanted``; ``rows`` is scratch space."""
     base, length = sampled * exemplar.rows * exemplar.pitch, np.int64(1) << sampled
@@ -224,7 +224,7 @@ def _describe_pixel(same, own, sampled, around, exemplar, appearance, distortion
     sum_of_eight(wanted, 0, appearance.vectors, rows, appearance.sides, sampled * 32)
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def _most_similar(same, own, base, length, around, exemplar, distortion, bonuses, wanted, tried):
     """Compare predicted places and candidates with what is wanted; the first of equals.
 
@@ -253,7 +253,7 @@ def _most_similar(same, own, base, length, around, exemplar, distortion, bonuses
     return tried[least & 255]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def correct(level, subpass, exemplar, appearance, distortion, bonuses, tolerance, area):
     """Move every second pixel of every second row to the place that suits its neighbours best.
 

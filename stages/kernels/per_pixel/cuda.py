@@ -12,6 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import config, cuda
 
+from texloom.stages.kernels.core.compiled import Locator
+from texloom.stages.kernels.core.kernel_folder import taken_folder
 from texloom.stages.kernels.patchmatch.search import random_bits
 from texloom.stages.kernels.per_pixel.pixel import (
     Neighbourhood,
@@ -311,7 +313,24 @@ def _run(steps, result, control, exemplar, contributions, pieces, repetition, bo
         cuda.atomic.max(result.changed, 3, own[3])
 
 
-@cuda.jit(cache=True)
+def _kept(kernel: Any) -> Any:
+    """Keep what is compiled of a kernel where those for CPUs are kept."""
+    if config.ENABLE_CUDASIM or taken_folder() is None:
+        return kernel
+    from numba.cuda.dispatcher import CUDACache, CUDACacheImpl
+
+    class Parts(CUDACacheImpl):  # type: ignore[misc]
+        _locator_classes = (Locator,)
+
+    class Cache(CUDACache):  # type: ignore[misc]
+        _impl_class = Parts
+
+    kernel._cache = Cache(kernel.py_func)
+    return kernel
+
+
+@_kept
+@cuda.jit
 def planar(steps, result, control, exemplar, contributions, pieces, repetition, bonuses):
     """Do all steps, where no texture is distorted; to be started with `launch`.
 
@@ -327,7 +346,8 @@ def planar(steps, result, control, exemplar, contributions, pieces, repetition, 
     _run(steps, result, control, exemplar, contributions, pieces, repetition, bonuses, None)
 
 
-@cuda.jit(cache=True)
+@_kept
+@cuda.jit
 def distorted(steps, result, control, exemplar, contributions, pieces, repetition, bonuses, distortion):
     """Do all steps, where texture is distorted; as `planar`, and ``distortion`` is of the pixels of all levels."""
     _run(steps, result, control, exemplar, contributions, pieces, repetition, bonuses, distortion)

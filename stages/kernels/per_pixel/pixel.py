@@ -7,9 +7,9 @@ is in integers, so results are bit-identical.
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.patchmatch.search import random_bits
 from texloom.stages.kernels.per_pixel.positions import (
     HELPER,
@@ -42,19 +42,19 @@ class Neighbourhood(NamedTuple):
     """int64, the neighbour that lies in each direction of the texture, if it is distorted"""
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def rows_to(u):
     """Rows to neighbour number ``u``."""
     return ((_ROWS >> 2 * u) & 3) - 1
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def columns_to(u):
     """Columns to neighbour number ``u``."""
     return ((_COLUMNS >> 2 * u) & 3) - 1
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def sampled_level(level, pixel, distortion):
     """The level of the exemplar that a pixel is compared with."""
     if distortion is None:
@@ -62,7 +62,7 @@ def sampled_level(level, pixel, distortion):
     return np.int64(distortion.sampled[pixel])
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def place_at(stored, exemplar, distortion):
     """The place of what is stored, itself one or a position."""
     if distortion is None:
@@ -70,7 +70,7 @@ def place_at(stored, exemplar, distortion):
     return place_of(stored, exemplar.pitch)
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def snap(stored, base, exemplar, distortion):
     """What is stored, moved to the nearest valid neighbourhood; ``base``: the first row of the level's tables."""
     if distortion is None:
@@ -79,7 +79,7 @@ def snap(stored, base, exemplar, distortion):
     return snap_to_valid(stored, valid, exemplar.pitch)
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def to_texture(down, across, pixel, length, distortion):
     """An offset of float32 in steps of the result, in texture; ``length``: px in a step of the sampled level."""
     inverse = distortion.inverse
@@ -88,13 +88,13 @@ def to_texture(down, across, pixel, length, distortion):
     return u * length, v * length
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def piece_at(row, column, block):
     """The number of the piece that covers a pixel of the endless result, and the pixel's row and column in it."""
     return np.uint64(pixel_number(row // block, column // block)), row % block, column % block
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def piece_place(bits, row, column, pixel, local, level, exemplar, distortion, pieces, repetition):
     """What a pixel has in a piece from a random place, at the wanted phase.
 
@@ -143,7 +143,7 @@ def piece_place(bits, row, column, pixel, local, level, exemplar, distortion, pi
     return position
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def child(parent, row, column, pixel, level, amplitude, key, exemplar, distortion):
     """What a pixel takes over from its parent in the next coarser level, with jitter.
 
@@ -168,7 +168,7 @@ def child(parent, row, column, pixel, level, amplitude, key, exemplar, distortio
     return snap(advect(position, u, v, distortion.jacobian, pitch, rows), base, exemplar, distortion)
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def set_offsets(around, pixel, length, distortion):
     """Fill the offsets to a pixel's neighbours in distorted texture, and which of them lies in each direction."""
     a, b = distortion.inverse[pixel, 0], distortion.inverse[pixel, 1]
@@ -186,7 +186,7 @@ def set_offsets(around, pixel, length, distortion):
             around.facing[u] = to if to < 4 else to - 1
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def from_neighbour(stored, u, length, around, exemplar, distortion):
     """What continues, at a pixel, a place or position ``stored`` at its neighbour ``u``."""
     if distortion is None:
@@ -194,7 +194,7 @@ def from_neighbour(stored, u, length, around, exemplar, distortion):
     return advect(stored, -around.down[u], -around.across[u], distortion.jacobian, exemplar.pitch, exemplar.rows)
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def predict(around, own, length, exemplar, distortion):
     """Fill what the neighbours predict; whether all predict the pixel's own."""
     same = True
@@ -204,7 +204,7 @@ def predict(around, own, length, exemplar, distortion):
     return same
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def agreeing(stored, around, distortion):
     """How many neighbours predict a place, or nearly a position."""
     count = np.int64(0)
@@ -216,7 +216,7 @@ def agreeing(stored, around, distortion):
     return count
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def place_beside(i, length, around, exemplar, distortion):
     """The place in direction ``i`` of the texture, from the neighbour that lies there."""
     if distortion is None:
@@ -230,7 +230,7 @@ def place_beside(i, length, around, exemplar, distortion):
     return place_of(position, exemplar.pitch)
 
 
-@numba.njit(**HELPER)
+@compiled(**HELPER)
 def similar(stored, k, base, exemplar, distortion):
     """Candidate ``k`` of a place, or the position in it with the same fractions of a pixel."""
     if distortion is None:

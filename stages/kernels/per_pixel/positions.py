@@ -2,18 +2,20 @@
 
 from typing import Any
 
-import numba
+import numba  # noqa: F401  # all of it before its parts, which other threads may be loading
 import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.extending import intrinsic
+
+from texloom.stages.kernels.core.compiled import compiled
 
 PIXEL = 256
 """units of a position in a pixel"""
 LOW = 2**32 - 1
 """the bits of a position that are its column"""
 
-HELPER = {"cache": True, "nogil": True, "forceinline": True, "_nrt": False}
+HELPER = {"forceinline": True, "_nrt": False}
 """options of functions within loops that allocate nothing: without ``_nrt`` arrays from tuples are not counted"""
 
 _TOLERANCE = 192  # within which positions agree
@@ -37,14 +39,14 @@ def rounded_product(typing_context: Any, a: Any, b: Any) -> Any:  # noqa: ARG001
     return kind(a, b), generate
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def place_of(position, pitch):
     """The place nearest to a position."""
     row, column = ((position >> 32) + PIXEL // 2) // PIXEL, ((position & LOW) + PIXEL // 2) // PIXEL
     return row * pitch + column
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def displace(position, down, across, pitch, rows):
     """A position ``down`` and ``across`` px (floats) from another, kept inside the margin."""
     row = (position >> 32) + np.int64(round(down * np.float32(PIXEL)))
@@ -53,7 +55,7 @@ def displace(position, down, across, pitch, rows):
     return (min(row, (rows - 1) * PIXEL) << 32) | min(column, (pitch - 1) * PIXEL)
 
 
-@numba.njit(cache=True, nogil=True, _nrt=False)
+@compiled(_nrt=False)
 def advect(position, u, v, jacobian, pitch, rows):
     """A position displaced by an offset in texture, (u, v): midpoint advection along the Jacobians.
 
@@ -69,7 +71,7 @@ def advect(position, u, v, jacobian, pitch, rows):
     return displace(position, down, across, pitch, rows)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def transfer(position, place, pitch):
     """The position in the pixel of another place with the same fractions of a pixel."""
     row = np.int64(np.uint32(place) // np.uint32(pitch))
@@ -77,7 +79,7 @@ def transfer(position, place, pitch):
     return (row * PIXEL + part[0] - PIXEL // 2 << 32) + (place - row * pitch) * PIXEL + part[1] - PIXEL // 2
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def snap_to_valid(position, valid, pitch):
     """The position itself if its place is ``valid``, the nearest valid neighbourhood, else the position of that."""
     if valid == place_of(position, pitch):
@@ -85,19 +87,19 @@ def snap_to_valid(position, valid, pitch):
     return ((valid // pitch * PIXEL) << 32) | (valid % pitch * PIXEL)
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def agree(one, other):
     """Whether two positions are nearly the same."""
     return abs((one >> 32) - (other >> 32)) <= _TOLERANCE and abs((one & LOW) - (other & LOW)) <= _TOLERANCE
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def pixel_number(row, column):
     """A number for a pixel of the endless result, negative coordinates too."""
     return (np.uint64(row) << np.uint64(32)) ^ (np.uint64(column) & np.uint64(0xFFFFFFFF))
 
 
-@numba.njit(cache=True, nogil=True, inline="always")
+@compiled(inline="always")
 def phase_offset(wanted_down, wanted_across, phase_down, phase_across, generators):
     """The offset in texture, 1/256 px, to the nearest place of the wanted phase; see `arguments.Repetition`."""
     p = ((np.int64(wanted_down) - np.int64(phase_down) + 2**31) & LOW) - 2**31

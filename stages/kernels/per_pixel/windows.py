@@ -1,12 +1,13 @@
 """Windows of 5x5 samples of a flat texture, as products with a basis."""
 
-import numba
 import numpy as np
+
+from texloom.stages.kernels.core.compiled import compiled
 
 _SIDE = 5  # samples of a window along each direction
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def project_windows(planes, step, middle, basis, out, first, last):
     """Fill rows ``first`` to ``last`` of ``out`` with the components of the window around each pixel.
 

@@ -1,3 +1,1 @@
 """Overlaps, minimum cuts and seam carving."""
-
-import texloom.stages.kernels.core.numba_loading  # noqa: F401

@@ -1,12 +1,11 @@
 """Minimum cuts through a strip, from its first row to its last, and around a rectangle."""
 
-import numba
 import numpy as np
 
-from texloom.stages.kernels.core.inner import inner
+from texloom.stages.kernels.core.compiled import compiled, inner
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def cheapest_path(errors, path):
     """Fill ``path`` with the column of every row on the path whose errors sum to the least.
 
@@ -148,7 +147,7 @@ def _trace(came, end, gate, steps):
     return i == end
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def cheapest_loop(errors, core, limit, inside):
     """Fill ``inside`` with what the cheapest closed cut around ``core`` encloses; its cost, if below ``limit``.
 

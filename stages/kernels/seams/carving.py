@@ -1,10 +1,11 @@
 """Seam carving: gradient energy of pixels, and removal of a seam."""
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 
-@numba.njit(cache=True, nogil=True)
+
+@compiled
 def gradient_energy(pixels, errors):
     """Fill ``errors`` with the change of all channels across and down each pixel, absolute values.
 
@@ -27,7 +28,7 @@ def gradient_energy(pixels, errors):
             errors[y, x] = total
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def close_seam(pixels, number, path, width):
     """Remove a seam: move the pixels right of it one pixel to the left.
 

@@ -1,9 +1,8 @@
 """How much a result differs from what its sources show beside a joint."""
 
-import numba
 import numpy as np
 
-from texloom.stages.kernels.core.inner import inner
+from texloom.stages.kernels.core.compiled import compiled, inner
 
 
 @inner
@@ -16,7 +15,7 @@ def _jump(exemplar, row, column, result, y, x):
     return total
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def joint_contrast(exemplar, result, match, wraps, contrast, first, last):
     """Set rows ``first`` to ``last`` of ``contrast``.
 

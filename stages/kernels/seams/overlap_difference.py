@@ -1,10 +1,11 @@
 """Squared differences of a template and an exemplar at single places."""
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 
-@numba.njit(cache=True, nogil=True)
+
+@compiled
 def refine_positions(features, template, mask, free, places, reach):
     """Move each of ``places`` to the least difference within ``reach`` px along each axis.
 

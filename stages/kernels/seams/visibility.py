@@ -2,12 +2,11 @@
 
 import math
 
-import numba
-
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.patchmatch.search import cross_step
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _difference(features, slopes, row, column, other_row, other_column):
     """The cube of two pixels' difference over 1 plus both slopes; the border of the exemplar repeats."""
     height, width, channels = features.shape
@@ -20,7 +19,7 @@ def _difference(features, slopes, row, column, other_row, other_column):
     return total * math.sqrt(total) / (1.0 + slopes[row, column] + slopes[other_row, other_column])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _seam_cost(features, slopes, row, column, other_row, other_column, down, across):
     """Cost of the seam between a pixel and its neighbour at (down, across), from their sources."""
     if row + down == other_row and column + across == other_column:
@@ -29,7 +28,7 @@ def _seam_cost(features, slopes, row, column, other_row, other_column, down, acr
     return here + _difference(features, slopes, row + down, column + across, other_row, other_column)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def seam_costs(features, slopes, match, wrap, side, first, last, costs):
     """Fill rows ``first`` to ``last`` of ``costs`` with the sums over squares of the result.
 
@@ -60,7 +59,7 @@ def seam_costs(features, slopes, match, wrap, side, first, last, costs):
                 costs[square, x // side] += total
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def added_cost(features, slopes, match, wrap, top, left, new, row, column):
     """Change of the cost of all seams if a piece is copied over a part of the result, float.
 

@@ -1,10 +1,11 @@
 """How texture lies on the faces of a surface."""
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 
-@numba.njit(cache=True, nogil=True)
+
+@compiled
 def texture_axes(shares, directions, normal, otherwise, axes):
     """Fill the unit vectors down and across the texture at a place of a face.
 
@@ -37,7 +38,7 @@ def texture_axes(shares, directions, normal, otherwise, axes):
     axes[1, 2] = normal[0] * axes[0, 1] - normal[1] * axes[0, 0]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def barycentric(corners, row, column, shares):
     """Fill (3,) coordinates of a place among (3, 2) corners, kept within them."""
     a, b = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1]
@@ -50,7 +51,7 @@ def barycentric(corners, row, column, shares):
     shares[0], shares[1], shares[2] = zero / total, one / total, two / total
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def frames(faces, places, corners, directions, normals, per_pixel, out, first, last):
     """Fill the axes of texture at places ``first`` to ``last``, see `texture_axes`.
 
@@ -70,7 +71,7 @@ def frames(faces, places, corners, directions, normals, per_pixel, out, first, l
         texture_axes(shares, directions[face], normals[face], per_pixel[face, :, 0], out[at])
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def jacobians(faces, places, corners, directions, normals, per_pixel, scale, out, first, last):
     """Fill the Jacobians from px of texture to px of the result; for arguments see `frames`.
 

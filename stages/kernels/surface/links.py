@@ -1,12 +1,12 @@
 """Exemplar positions carried over the borders of charts."""
 
-import numba
 import numpy as np
 
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.per_pixel.positions import advect
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def carry(states, targets, sources, offsets, jacobian, pitch, rows, first, last):
     """Give texels outside their chart what continues a texel of the surface there.
 

@@ -1,19 +1,20 @@
 """Drawing triangles: which one covers each pixel."""
 
-import numba
 import numpy as np
+
+from texloom.stages.kernels.core.compiled import compiled
 
 _SLACK = 1e-6  # of barycentric coordinates: pixel centres on an edge belong to both of its triangles
 _INSIDE = 1e-2  # barycentric coordinates beyond which a pixel is not near an edge
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _pixels(least, most, size):
     """The pixels between two coordinates, the end not included."""
     return max(0, int(np.ceil(least - 1e-3))), min(size, int(np.floor(most + 1e-3)) + 1)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def draw(corners, faces, origin_row, origin_col, owner, depth):
     """Fill the pixels whose centre a triangle covers; of several the nearest one, of equally near ones the first.
 

@@ -4,19 +4,18 @@
 at the array's row 0 and column 0. ``first`` and ``last`` are the strips of a call.
 """
 
-import numba
-
+from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.per_pixel.arguments import LevelState
 from texloom.stages.kernels.per_pixel.correction import correct, refine, start
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _at(level, row, column):
     """A level whose first pixel is elsewhere in the result."""
     return LevelState(level.number, row, column, level.states, level.given, level.pinned)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def start_strips(level, exemplar, distortion, pieces, repetition, tolerance, key, strips, first, last):
     """Call `start` for every strip."""
     for at in range(first, last):
@@ -25,7 +24,7 @@ def start_strips(level, exemplar, distortion, pieces, repetition, tolerance, key
         start(own, exemplar, distortion, pieces, repetition, tolerance, key, (top, bottom, left, right))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def refine_strips(level, coarse, origins, exemplar, distortion, amplitude, key, strips, first, last):
     """Call `refine` for every strip; ``origins``: (n, 2), of the coarser level for each strip."""
     for at in range(first, last):
@@ -34,7 +33,7 @@ def refine_strips(level, coarse, origins, exemplar, distortion, amplitude, key, 
         refine(own, above, exemplar, distortion, amplitude, key, (top, bottom, left, right))
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def correct_strips(
     level, subpass, parity, exemplar, appearance, distortion, bonuses, tolerance, strips, first, last
 ):

@@ -14,7 +14,7 @@ from texloom.pipelines.cli import doctor
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    for name in ("PREFECT_API_URL", "TEXLOOM_THREADS", "TEXLOOM_KERNELS"):
+    for name in ("PREFECT_API_URL", "TEXLOOM_THREADS"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("TEXLOOM_STORE", "artifacts")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))

@@ -1,4 +1,4 @@
-"""Loading Numba and compiled kernels."""
+"""Compiling, keeping and loading kernels."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 LOADING = """
 import importlib, random, sys, threading
 
-modules = ["resample", "projection", "short_vectors", "row_distance"]
+modules = ["resample", "projection", "short_vectors", "row_distance", "compiled"]
 random.Random(sys.argv[1]).shuffle(modules)
 sys.setswitchinterval(1e-5)
 wrong = []
@@ -53,7 +53,7 @@ print(means, compiling in sys.modules, largest(image[..., 2] + 1), compiling in 
 OF_OTHERS = """
 import sys
 import numba
-import texloom.stages.kernels.core.numba_loading
+import texloom.stages.kernels.core.compiled
 
 
 @numba.njit(cache=True)

@@ -1,0 +1,53 @@
+"""Compiled kernels are kept on disk: a second process compiles nothing."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+RUN = """
+import numpy as np
+from texloom.stages.kernels.patchmatch import search
+pixels = np.zeros((6, 12), np.int16)
+match, found = np.zeros((3, 3), np.int32), np.zeros((3, 3), np.int64)
+target = search.Target(pixels, match, match, found, found > 0)
+search.match_distances(search.PatchShape.of(4, 2), target, pixels, 0, 3)
+print(len(search.match_distances.stats.cache_hits), len(search.match_distances.stats.cache_misses))
+"""
+
+
+def run(folder: Path, before: str = "", after: str = "") -> subprocess.CompletedProcess[str]:
+    done = subprocess.run(
+        [sys.executable, "-c", before + RUN + after], env={**os.environ, "NUMBA_CACHE_DIR": str(folder)},
+        check=False, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def test_a_second_process_compiles_nothing(tmp_path: Path) -> None:
+    assert [run(tmp_path).stdout.split() for _ in range(2)] == [["0", "1"], ["1", "0"]]
+
+
+def test_a_process_beside_another_has_a_copy(tmp_path: Path) -> None:
+    """Two processes must not add to one entry."""
+    run(tmp_path)
+    beside = f"import subprocess, sys\nprint(subprocess.check_output([sys.executable, '-c', {RUN!r}], text=True))"
+    assert run(tmp_path, after=beside).stdout.split() == ["1", "0"] * 2
+    names = {path.name for path in tmp_path.rglob("*.nbi")}
+    assert names == {path.name for path in (tmp_path / "beside-1").rglob("*.nbi")}
+
+
+def test_an_edit_of_any_kernel_compiles_all_again(tmp_path: Path) -> None:
+    run(tmp_path)
+    edited = "from texloom.stages.kernels.core import compiled\ncompiled.kernel_digest = lambda: 'of others'\n"
+    assert run(tmp_path, before=edited).stdout.split() == ["0", "1"]
+
+
+def test_where_nothing_can_be_kept_kernels_are_compiled_all_the_same(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    done = run(tmp_path / "file" / "kernels")
+    assert done.stdout.split() == ["0", "1"]
+    assert "compiled kernels cannot be kept in" in done.stderr
