@@ -125,7 +125,8 @@ def _code(scope: Scope) -> str:
     """The code in the address of the page, or none."""
     if scope["type"] != "http" or scope["method"] != "GET" or scope["path"] != "/":
         return ""
-    return parse_qs(scope.get("query_string", b"").decode("latin-1")).get("code", [""])[0]
+    query: str = scope.get("query_string", b"").decode("latin-1")
+    return parse_qs(query).get("code", [""])[0]
 
 
 def _cookies(headers: Headers, name: str) -> list[str]:
