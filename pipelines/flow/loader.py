@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import graphlib
+import heapq
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -295,7 +296,9 @@ class _Checker:
             entry.value
             for name, step in self.draft.steps.items()
             for key, entry in step.inputs.items()
-            if key in self.stages[name].inputs and Hint.of(self.stages[name].inputs[key]) == _MESH
+            if isinstance(entry.value, str)
+            and key in self.stages[name].inputs
+            and Hint.of(self.stages[name].inputs[key]) == _MESH
         }
         return tuple(name for name in self.sources if name in taken)
 
@@ -357,12 +360,21 @@ class _Checker:
             graphlib.TopologicalSorter({name: step.needs for name, step in steps.items()}).prepare()
         except graphlib.CycleError as error:
             raise self.fail("steps", f"a cycle: {' <- '.join(error.args[1])}") from None
+        places = {name: place for place, name in enumerate(steps)}
+        waits_for = {name: len(step.needs) for name, step in steps.items()}
+        taken_by: dict[str, list[str]] = {name: [] for name in steps}
+        for name, step in steps.items():
+            for needed in step.needs:
+                taken_by[needed].append(name)
+        ready = [(places[name], name) for name, count in waits_for.items() if not count]
         order: list[str] = []
-        waiting = list(steps)
-        while waiting:
-            step = next(name for name in waiting if set(steps[name].needs) <= set(order))
-            waiting.remove(step)
-            order.append(step)
+        while ready:
+            _, name = heapq.heappop(ready)
+            order.append(name)
+            for later in taken_by[name]:
+                waits_for[later] -= 1
+                if not waits_for[later]:
+                    heapq.heappush(ready, (places[later], later))
         return order
 
     def _scoped(self, steps: Mapping[str, Step], seeds: Sequence[int]) -> dict[str, Step]:
@@ -401,7 +413,7 @@ class _Checker:
             if isinstance(entry.value, FolderPart):
                 image, like, mesh = entry.value.image, entry.value.like, entry.value.mesh
                 if file.endswith("/") or (like is not None and file.endswith(".png")):
-                    if like is not None and like not in self.sources:
+                    if like is not None and (not isinstance(like, str) or like not in self.sources):
                         raise entry.fail(f"no source {shown(like)}{hint(str(like), self.sources)}", "like")
                     if like is not None:
                         likes[file] = like
