@@ -461,6 +461,16 @@ WRONG = {
     "include: method.yaml\nfor: {a: {stesp: 3}}": "for.a.stesp: unknown; did you mean 'steps'?",
     "include: method.yaml\nfor: {a: {}, method: [pixels]}": "for.a: either lists of values or variants by label",
     "include: method.yaml\nfor: {method: [a, a]}": "for: two variants would be called 'a'",
+    "include: method.yaml\nfor: {method: []}": "for.method: must list at least one value, got []",
+    'include: method.yaml\nfor: {a: {}}\nsteps: {c: {stage: evaluation.compare, gather: {t: {"*": {b: 1}}}}}': (
+        "steps.c.gather: '*' of {'b': 1} has no 'a'"
+    ),
+    f"include: method.yaml\nfor: {{size: {list(range(16, 20_016))}}}": (
+        "for: 20000 variants, at most 1000 with those of included files"
+    ),
+    f"include: method.yaml\nfor: {{size: {list(range(16, 80))}, method: {list(range(20))}}}": (
+        "for: 1280 variants, at most 1000 with those of included files"
+    ),
     "include: method.yaml\nfor: {a: {}}\nrepeat: 2": "repeat: a flow has either 'for' or 'repeat'",
     "include: method.yaml\nrepeat: many": "repeat: must be a whole number from 1 to 100, got 'many'",
     'include: method.yaml\nexports: {"*.png": texture.image}': "exports.*.png: '*' is for the labels",
@@ -477,6 +487,21 @@ def test_wrong_compositions(folder: Path, text: str) -> None:
     message = refusal(folder, text)
     assert message.startswith("flow.yaml: ")
     assert WRONG[text] in message
+
+
+def test_variants_of_included_variants_are_counted(folder: Path) -> None:
+    inner = "include: {flow: method.yaml, steps: [structure]}\nrepeat: 50\n"
+    (folder / "inner.yaml").write_text(inner)
+    message = refusal(folder, "include: inner.yaml\nrepeat: 40\n")
+    assert message == "inner.yaml: repeat: 1040 variants, at most 1000 with those of included files"
+
+
+def test_steps_are_counted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("texloom.pipelines.flow.compose._MOST_STEPS", 7)
+    assert refusal(folder, "include: method.yaml\nfor: {method: [pixels, patches]}").startswith(
+        "flow.yaml: for: 8 steps, at most 7 in all variants and included files"
+    )
+    assert len(loaded(folder, "include: method.yaml").steps) == 4
 
 
 def test_an_error_names_the_file_in_which_it_is(folder: Path) -> None:
