@@ -27,7 +27,7 @@ from texloom.pipelines.flow.schema import (
     parse_flow,
 )
 from texloom.pipelines.flow.source_files import is_pattern, source_of, stack_of
-from texloom.pipelines.flow.step_params import StepParams, resolved
+from texloom.pipelines.flow.step_params import StepParams, document_params, resolved
 from texloom.pipelines.media.delivery import Delivery, parse_delivery
 from texloom.pipelines.media.material_set import is_map_set
 from texloom.pipelines.media.stack import SCHEME
@@ -172,6 +172,7 @@ class _Checker:
         step_params = StepParams(draft, self.stages)
         flow_params = step_params.of_flow()
         params = step_params.checked(self.values)
+        self._check_documents(step_params.given(self.values))
         gather = {name: self._gather(name, step) for name, step in draft.steps.items()}
         steps = {
             name: Step(name, self.stages[name], self._inputs(name, step), params[name], gather[name], step.draws_as)
@@ -289,6 +290,29 @@ class _Checker:
         if output not in stages[name].outputs:
             raise entry.fail(f"step '{name}' has no output '{output}'{hint(output, stages[name].outputs)}", *place)
         return Reference(name, output)
+
+    def _check_documents(self, given: set[tuple[str, str]]) -> None:
+        """A document of a file, such as a geometry, describes the picture that the same file names, and no other."""
+        depths = {path: depth for depth, path in enumerate([self.path, *self.draft.included])}  # outermost first
+        for name, step in self.draft.steps.items():
+            for param in document_params(self.stages[name].params):
+                entry = step.params.get(param)
+                if entry is None or entry.value is None or (name, param) in given:
+                    continue
+                for taken in step.inputs.values():
+                    source = self.draft.sources.get(taken.value) if isinstance(taken.value, str) else None
+                    if source is None or not isinstance(source.value, str) or source.value == OPTIONAL:
+                        continue
+                    is_chosen = taken.value in self._chosen_sources() and source.value != REQUIRED
+                    outer, inner = depths.get(source.path, 0), depths.get(entry.path, 0)
+                    if outer < inner or (outer == inner and is_chosen):
+                        raise self._foreign_document(f"{name}.{param}", taken.value, entry)
+
+    def _foreign_document(self, target: str, source: str, entry: Entry) -> InputError:
+        short = next((one for one, targets in self.draft.params.items() if target in targets.value), target)
+        problem = f"{shown(entry.value)} of {entry.path.name} describes its example and not another '{source}'"
+        studio = "; `texloom studio` makes one" if short.endswith("geometry") else ""
+        return refused(f"sources.{source}: {short}: {problem}; give --set {short}=FILE{studio}")
 
     def _mesh_sources(self) -> tuple[str, ...]:
         """The sources that a step takes as a mesh."""

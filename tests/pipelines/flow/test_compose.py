@@ -211,6 +211,42 @@ def test_pictures_with_masks_and_controls_are_required(flow: str, sources: tuple
 # -- include
 
 
+@pytest.mark.parametrize(
+    ("flow", "source", "param"),
+    [
+        ("photo_to_texture", "photo", "geometry"),
+        ("photo_atlas", "photo", "geometry"),
+        ("photo_completion", "photo", "geometry"),
+        ("photo_to_photo", "scene", "place.geometry"),
+        ("rectify_pieces", "exemplar", "pieces"),
+    ],
+)
+def test_what_describes_an_example_is_not_applied_to_another_picture(
+    folder: Path, flow: str, source: str, param: str
+) -> None:
+    path = find_flow(flow)
+    assert load_flow(path).own_examples == ()
+    with pytest.raises(InputError) as caught:
+        load_flow(path, Overrides(sources={source: "exemplar.png"}))
+    message = str(caught.value)
+    assert message.startswith(f"sources.{source}: {param}: ")
+    assert f"give --set {param}=FILE" in message
+    geometry = folder / "mine.yaml"
+    geometry.write_text("patches: []")
+    load_flow(path, Overrides(sources={source: "exemplar.png"}, params={param: str(geometry)}))
+    # nor to the picture of a flow that includes it
+    including = f"include: {flow}\nsources: {{{source}: exemplar.png}}"
+    assert f"sources.{source}: {param}: " in refusal(folder, including)
+
+
+def test_a_document_of_the_including_flow_counts(folder: Path) -> None:
+    (folder / "camera.yaml").write_text("patches: []")
+    text = "include: photo_to_texture\nwith: {geometry: camera.yaml}"
+    assert loaded(folder, text, sources={"photo": "exemplar.png"}).sources["photo"].endswith("exemplar.png")
+    required = f"{text}\nsources: {{photo: required}}"
+    assert loaded(folder, required, sources={"photo": "exemplar.png"}).missing == ()
+
+
 def test_all_of_a_flow_is_taken(folder: Path) -> None:
     flow = loaded(folder, "include: method.yaml")
     alone = load_flow(folder / "method.yaml")
