@@ -292,7 +292,7 @@ class _Checker:
         return Reference(name, output)
 
     def _check_documents(self, given: set[tuple[str, str]]) -> None:
-        """A document of a file, such as a geometry, describes the picture that the same file names, and no other."""
+        """A document of a file, such as a geometry, describes the picture that the same file names."""
         depths = {path: depth for depth, path in enumerate([self.path, *self.draft.included])}  # outermost first
         for name, step in self.draft.steps.items():
             for param in document_params(self.stages[name].params):
