@@ -9,7 +9,7 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -19,7 +19,7 @@ from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.media.arrays import PathOrArray, Picture, file_source, masked
 from texloom.pipelines.store.location import cache_store, default_store
 from texloom.pipelines.store.store import Store
-from texloom.stages.arrays import Image
+from texloom.stages.arrays import Image, split_mask
 from texloom.stages.declare import InputError
 
 if TYPE_CHECKING:
@@ -75,13 +75,15 @@ def synthesize(
     ----------
     image : an array (h, w), (h, w, 3) or (h, w, 4), the path of a picture or of a folder of material maps, or the
         maps as a dict of their names, as ``{"albedo": ..., "normal": ..., "roughness": ...}``. uint8 and uint16 are
-        sRGB, floats linear light. Pixels whose alpha is below a half are not used.
+        sRGB, floats linear light. Pixels whose alpha is below a half, or that a NumPy mask
+        covers, are not used.
     size : height and width of the result, px, or one number for both; the default is the method's.
     method : a flow with a single source, by its name (``texloom flows`` lists them) or its file.
     tileable : whether the result repeats without seams.
     seed : equal seeds give equal results.
     preset : of the method's parameters, as ``fast``.
-    mask : what must never be used: a boolean array (h, w), true there; or the path of a picture, black there.
+    mask : what may be used: a boolean array (h, w), true there; or the path of a picture, white there. What is
+        false or black is excluded.
     params : further parameters, of the flow or of a step: ``{"STEP.PARAM": value}``.
     store : folder that keeps the results, so that an equal call is answered from it; the default is TEXLOOM_STORE,
         else ``store`` in the user's cache folder for texloom. ``texloom store prune --days 0 --store FOLDER``
@@ -116,7 +118,7 @@ def synthesize(
     with _references({source: given}, opened_store.root, opened_store) as references:
         files = {source: absolute(references[source], Path.cwd())}
         opened = Run(dataclasses.replace(flow, sources=files, missing=()), opened_store)
-        result = _run(opened, opened_store.root, progress)
+        result = _run(opened, opened_store.root, progress, _masked_notes({source: given}, flow))
         return Texture(result, made, opened.shared.source(source), image, str(method))
 
 
@@ -186,7 +188,7 @@ def run(
         overrides = Overrides(references, changed, seed, seeds, runners, delivery=delivery)
         opened = open_run(flow, overrides, opened_store)
         folder = opened.default_out() if out is None else Path(out).expanduser()
-        return _run(opened, folder, progress)
+        return _run(opened, folder, progress, _masked_notes(sources or {}, opened.flow))
 
 
 def plan(
@@ -227,7 +229,9 @@ def plan(
     """
     with tempfile.TemporaryDirectory() as folder, _references(sources or {}, Path(folder)) as references:
         changed = _texts(params, size=size, tileable=tileable, preset=preset)
-        return open_run(flow, Overrides(references, changed, seed, seeds), Store(store_folder(store))).plan()
+        opened = open_run(flow, Overrides(references, changed, seed, seeds), Store(store_folder(store)))
+        _masked_notes(sources or {}, opened.flow)
+        return opened.plan()
 
 
 # -- opening a flow
@@ -310,6 +314,19 @@ def _references(sources: Mapping[str, Any], folder: Path, store: Store | None = 
         raise InputError(text) from None
 
 
+def _masked_notes(sources: Mapping[str, Any], flow: Flow) -> list[str]:
+    """What is said of masked arrays; `InputError` where another source than the exemplar is one."""
+    exemplar = next(iter(flow.sources), None)
+    notes = []
+    for name, given in sources.items():
+        if isinstance(given, np.ma.MaskedArray):
+            if name != exemplar:
+                raise InputError(f"sources.{name}: a masked array, which only '{exemplar}' may be; fill it first")
+            usable = split_mask(given)[1]
+            notes.append(f"{name}: {usable.size - int(np.count_nonzero(usable))} masked pixels are excluded")
+    return notes
+
+
 def _described(given: Any) -> str:
     if isinstance(given, Mapping):
         return f"maps {', '.join(map(str, given))}"
@@ -363,8 +380,8 @@ def _told(tell: Callable[[Event], None]) -> Listener:
     return listener
 
 
-def _run(opened: Run, out: Path, progress: Progress) -> Result:
-    from texloom.pipelines.engine.events import Recorder
+def _run(opened: Run, out: Path, progress: Progress, notes: Sequence[str] = ()) -> Result:
+    from texloom.pipelines.engine.events import Note, Recorder
     from texloom.pipelines.engine.scheduler import execute
     from texloom.pipelines.results import Result
     from texloom.pipelines.terminal import Terminal
@@ -377,6 +394,8 @@ def _run(opened: Run, out: Path, progress: Progress) -> Result:
         listener = _told(progress)
     recorder = Recorder(listener)
     opened.check(out)
+    for note in notes:
+        recorder(Note(note))
     try:
         exports = execute(opened, recorder, out)
     finally:

@@ -7,12 +7,15 @@ Axis names: ``h w`` an exemplar, ``H W`` a result, ``c`` channels.
 from __future__ import annotations
 
 import dataclasses
+import logging
 from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Bool, Float32, UInt8, UInt32
 
 from texloom.stages.declare import InputError
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,7 +59,8 @@ class Image:
         Parameters
         ----------
         array : (h, w), (h, w, 1), (h, w, 3) or (h, w, 4): grey, colour, colour and alpha. uint8 and uint16 are sRGB
-            and decoded; floats are linear light already and must be finite.
+            and decoded; floats are linear light already and must be finite. Pixels that a NumPy mask covers
+            get 0 in a further channel ``usable``, which excludes them.
 
         Examples
         --------
@@ -66,6 +70,14 @@ class Image:
         """
         from texloom.stages.color import linear_from_codes
 
+        if isinstance(array, np.ma.MaskedArray):
+            array, usable = split_mask(array)
+            image = cls.of(array)
+            if usable.all():
+                return image
+            _LOG.warning("%d masked pixels are excluded", usable.size - np.count_nonzero(usable))
+            pixels = np.concatenate([image.pixels, usable[..., None].astype(np.float32)], axis=2)
+            return cls(pixels, (*image.channels, "usable"))
         planes = array[..., None] if array.ndim == 2 else array
         channels = {1: ("Y",), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}.get(planes.shape[-1])
         if planes.ndim != 3 or channels is None or 0 in planes.shape:
@@ -116,6 +128,14 @@ class Image:
 
 Mask = Bool[np.ndarray, "h w"]
 """true where something is"""
+
+
+def split_mask(array: np.ma.MaskedArray[Any, Any]) -> tuple[np.ndarray, Mask]:
+    """The values of a masked array, (h, w, ...), 0 where masked; and true where none of a pixel is, (h, w)."""
+    masked = np.ma.getmaskarray(array)
+    usable = ~(masked if masked.ndim < 3 else masked.any(axis=2))
+    return np.where(masked, np.zeros((), array.dtype), array.data), usable
+
 
 ScalarMap = Float32[np.ndarray, "h w"]
 """one value a pixel"""

@@ -38,6 +38,7 @@ from typing import Annotated, Any, ParamSpec, TypeVar
 
 import pydantic
 
+from texloom.stages.interruption import raised_by_code
 from texloom.stages.libraries import single_threaded
 
 P = ParamSpec("P")
@@ -314,7 +315,9 @@ def _plugin_stage(name: str) -> Stage:
     plugin = plugins("texloom.stages")[name]
     try:
         importlib.import_module(plugin.module)
-    except Exception as error:
+    except (Exception, SystemExit, KeyboardInterrupt) as error:
+        if not isinstance(error, Exception) and not raised_by_code(error):
+            raise
         problem = f"cannot be imported: {type(error).__name__}: {error}"
         raise InputError(f"stage {name} of {plugin.origin}: {' '.join(problem.split())}") from None
     if name not in _registry:

@@ -19,6 +19,8 @@ from texloom.stages.declare import InputError, Params, Stage, find_stage, first_
 SEED = 7
 """of the random numbers, unless another is given"""
 
+_MAY_BE_MASKED = ("image", "exemplar")
+
 DirectCall = Callable[..., Any]
 
 
@@ -72,6 +74,12 @@ def _direct(stage: Stage) -> DirectCall:
             raise InputError(f"{label}: needs '{missing[0]}'")
         for name, hint in stage.inputs.items():
             if name in values:
+                if isinstance(values[name], np.ma.MaskedArray) and (
+                    name not in _MAY_BE_MASKED or hint is not Image
+                ):
+                    raise InputError(
+                        f"{label}: {name}: a masked array, which only an exemplar may be; fill it first"
+                    )
                 try:
                     values[name] = _converted(values[name], hint)
                 except InputError as error:

@@ -126,18 +126,43 @@ def test_self_tuning_is_the_default() -> None:
 
 
 def test_masks_exclude(rgb: np.ndarray, tmp_path: Path) -> None:
-    mask = np.zeros((40, 40), bool)
-    mask[:10] = True
+    mask = np.ones((40, 40), bool)
+    mask[:10] = False
     for exemplar in (rgb, {"albedo": rgb}):
         made = texloom.synthesize(exemplar, mask=mask, **FAST)
         assert made.source_map[..., 0].min() >= 10
         assert np.array_equal(made.image, copied(rgb, made.source_map))
         assert list(made.maps) == ["albedo"]
     PIL.Image.fromarray(rgb).save(tmp_path / "a.png")
-    PIL.Image.fromarray(np.uint8(255 * ~mask)).save(tmp_path / "mask.png")  # as in files: black is excluded
+    PIL.Image.fromarray(np.uint8(255 * mask)).save(tmp_path / "mask.png")  # the same in files: black is excluded
     made = texloom.synthesize("a.png", mask="mask.png", **FAST)
     assert made.source_map[..., 0].min() >= 10
     assert np.array_equal(made.image, copied(rgb, made.source_map))
+
+
+def test_masked_arrays_exclude(rgb: np.ndarray) -> None:
+    mask = np.zeros((40, 40), bool)
+    mask[:10] = True
+    told: list[texloom.Event] = []
+    for values in (rgb, rgb.astype(np.float32) / 255):
+        exemplar = np.ma.array(values, mask=np.repeat(mask[..., None], 3, axis=2))
+        made = texloom.synthesize(exemplar, progress=told.append, **FAST)
+        assert made.source_map[..., 0].min() >= 10
+        assert made.image.dtype == values.dtype
+    assert "exemplar: 400 masked pixels are excluded" in [event.text for event in told if event.kind == "note"]
+    image = texloom.Image.of(np.ma.array(rgb[..., 0], mask=mask))
+    assert image.channels == ("Y", "usable")
+    assert np.array_equal(image.pixels[..., 1] == 0, mask)
+    masked = np.ma.array(rgb[..., 0], mask=mask)
+    for call in (
+        lambda: texloom.run("hybrid", {"exemplar": rgb, "layout": masked}, size=40),
+        lambda: texloom.plan("hybrid", {"exemplar": rgb, "layout": masked}, size=40),
+        lambda: texloom.synthesize({"albedo": rgb, "height": masked}),
+        lambda: texloom.synthesize(masked, mask=~mask),
+        lambda: texloom.stages.exclusion_mask(rgb, mask=masked),
+    ):
+        with pytest.raises(texloom.InputError, match="masked array"):
+            call()
 
 
 def test_maps_ride_along(rgb: np.ndarray, rng: np.random.Generator, tmp_path: Path) -> None:

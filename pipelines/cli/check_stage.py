@@ -69,7 +69,7 @@ def _outcome(label: str, check: Callable[[], str]) -> Check:
         return Check(label, "passed", check())
     except _SkipError as reason:
         return Check(label, "skipped", str(reason))
-    except Exception as error:  # a stage under test may raise anything
+    except (Exception, SystemExit) as error:  # a stage under test may raise anything
         detail = str(error) if isinstance(error, _FailError) else f"{type(error).__name__}: {error}"
         return Check(label, "failed", " ".join(detail.split()))
 
@@ -264,7 +264,7 @@ class _Subject:
                     raise _FailError(f"{label}: the message of InputError is not one line") from None
             except _SkipError:
                 raise
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 raise _FailError(f"{label}: {type(error).__name__}: {error}; expected InputError") from None
         return f"{len(cases)} odd pictures"
 

@@ -6,6 +6,7 @@ import signal
 from enum import IntEnum
 
 from texloom.pipelines.interruption import interruption_of
+from texloom.stages.interruption import Interruption
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -22,7 +23,7 @@ class Exit(IntEnum):
     TERMINATED = 143
 
 
-class Termination(KeyboardInterrupt):
+class Termination(Interruption):
     """SIGTERM: whatever ends by Ctrl-C ends by it in the same way."""
 
 
@@ -31,7 +32,7 @@ def end_in_order(number: int, _: object) -> None:
     for one in ENDING_SIGNALS:
         if signal.getsignal(one) == end_in_order:
             signal.signal(one, signal.SIG_DFL)
-    raise Termination if number == signal.SIGTERM else KeyboardInterrupt
+    raise Termination if number == signal.SIGTERM else Interruption
 
 
 def ended_by(error: BaseException) -> tuple[str, Exit]:

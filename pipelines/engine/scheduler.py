@@ -40,6 +40,7 @@ from texloom.pipelines.media.sources import SourceError
 from texloom.pipelines.store.keep import keep_record
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, BrokenStoreError, Store
 from texloom.stages.declare import InputError
+from texloom.stages.interruption import Interruption
 from texloom.stages.kernels.core.threads import thread_count
 
 T = TypeVar("T")
@@ -102,7 +103,7 @@ class InFlight:
 
 
 def _interrupt(_: Event) -> None:
-    raise KeyboardInterrupt
+    raise Interruption
 
 
 class Executor(Protocol):
@@ -158,7 +159,7 @@ class InlineExecutor:
         thread.start()
 
     def _compute_beside(self, task: InFlight) -> None:
-        with contextlib.suppress(KeyboardInterrupt):  # of `InFlight.interrupt`
+        with contextlib.suppress(Interruption):  # of `InFlight.interrupt`
             self._compute(task)
 
     def _compute(self, task: InFlight) -> None:

@@ -13,10 +13,11 @@ import pydantic
 
 from texloom.pipelines.engine.events import Listener, Note, StepProgress
 from texloom.pipelines.engine.keys import KeyParts, generator, key_parts
+from texloom.pipelines.engine.stage_call import call_stage
 from texloom.pipelines.engine.stage_log import logging_to
 from texloom.pipelines.flow.model import Reference, Step
 from texloom.pipelines.media.sources import Source
-from texloom.pipelines.store.outputs import Outputs, outputs_of
+from texloom.pipelines.store.outputs import Outputs
 from texloom.pipelines.store.store import BrokenArtifactError, Store
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, Stage, find_stage
@@ -153,7 +154,7 @@ def run_task(
             logging_to(stage.module, lambda text: listener(Note(f"{spec.label}: {text}", is_warning=True))),
             inputs.store.scratch(),
         ):
-            outputs = outputs_of(stage.function(**_arguments(spec, stage, inputs, listener)))
+            outputs = call_stage(stage, _arguments(spec, stage, inputs, listener))
         labels = {name: given.label for name, given in spec.inputs.items()}
         provenance = {**spec.parts.as_dict(), "flow": spec.flow, "step": spec.step, "from": labels}
         artifact = inputs.store.save(stage, spec.parts.key, outputs, provenance, time.perf_counter() - began)

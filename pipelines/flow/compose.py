@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -34,6 +35,10 @@ STRUCTURAL = ("include", "repeat")
 """the fields that a param of a flow may stand for, besides STEP.PARAM"""
 _FOR = "for."
 _DEEPEST = 8
+_MOST_VARIANTS = 1000
+"""of a flow, with those of the files that it includes"""
+_MOST_STEPS = 10_000
+"""of all variants, with those of the files that they include"""
 
 
 def find_flow(name: str) -> Path:
@@ -62,7 +67,30 @@ def _find(name: str, folder: Path) -> Path:
     raise refused(f"{name}: no such flow{closest(name, [*shipped, *others]) or listed}")
 
 
-def compose(document: Any, path: Path, values: Mapping[str, Any], stack: tuple[Path, ...] = ()) -> Draft:
+@dataclasses.dataclass
+class Extent:
+    """How much has been composed so far, in all files."""
+
+    variants: int = 0
+    steps: int = 0
+
+    def add(self, at: Entry, variants: int = 0, steps: int = 0) -> None:
+        """Count more; `InputError` where it is too much."""
+        self.variants += variants
+        self.steps += steps
+        if self.variants > _MOST_VARIANTS:
+            raise at.fail(f"{self.variants} variants, at most {_MOST_VARIANTS} with those of included files")
+        if self.steps > _MOST_STEPS:
+            raise at.fail(f"{self.steps} steps, at most {_MOST_STEPS} in all variants and included files")
+
+
+def compose(
+    document: Any,
+    path: Path,
+    values: Mapping[str, Any],
+    stack: tuple[Path, ...] = (),
+    extent: Extent | None = None,
+) -> Draft:
     """Compose a flow from a document and the files that it includes.
 
     Parameters
@@ -70,13 +98,14 @@ def compose(document: Any, path: Path, values: Mapping[str, Any], stack: tuple[P
     document : what the file at ``path`` holds.
     values : for the flow's params; those that stand for `STRUCTURAL` fields are used here.
     stack : the files that include this one, outermost first.
+    extent : what they have composed before it.
 
     Raises
     ------
-    InputError : the structure of a file is wrong, or it includes what cannot be.
+    InputError : the structure of a file is wrong, it includes what cannot be, or makes too many variants or steps.
     """
     part = _with_structure(parse_flow(document, path), path, values)
-    return _Composer(part, path, values, stack).draft()
+    return _Composer(part, path, values, stack, extent or Extent()).draft()
 
 
 def is_structural(target: str) -> bool:
@@ -105,8 +134,11 @@ def _with_structure(part: FlowPart, path: Path, values: Mapping[str, Any]) -> Fl
 class _Composer:
     """One file, with what it includes."""
 
-    def __init__(self, part: FlowPart, path: Path, values: Mapping[str, Any], stack: tuple[Path, ...]):
+    def __init__(
+        self, part: FlowPart, path: Path, values: Mapping[str, Any], stack: tuple[Path, ...], extent: Extent
+    ):
         self.part = part
+        self.extent = extent
         self.path = path
         self.values = values
         self.stack = (*stack, path.resolve())
@@ -120,6 +152,7 @@ class _Composer:
         if part.for_ and part.repeat is not None:
             raise self.entry(None, "repeat").fail("a flow has either 'for' or 'repeat'")
         if part.repeat is not None:
+            self.extent.add(self.entry(None, "repeat"), variants=part.repeat)
             rounds = [f"round_{index + 1}" for index in range(part.repeat)]
             return merged({label: self.variant(None, "", label == rounds[0]) for label in rounds}, are_rounds=True)
         if part.for_:
@@ -155,6 +188,11 @@ class _Composer:
         }
         if listed and variants:
             raise self.entry(None, "for", *variants).fail("either lists of values or variants by label, not both")
+        for name, values in listed.items():
+            if not values:
+                raise self.entry(None, "for", name).fail("must list at least one value, got []")
+        count = math.prod(map(len, listed.values())) if listed else len(variants)
+        self.extent.add(self.entry(None, "for"), variants=count)
         if listed:
             for values in itertools.product(*listed.values()):
                 chosen = dict(zip(listed, values, strict=True))
@@ -192,6 +230,9 @@ class _Composer:
         # the first source is the one that a command's picture stands for
         draft.sources = dict(sorted(draft.sources.items(), key=lambda item: item[1].value == OPTIONAL))
         _take_last_rounds(draft)
+        if self.has_variants or len(self.stack) == 1:
+            field = "for" if part.for_ else "steps" if part.repeat is None else "repeat"
+            self.extent.add(self.entry(None, field), steps=len(draft.steps))
         if part.repeat is not None and first:
             draft.steps = {name: step.with_references(_unless_former) for name, step in draft.steps.items()}
         return draft
@@ -236,7 +277,7 @@ class _Composer:
         if path.resolve() in self.stack or len(self.stack) > _DEEPEST:
             raise at.fail(f"{flow} includes itself" if path.resolve() in self.stack else "nested too deeply")
         known = dict(itertools.chain(self.values.items(), *(more.items() for more in values)))
-        base = compose(read_document(path), path, known, self.stack)
+        base = compose(read_document(path), path, known, self.stack, self.extent)
         base.included = [path, *base.included]
         return base
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import graphlib
+import heapq
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -26,7 +27,7 @@ from texloom.pipelines.flow.schema import (
     parse_flow,
 )
 from texloom.pipelines.flow.source_files import is_pattern, source_of, stack_of
-from texloom.pipelines.flow.step_params import StepParams, resolved
+from texloom.pipelines.flow.step_params import StepParams, document_params, resolved
 from texloom.pipelines.media.delivery import Delivery, parse_delivery
 from texloom.pipelines.media.material_set import is_map_set
 from texloom.pipelines.media.stack import SCHEME
@@ -171,6 +172,7 @@ class _Checker:
         step_params = StepParams(draft, self.stages)
         flow_params = step_params.of_flow()
         params = step_params.checked(self.values)
+        self._check_documents(step_params.given(self.values))
         gather = {name: self._gather(name, step) for name, step in draft.steps.items()}
         steps = {
             name: Step(name, self.stages[name], self._inputs(name, step), params[name], gather[name], step.draws_as)
@@ -289,13 +291,38 @@ class _Checker:
             raise entry.fail(f"step '{name}' has no output '{output}'{hint(output, stages[name].outputs)}", *place)
         return Reference(name, output)
 
+    def _check_documents(self, given: set[tuple[str, str]]) -> None:
+        """A document of a file, such as a geometry, describes the picture that the same file names."""
+        depths = {path: depth for depth, path in enumerate([self.path, *self.draft.included])}  # outermost first
+        for name, step in self.draft.steps.items():
+            for param in document_params(self.stages[name].params):
+                entry = step.params.get(param)
+                if entry is None or entry.value is None or (name, param) in given:
+                    continue
+                for taken in step.inputs.values():
+                    source = self.draft.sources.get(taken.value) if isinstance(taken.value, str) else None
+                    if source is None or not isinstance(source.value, str) or source.value == OPTIONAL:
+                        continue
+                    is_chosen = taken.value in self._chosen_sources() and source.value != REQUIRED
+                    outer, inner = depths.get(source.path, 0), depths.get(entry.path, 0)
+                    if outer < inner or (outer == inner and is_chosen):
+                        raise self._foreign_document(f"{name}.{param}", taken.value, entry)
+
+    def _foreign_document(self, target: str, source: str, entry: Entry) -> InputError:
+        short = next((one for one, targets in self.draft.params.items() if target in targets.value), target)
+        problem = f"{shown(entry.value)} of {entry.path.name} describes its example and not another '{source}'"
+        studio = "; `texloom studio` makes one" if short.endswith("geometry") else ""
+        return refused(f"sources.{source}: {short}: {problem}; give --set {short}=FILE{studio}")
+
     def _mesh_sources(self) -> tuple[str, ...]:
         """The sources that a step takes as a mesh."""
         taken = {
             entry.value
             for name, step in self.draft.steps.items()
             for key, entry in step.inputs.items()
-            if key in self.stages[name].inputs and Hint.of(self.stages[name].inputs[key]) == _MESH
+            if isinstance(entry.value, str)
+            and key in self.stages[name].inputs
+            and Hint.of(self.stages[name].inputs[key]) == _MESH
         }
         return tuple(name for name in self.sources if name in taken)
 
@@ -357,12 +384,21 @@ class _Checker:
             graphlib.TopologicalSorter({name: step.needs for name, step in steps.items()}).prepare()
         except graphlib.CycleError as error:
             raise self.fail("steps", f"a cycle: {' <- '.join(error.args[1])}") from None
+        places = {name: place for place, name in enumerate(steps)}
+        waits_for = {name: len(step.needs) for name, step in steps.items()}
+        taken_by: dict[str, list[str]] = {name: [] for name in steps}
+        for name, step in steps.items():
+            for needed in step.needs:
+                taken_by[needed].append(name)
+        ready = [(places[name], name) for name, count in waits_for.items() if not count]
         order: list[str] = []
-        waiting = list(steps)
-        while waiting:
-            step = next(name for name in waiting if set(steps[name].needs) <= set(order))
-            waiting.remove(step)
-            order.append(step)
+        while ready:
+            _, name = heapq.heappop(ready)
+            order.append(name)
+            for later in taken_by[name]:
+                waits_for[later] -= 1
+                if not waits_for[later]:
+                    heapq.heappush(ready, (places[later], later))
         return order
 
     def _scoped(self, steps: Mapping[str, Step], seeds: Sequence[int]) -> dict[str, Step]:
@@ -401,7 +437,7 @@ class _Checker:
             if isinstance(entry.value, FolderPart):
                 image, like, mesh = entry.value.image, entry.value.like, entry.value.mesh
                 if file.endswith("/") or (like is not None and file.endswith(".png")):
-                    if like is not None and like not in self.sources:
+                    if like is not None and (not isinstance(like, str) or like not in self.sources):
                         raise entry.fail(f"no source {shown(like)}{hint(str(like), self.sources)}", "like")
                     if like is not None:
                         likes[file] = like

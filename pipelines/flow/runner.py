@@ -84,7 +84,7 @@ def _check(fields: Mapping[str, Any], fail: Fail) -> None:
         if fields.get(field) is None:
             raise fail("name", f"missing{one_of(RUNNERS)}")
         raise fail(field, f"needs a runner that has it: {', '.join(needed)}")
-    if name not in RUNNERS:
+    if not isinstance(name, str) or name not in RUNNERS:
         raise fail("name", f"no runner {shown(name)}{hint(str(name), RUNNERS)}")
     if workers is not None:
         if isinstance(workers, bool) or not isinstance(workers, int) or not 1 <= workers <= _MAX_WORKERS:

@@ -18,13 +18,16 @@ def plugin_flows() -> dict[str, tuple[Path, str]]:
     """Name to file and origin (distribution and version) of the flows of plug-ins; those that ship come first."""
     import importlib.util
 
+    from texloom.stages.interruption import raised_by_code
     from texloom.stages.plugins import plugins
 
     found: dict[str, tuple[Path, str]] = {}
     for plugin in plugins("texloom.flows").values():
         try:
             spec = importlib.util.find_spec(plugin.module)
-        except Exception:  # whatever the package raises when it is imported
+        except (Exception, SystemExit, KeyboardInterrupt) as error:  # whatever the package raises at its import
+            if not isinstance(error, Exception) and not raised_by_code(error):
+                raise
             spec = None
         for folder in (spec.submodule_search_locations or []) if spec is not None else []:
             for path in sorted(Path(folder).glob("*.yaml")):

@@ -68,6 +68,10 @@ class StepParams:
                 _resolve_files(values[name], param, model, Path.cwd(), where)
         return {name: self._checked(name, params, places) for name, params in values.items()}
 
+    def given(self, values: Mapping[str, Any]) -> set[tuple[str, str]]:
+        """The steps and params that the command line sets."""
+        return {(name, rest.partition(".")[0]) for target in values for name, rest in self._targets(target)}
+
     def _targets(self, name: str) -> list[tuple[str, str]]:
         """The steps and params, with a key of a mapping if one is named, that ``--set NAME`` changes."""
         draft, problem = self.draft, f"--set {name}: "

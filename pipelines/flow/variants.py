@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Mapping
 from typing import Any
 
+from texloom.pipelines.errors import shown
 from texloom.pipelines.flow.draft import EACH, FORMER, Draft, DraftStep, Entry, image_of, keep, step_of, upstream
 from texloom.pipelines.flow.schema import NAME, FolderPart
 
@@ -105,6 +106,9 @@ class _Merger:
             if label != EACH:
                 return {label: self.resolved(last, reference)}
             each = reference if isinstance(reference, dict) else dict.fromkeys(self.labels, reference)
+            lacking = [one for one in self.labels if one not in each]
+            if lacking:
+                raise step.at.fail(f"'{EACH}' of {shown(reference)} has no '{lacking[0]}'", "gather")
             return {one: self.resolved(one, each[one]) for one in self.labels}
 
         def gathered(value: Any) -> Any:

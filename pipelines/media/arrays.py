@@ -20,7 +20,7 @@ from texloom.pipelines.media.material_set import recognised
 from texloom.pipelines.media.sources import Source
 from texloom.pipelines.media.stack import ROLE
 from texloom.pipelines.store.atomic import file_digest, write_atomically
-from texloom.stages.arrays import Image
+from texloom.stages.arrays import Image, split_mask
 from texloom.stages.declare import InputError
 
 PathOrArray = str | os.PathLike[str] | np.ndarray | Image
@@ -50,12 +50,17 @@ def file_source(given: Picture, folder: Path) -> str:
         return os.fspath(given)
     if isinstance(given, Mapping):
         return str(_file_maps(given, folder))
+    if isinstance(given, np.ma.MaskedArray):
+        values, usable = split_mask(given)
+        return file_source(values if usable.all() else masked(values, usable), folder)
     suffix, content = _encoded(given)
     return str(_write(content, folder / f"{hashlib.sha256(content).hexdigest()}{suffix}"))
 
 
 def _file_maps(maps: Mapping[str, PathOrArray], folder: Path) -> Path:
     """Write maps and a YAML file of them into a folder named by their digest."""
+    if any(isinstance(given, np.ma.MaskedArray) for given in maps.values()):
+        raise InputError("a map is a masked array; give its values, and the map 'mask' for all maps")
     files: dict[str, str] = {}
     contents: dict[str, bytes] = {}
     for name, given in maps.items():
@@ -123,14 +128,16 @@ def _write(content: bytes, path: Path) -> Path:
 
 
 def masked(image: Picture, mask: PathOrArray) -> dict[str, PathOrArray]:
-    """The exemplar as material maps with one that excludes pixels."""
+    """The exemplar as material maps with a mask, whose false or black pixels are excluded."""
+    if any(isinstance(one, np.ma.MaskedArray) for one in (image, mask)):
+        raise InputError("mask: is given beside a masked array, or is one; give plain arrays")
     if isinstance(mask, np.ndarray):
         if mask.dtype != bool or mask.ndim != 2:
             raise InputError(
-                f"mask: must be boolean, (h, w), true where the exemplar is excluded; got {mask.dtype} of shape "
+                f"mask: must be boolean, (h, w), true where the exemplar may be used; got {mask.dtype} of shape "
                 f"{tuple(mask.shape)}"
             )
-        mask = np.where(mask, np.uint8(0), np.uint8(255))
+        mask = np.where(mask, np.uint8(255), np.uint8(0))
     if isinstance(image, Mapping):
         return {**image, "mask": mask}
     if isinstance(image, str | os.PathLike) and material_set.is_map_set(os.fspath(image)):

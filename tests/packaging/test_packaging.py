@@ -5,6 +5,7 @@ from __future__ import annotations
 import email
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -128,8 +129,12 @@ def test_the_lock_file_fits_what_is_declared() -> None:
     """All that the development install needs is pinned, to a version that is permitted."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     pinned = {}
-    for line in (ROOT / "requirements.lock").read_text().splitlines():
-        requirement = Requirement(line)
+    lines = (ROOT / "requirements.lock").read_text().replace("\\\n", "").splitlines()
+    for line in lines:
+        wanted, *hashes = line.split(" --hash=")
+        assert hashes, line
+        assert all(re.fullmatch(r"sha256:[0-9a-f]{64}\s*", one) for one in hashes), line
+        requirement = Requirement(wanted.strip())
         if requirement.marker is None or requirement.marker.evaluate():
             pinned[canonicalize_name(requirement.name)] = next(iter(requirement.specifier)).version
     declared = [

@@ -229,3 +229,119 @@ def test_plugins_that_cannot_be_used(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (tmp_path / "empty" / "pyproject.toml").write_text("[project")
     monkeypatch.setenv(VARIABLE, str(tmp_path / "empty" / "."))
     assert_refused(texloom("stages"), "pyproject.toml: must be TOML with a name and entry points")
+
+
+BREAKING = '''
+import dataclasses
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from texloom.stages.arrays import Image, ScalarMap
+from texloom.stages.declare import Params, stage
+
+
+class BadParams(Params):
+    fault: str = "none"
+
+
+@dataclasses.dataclass(frozen=True)
+class Bad:
+    image: Image
+    """the texture"""
+    height: ScalarMap
+    """of the surface"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Other:
+    image: Image
+    """the texture"""
+
+
+@stage(version=1)
+def bad(image: Image, params: BadParams) -> Bad:
+    """Break the contract."""
+    with Path("calls").open("a") as calls:
+        calls.write("x")
+    height = np.zeros((image.height, image.width), np.float32)
+    pixels = np.full_like(image.pixels, np.nan)
+    match params.fault:
+        case "exit":
+            sys.exit(3)
+        case "interrupt":
+            raise KeyboardInterrupt
+        case "class":
+            return Other(image)
+        case "nothing":
+            return None
+        case "dtype":
+            return Bad(image, height.astype(np.float64))
+        case "shape":
+            return Bad(image, height[0])
+        case "value":
+            return Bad(image, [[1.0], [1.0, 2.0]])
+        case "lacking":
+            return Bad(image, None)
+        case "mask":
+            return Bad(image, np.ma.masked_less(height, 1))
+        case "nan":
+            return Bad(Image(pixels, image.channels), height)
+    return Bad(image, height)
+'''
+_OF = "stage breaking_stage.bad of breaking_stage development"
+FAULTS = {
+    "exit": f"{_OF} ended by sys.exit(3), which only a program may do",
+    "interrupt": f"{_OF} ended by KeyboardInterrupt, which only a program may do",
+    "class": f"{_OF} returned Other Other(image=",
+    "nothing": f"{_OF} returned NoneType nothing, declared is Bad",
+    "dtype": f"{_OF}: output 'height': float64 of shape (24, 24) is not float32 (h w)",
+    "shape": f"{_OF}: output 'height': float32 of shape (24,) is not float32 (h w)",
+    "value": f"{_OF}: output 'height': ",
+    "lacking": f"{_OF}: output 'height': object of shape () is not float32 (h w)",
+    "mask": f"{_OF}: output 'height': a masked array, whose mask would be lost, came",
+    "nan": f"{_OF}: output 'image': has values that are NaN or infinite; declared is an image",
+}
+
+
+def _broken(folder: Path, fault: str, *words: str) -> subprocess.CompletedProcess[str]:
+    """A run of the plug-in's stage in a folder."""
+    flow = f"steps: {{a: {{stage: breaking_stage.bad, inputs: {{image: s}}, params: {{fault: {fault}}}}}}}\n"
+    (folder / "flow.yaml").write_text(f"sources: {{s: a.png}}\n{flow}exports: {{a.png: a.image}}\n")
+    variables = environment(folder) | {VARIABLE: str(folder / "plugin")}
+    command = [sys.executable, "-m", "texloom", "run", "flow.yaml", "--out", "out", *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder, env=variables)
+
+
+@pytest.mark.parametrize(
+    ("fault", "runner"),
+    [*((fault, "local") for fault in FAULTS), *((fault, "processes") for fault in ("exit", "interrupt", "dtype"))],
+)
+def test_a_stage_that_breaks_its_contract_fails_once(tmp_path: Path, fault: str, runner: str) -> None:
+    package(tmp_path / "plugin", "breaking_stage", BREAKING)
+    paint(tmp_path / "a.png", 24)
+    done = _broken(tmp_path, fault, "--runner", runner)
+    last = done.stderr.splitlines()[-1]
+    assert done.returncode == 1
+    assert last.startswith("texloom: flow.yaml: steps.a: failed: ")
+    assert FAULTS[fault] in last
+    assert (tmp_path / "calls").read_text() == "x"
+
+
+def test_checking_a_stage_that_ends_the_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = BREAKING.replace('"none"', '"exit"')
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv(VARIABLE, str(package(tmp_path / "plugin", "ending_stage", text)))
+    failed = {check.name: check.detail for check in check_stage("ending_stage.bad") if check.state == "failed"}
+    assert "SystemExit: 3" in failed["same bits"]
+
+
+@pytest.mark.parametrize("statement", ["import sys; sys.exit(3)", "raise KeyboardInterrupt"])
+def test_a_package_that_ends_the_program_when_it_is_imported(tmp_path: Path, statement: str) -> None:
+    package(tmp_path / "plugin", "breaking_stage", statement)
+    paint(tmp_path / "a.png", 24)
+    done = _broken(tmp_path, "none")
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "stage breaking_stage.bad of breaking_stage development: cannot be imported: " in line

@@ -211,6 +211,42 @@ def test_pictures_with_masks_and_controls_are_required(flow: str, sources: tuple
 # -- include
 
 
+@pytest.mark.parametrize(
+    ("flow", "source", "param"),
+    [
+        ("photo_to_texture", "photo", "geometry"),
+        ("photo_atlas", "photo", "geometry"),
+        ("photo_completion", "photo", "geometry"),
+        ("photo_to_photo", "scene", "place.geometry"),
+        ("rectify_pieces", "exemplar", "pieces"),
+    ],
+)
+def test_what_describes_an_example_is_not_applied_to_another_picture(
+    folder: Path, flow: str, source: str, param: str
+) -> None:
+    path = find_flow(flow)
+    assert load_flow(path).own_examples == ()
+    with pytest.raises(InputError) as caught:
+        load_flow(path, Overrides(sources={source: "exemplar.png"}))
+    message = str(caught.value)
+    assert message.startswith(f"sources.{source}: {param}: ")
+    assert f"give --set {param}=FILE" in message
+    geometry = folder / "mine.yaml"
+    geometry.write_text("patches: []")
+    load_flow(path, Overrides(sources={source: "exemplar.png"}, params={param: str(geometry)}))
+    # nor to the picture of a flow that includes it
+    including = f"include: {flow}\nsources: {{{source}: exemplar.png}}"
+    assert f"sources.{source}: {param}: " in refusal(folder, including)
+
+
+def test_a_document_of_the_including_flow_counts(folder: Path) -> None:
+    (folder / "camera.yaml").write_text("patches: []")
+    text = "include: photo_to_texture\nwith: {geometry: camera.yaml}"
+    assert loaded(folder, text, sources={"photo": "exemplar.png"}).sources["photo"].endswith("exemplar.png")
+    required = f"{text}\nsources: {{photo: required}}"
+    assert loaded(folder, required, sources={"photo": "exemplar.png"}).missing == ()
+
+
 def test_all_of_a_flow_is_taken(folder: Path) -> None:
     flow = loaded(folder, "include: method.yaml")
     alone = load_flow(folder / "method.yaml")
@@ -461,6 +497,16 @@ WRONG = {
     "include: method.yaml\nfor: {a: {stesp: 3}}": "for.a.stesp: unknown; did you mean 'steps'?",
     "include: method.yaml\nfor: {a: {}, method: [pixels]}": "for.a: either lists of values or variants by label",
     "include: method.yaml\nfor: {method: [a, a]}": "for: two variants would be called 'a'",
+    "include: method.yaml\nfor: {method: []}": "for.method: must list at least one value, got []",
+    'include: method.yaml\nfor: {a: {}}\nsteps: {c: {stage: evaluation.compare, gather: {t: {"*": {b: 1}}}}}': (
+        "steps.c.gather: '*' of {'b': 1} has no 'a'"
+    ),
+    f"include: method.yaml\nfor: {{size: {list(range(16, 20_016))}}}": (
+        "for: 20000 variants, at most 1000 with those of included files"
+    ),
+    f"include: method.yaml\nfor: {{size: {list(range(16, 80))}, method: {list(range(20))}}}": (
+        "for: 1280 variants, at most 1000 with those of included files"
+    ),
     "include: method.yaml\nfor: {a: {}}\nrepeat: 2": "repeat: a flow has either 'for' or 'repeat'",
     "include: method.yaml\nrepeat: many": "repeat: must be a whole number from 1 to 100, got 'many'",
     'include: method.yaml\nexports: {"*.png": texture.image}': "exports.*.png: '*' is for the labels",
@@ -477,6 +523,21 @@ def test_wrong_compositions(folder: Path, text: str) -> None:
     message = refusal(folder, text)
     assert message.startswith("flow.yaml: ")
     assert WRONG[text] in message
+
+
+def test_variants_of_included_variants_are_counted(folder: Path) -> None:
+    inner = "include: {flow: method.yaml, steps: [structure]}\nrepeat: 50\n"
+    (folder / "inner.yaml").write_text(inner)
+    message = refusal(folder, "include: inner.yaml\nrepeat: 40\n")
+    assert message == "inner.yaml: repeat: 1040 variants, at most 1000 with those of included files"
+
+
+def test_steps_are_counted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("texloom.pipelines.flow.compose._MOST_STEPS", 7)
+    assert refusal(folder, "include: method.yaml\nfor: {method: [pixels, patches]}").startswith(
+        "flow.yaml: for: 8 steps, at most 7 in all variants and included files"
+    )
+    assert len(loaded(folder, "include: method.yaml").steps) == 4
 
 
 def test_an_error_names_the_file_in_which_it_is(folder: Path) -> None:

@@ -333,6 +333,9 @@ WRONG = {  # change of GOOD => error
     "  edges.png: edges.strength\n  scores.json: scores.table\n =>   [a.png]": (
         "exports: must be a mapping, got ['a.png']"
     ),
+    # values of a wrong type
+    "edges.png: edges.strength => a.png: {image: exemplar, like: []}": "exports.a.png.like: no source [];",
+    "seed: 3 => runner: {name: []}": "runner.name: no runner []; there are ",
     # YAML
     "seed: 3 => seed: 3\nseed: 4": "not valid YAML: 'seed' is given twice (line 4, column 1)",
     "  structure: =>   edges: {}\n  structure:": "not valid YAML: 'edges' is given twice",
@@ -368,6 +371,11 @@ steps:
   distance: {stage: analysis.signed_distance, inputs: {structure: lattice.generators}}
   start: {stage: synthesis.initialise, inputs: {image: s, generators: offsets.density}}
 """
+
+
+def test_a_list_is_no_mesh(write: Any) -> None:
+    text = "sources: {m: texloom:torus}\nsteps: {c: {stage: analysis.surface_charts, inputs: {mesh: []}}}"
+    assert refusal(write(text=text)) == "steps.c.inputs.mesh: must be a source or STEP.OUTPUT, got []"
 
 
 def test_a_list_is_not_a_field(write: Any) -> None:

@@ -65,3 +65,9 @@ def test_what_is_wrong_is_told(tmp_path: Path, content: Any, message: str) -> No
         open_source("strokes", str(path))
     assert str(caught.value).startswith(f"sources.strokes: {path}: ")
     assert str(caught.value).isprintable()
+
+
+def test_a_few_bytes_make_no_huge_picture(tmp_path: Path) -> None:
+    path = written(tmp_path / "s.json", {"size": [16384, 16384], "strokes": LINES})
+    with pytest.raises(InputError, match=r"size 16384x16384 is too large, at most 67108864 pixels of strokes"):
+        open_source("s", str(path))
