@@ -130,7 +130,7 @@ Mask = Bool[np.ndarray, "h w"]
 """true where something is"""
 
 
-def split_mask(array: np.ma.MaskedArray[Any, Any]) -> tuple[np.ndarray, Mask]:
+def split_mask(array: np.ma.MaskedArray[Any, Any]) -> tuple[np.ndarray, Bool[np.ndarray, "h w"]]:
     """The values of a masked array, (h, w, ...), 0 where masked; and true where none of a pixel is, (h, w)."""
     masked = np.ma.getmaskarray(array)
     usable = ~(masked if masked.ndim < 3 else masked.any(axis=2))

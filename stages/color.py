@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.stages.arrays import ColorField
+from texloom.stages.functions import cbrt, power
+from texloom.stages.matrices import inverse_of, matrix_product
 
 _XYZ_FROM_LINEAR = np.array(
     [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]]
@@ -25,9 +27,9 @@ def lab_from_linear(color: Float32[np.ndarray, "h w 3"]) -> ColorField:
     lab = np.empty(color.shape, np.result_type(color, np.float32))
     rows = max(1, 3 * _CACHED // max(1, color[:1].size))
     for top in range(0, color.shape[0], rows):
-        relative = np.maximum(color[top : top + rows], 0) @ matrix.T
+        relative = matrix_product(np.maximum(color[top : top + rows], 0), matrix.T)
         is_light = relative > _LINEAR_LIMIT
-        f = np.where(is_light, np.cbrt(relative), np.float32(841 / 108) * relative + np.float32(4 / 29))
+        f = np.where(is_light, cbrt(relative), np.float32(841 / 108) * relative + np.float32(4 / 29))
         strip = lab[top : top + rows]
         strip[..., 0] = 116 * f[..., 1] - 16
         strip[..., 1] = 500 * (f[..., 0] - f[..., 1])
@@ -39,20 +41,20 @@ def linear_from_lab(lab: ColorField) -> Float32[np.ndarray, "h w 3"]:
     """Linear Rec.709 colour of CIELAB (D65); colours outside Rec.709 have negative channels."""
     lightness = (lab[..., 0] + 16) / 116
     f = np.stack([lightness + lab[..., 1] / 500, lightness, lightness - lab[..., 2] / 200], axis=-1)
-    relative = np.where(f > 6 / 29, f**3, (f - np.float32(4 / 29)) * np.float32(108 / 841))
-    matrix = np.linalg.inv(_XYZ_FROM_LINEAR / _WHITE[:, None]).astype(np.float32)
-    return np.asarray(relative @ matrix.T, np.float32)
+    relative = np.where(f > 6 / 29, f * f * f, (f - np.float32(4 / 29)) * np.float32(108 / 841))
+    matrix = inverse_of(_XYZ_FROM_LINEAR / _WHITE[:, None]).astype(np.float32)
+    return np.asarray(matrix_product(relative, matrix.T), np.float32)
 
 
 def linear_from_srgb(encoded: np.ndarray) -> np.ndarray:
     """Linear light of sRGB values in 0..1 (IEC 61966-2-1)."""
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0) + 0.055) / 1.055) ** 2.4)
+    return np.where(encoded <= 0.04045, encoded / 12.92, power((np.maximum(encoded, 0) + 0.055) / 1.055, 2.4))
 
 
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
     """SRGB values of linear light, which is clipped to 0..1."""
     clipped = np.clip(linear, 0, 1)
-    return np.asarray(np.where(clipped <= 0.0031308, clipped * 12.92, 1.055 * clipped ** (1 / 2.4) - 0.055))
+    return np.asarray(np.where(clipped <= 0.0031308, clipped * 12.92, 1.055 * power(clipped, 1 / 2.4) - 0.055))
 
 
 def linear_from_codes(codes: np.ndarray, data_planes: int = 0) -> Float32[np.ndarray, "h w c"]:

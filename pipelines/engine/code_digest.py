@@ -157,7 +157,47 @@ def _syntax(tree: ast.Module) -> str:
     for node in _statements(tree):
         if isinstance(node, ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             node.body = [part for part in node.body if not _is_text(part)]
-    return hashlib.sha256(ast.dump(tree).encode()).hexdigest()
+    written: list[str] = []
+    _write(tree, written)
+    return hashlib.sha256("".join(written).encode()).hexdigest()
+
+
+def _write(part: Any, written: list[str]) -> None:
+    """Append what the parser found to ``written``, in the same words with every supported version of Python.
+
+    Versions add fields, which are empty where the source does not use what is new, and differ in how they cut the
+    text of f-strings. So fields that are absent or empty are left out, and text is joined.
+    """
+    if isinstance(part, ast.AST):
+        fields = [(name, getattr(part, name, None)) for name in part._fields]
+        if isinstance(part, ast.Constant):
+            fields = [("value", f"{type(part.value).__name__} {part.value!a}")]
+        elif isinstance(part, ast.JoinedStr):
+            fields = [("values", _joined(part.values))]
+        written.append(f"{type(part).__name__}(")
+        for name, value in fields:
+            if value is not None and value != []:
+                written.append(f"{name}=")
+                _write(value, written)
+        written.append(")")
+    elif isinstance(part, list):
+        written.append("[")
+        for entry in part:
+            _write(entry, written)
+        written.append("]")
+    else:
+        written.append(f"{part!a},")
+
+
+def _joined(values: list[ast.expr]) -> list[ast.expr]:
+    """The parts of an f-string, without empty text and with text in one piece between two fields."""
+    parts: list[ast.expr] = []
+    for value in values:
+        if isinstance(value, ast.Constant) and parts and isinstance(parts[-1], ast.Constant):
+            parts[-1] = ast.Constant(f"{parts[-1].value}{value.value}")
+        elif not (isinstance(value, ast.Constant) and value.value == ""):
+            parts.append(value)
+    return parts
 
 
 def _statements(tree: ast.Module) -> Iterator[ast.AST]:

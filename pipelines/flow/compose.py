@@ -188,8 +188,8 @@ class _Composer:
         }
         if listed and variants:
             raise self.entry(None, "for", *variants).fail("either lists of values or variants by label, not both")
-        for name, values in listed.items():
-            if not values:
+        for name, listing in listed.items():
+            if not listing:
                 raise self.entry(None, "for", name).fail("must list at least one value, got []")
         count = math.prod(map(len, listed.values())) if listed else len(variants)
         self.extent.add(self.entry(None, "for"), variants=count)

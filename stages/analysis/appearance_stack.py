@@ -13,6 +13,7 @@ from texloom.stages.color import lab_from_linear
 from texloom.stages.common import appearance, distorted_appearance
 from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import InputError, Outline, Params, stage
+from texloom.stages.functions import log2
 from texloom.stages.progress import Progress, report
 
 MIN_SIDE = 16
@@ -72,7 +73,7 @@ def check_image(params: AppearanceStackParams, known: Mapping[str, Any]) -> None
 
 def level_count(shape: tuple[int, int], coarsest: int) -> int:
     """Number of levels of an exemplar of ``shape`` whose coarsest has at least ``coarsest`` pixels a side."""
-    return max(1, int(np.floor(np.log2(min(shape) / coarsest))) + 1)
+    return max(1, int(np.floor(log2(min(shape) / coarsest))) + 1)
 
 
 def outlines(params: AppearanceStackParams, known: Mapping[str, Any]) -> dict[str, Outline]:

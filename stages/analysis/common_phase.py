@@ -15,6 +15,7 @@ from texloom.stages.analysis.repetition import RepetitionParams, repetition
 from texloom.stages.analysis.unroll import UnrollParams, unroll
 from texloom.stages.arrays import Channels, Image, Jacobian, Mask, Vectors
 from texloom.stages.declare import Params, stage
+from texloom.stages.matrices import determinant, inverse_of, matrix_product
 
 _MIN_REGION = 1024  # px of the scene; fewer show no repetition
 
@@ -79,8 +80,8 @@ def common_phase(
     offset = phase_offset(mean_repetition(flat.image, around), mean_repetition(image, own))
     top, left = corner
     there = flat.chart[top : top + chart.shape[0], left : left + chart.shape[1]].astype(np.float64)
-    cycles = there @ np.linalg.inv(around) + offset
-    return CommonPhase((cycles @ own).astype(np.float32))
+    cycles = matrix_product(there, inverse_of(around)) + offset
+    return CommonPhase(matrix_product(cycles, own).astype(np.float32))
 
 
 def _nearest_generators(
@@ -88,5 +89,5 @@ def _nearest_generators(
 ) -> Float64[np.ndarray, "2 2"]:
     """The generators of the same lattice that are most like others."""
     steps = [np.array(entries).reshape(2, 2) for entries in itertools.product((-1, 0, 1), repeat=4)]
-    bases = [step @ generators for step in steps if abs(round(np.linalg.det(step))) == 1]
+    bases = [matrix_product(step, generators) for step in steps if abs(round(determinant(step))) == 1]
     return min(bases, key=lambda basis: float(np.square(basis - wanted).sum()))

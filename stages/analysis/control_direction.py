@@ -20,6 +20,8 @@ from texloom.stages.common.orientation import (
 )
 from texloom.stages.common.pyramid import resize
 from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.filters import gaussian_blur
+from texloom.stages.functions import cos, sin
 from texloom.stages.sizes import Size
 
 _DETAIL = 3.0  # px; standard deviation of the blur before gradients are taken, wider than the steps of 8 bit
@@ -127,10 +129,9 @@ def _along_contours(
     planes: Float32[np.ndarray, "h w k"], sigma: float
 ) -> tuple[Doubled, Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
     """Orientations along the contours, with their confidence, and the gradient of all channels together."""
-    import cv2
 
     def smooth(planes: np.ndarray, deviation: float) -> np.ndarray:
-        blurred = cv2.GaussianBlur(planes, (0, 0), deviation, borderType=cv2.BORDER_REPLICATE)
+        blurred = gaussian_blur(planes, deviation, "edge")
         return np.asarray(blurred).reshape(planes.shape)
 
     # Gradients, not the map, are smoothed: beyond its border the map is unknown, and flat it would turn them.
@@ -145,7 +146,7 @@ def _with_rising_side(
     angle: ScalarMap, down: Float32[np.ndarray, "h w"], across: Float32[np.ndarray, "h w"]
 ) -> ScalarMap:
     """Directions, all reversed or none, so that those of an exemplar and of its target correspond."""
-    sine, cosine = np.sin(angle), np.cos(angle)
+    sine, cosine = sin(angle), cos(angle)
     sides = (cosine * down - sine * across).astype(np.float64)
     rise = float(sides.sum()) / max(float(np.abs(sides).sum()), 1e-12)
     is_reversed = rise < 0 if abs(rise) > _ONE_SIDED else float((sine + cosine).sum(dtype=np.float64)) < 0

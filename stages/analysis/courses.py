@@ -10,7 +10,9 @@ from pydantic import Field
 from texloom.stages.analysis.lattice import detail, gradient_magnitude, valid_lightness
 from texloom.stages.arrays import Channels, Image, Mask, ScalarMap, Vectors
 from texloom.stages.declare import Params, stage
+from texloom.stages.functions import cos, squared_size
 from texloom.stages.masks import valid_pixels
+from texloom.stages.matrices import matrix_product
 
 _MAX_SIDE = 256  # px of the shorter side at which candidates are compared
 _MIN_COURSES = 4  # of an exemplar
@@ -133,7 +135,9 @@ def _best_period(
     periods = _spectral_periods(small, max(min_length / scale, _MIN_PERIOD))
     if away_from is not None:
         unit = away_from / np.hypot(*away_from)
-        periods = [period for period in periods if abs(period @ unit) < _MAX_COSINE * np.hypot(*period)]
+        periods = [
+            period for period in periods if abs(matrix_product(period, unit)) < _MAX_COSINE * np.hypot(*period)
+        ]
     scored = [(period, *_confidence(small, period)) for period in periods]
     if not scored:
         return np.zeros(2), 0.0, 0.0
@@ -159,8 +163,10 @@ def _spectral_periods(plane: ScalarMap, min_length: float) -> list[Float64[np.nd
     import cv2
 
     height, width = plane.shape
-    window = np.outer(np.hanning(height), np.hanning(width)).astype(np.float32)
-    power = np.abs(np.fft.fftshift(np.fft.fft2(plane * window), axes=0)[:, : width // 2]) ** 2
+    # Hann's window
+    down, across = (0.5 + 0.5 * cos(np.pi * np.arange(1 - side, side, 2) / (side - 1)) for side in (height, width))
+    window = np.outer(down, across).astype(np.float32)
+    power = squared_size(np.fft.fftshift(np.fft.fft2(plane * window), axes=0)[:, : width // 2])
     rows = np.fft.fftshift(np.fft.fftfreq(height))[:, None]
     columns = (np.arange(width // 2) / width)[None, :]
     frequency = np.hypot(rows, columns)
@@ -173,10 +179,10 @@ def _spectral_periods(plane: ScalarMap, min_length: float) -> list[Float64[np.nd
     periods = []
     for index in order:
         vector = np.array([rows[row[index], 0], columns[0, column[index]]])
-        base = vector / (vector @ vector)
+        base = vector / matrix_product(vector, vector)
         for multiple in _MULTIPLES:
             period = base * multiple
-            if np.abs(period) @ plane.shape >= _MIN_COURSES * (period @ period):
+            if matrix_product(np.abs(period), plane.shape) >= _MIN_COURSES * matrix_product(period, period):
                 periods.append(period)
     return periods
 

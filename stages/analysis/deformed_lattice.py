@@ -17,6 +17,7 @@ from texloom.stages.color import lab_from_linear
 from texloom.stages.common import lattice_cells
 from texloom.stages.declare import InputError, InputFile, Params, stage
 from texloom.stages.masks import valid_pixels
+from texloom.stages.matrices import determinant, inverse_of, least_squares, matrix_product, solve_symmetric
 
 _MAX_GENERATOR = 48.0  # px; the exemplar is reduced so that no generator is longer while vertices are tracked
 _SEEDS = 3  # a side: cells of the exemplar that are tried as the first template
@@ -98,22 +99,24 @@ def check_lattice(vertices: Vertices, shape: tuple[int, int] | None) -> None:
                 f"{shape[0]}x{shape[1]} px"
             )
     generators, _ = _regular_fit(vertices)
-    if abs(np.linalg.det(generators)) < 4:
+    if abs(determinant(generators)) < 4:
         raise InputError("the lattice's cells are smaller than 4 px")
     position = dict(zip(map(tuple, vertices.steps.tolist()), vertices.places, strict=True))
     for (i, j), place in position.items():
         if (i + 1, j) in position and (i, j + 1) in position:
             edges = np.array([position[i + 1, j] - place, position[i, j + 1] - place])
-            if np.linalg.det(edges) * np.linalg.det(generators) <= 0:
+            if determinant(edges) * determinant(generators) <= 0:
                 raise InputError(f"the cell at step [{i}, {j}] is inverted")
 
 
 def _regular_fit(vertices: Vertices) -> tuple[Float64[np.ndarray, "2 2"], Float64[np.ndarray, "2"]]:
     """Generators, and position of step (0, 0), of the regular lattice nearest to some vertices."""
     if vertices.generators is not None:
-        return vertices.generators, (vertices.places - vertices.steps @ vertices.generators).mean(axis=0)
+        return vertices.generators, (vertices.places - matrix_product(vertices.steps, vertices.generators)).mean(
+            axis=0
+        )
     system = np.column_stack([vertices.steps, np.ones(len(vertices.steps))])
-    fit = np.linalg.lstsq(system, vertices.places, rcond=None)[0]
+    fit = least_squares(system, vertices.places)
     return fit[:2], fit[2]
 
 
@@ -157,14 +160,15 @@ def _tracked_courses(image: Image, period: np.ndarray, reach: float) -> tuple[Ve
     """The vertices detected on courses, with cells of a given length along them, and their correlations, 0..1."""
     along = np.array([-period[1], period[0]])
     width = abs(along[0]) * image.height + abs(along[1]) * image.width
-    along *= min(_COURSE_SIDE, width / (3 * float(period @ period)))
+    along *= min(_COURSE_SIDE, width / (3 * float(matrix_product(period, period))))
     plane = clearest_plane(valid_lightness(image), valid_pixels(image), period)
     known, correlations = track_courses(plane, period, along, reach)
     if len(known.steps) < _MIN_VERTICES or (np.ptp(known.steps, axis=0) == 0).any():
         raise InputError("image: the courses are not detected in the exemplar; give a lattice's vertices in a file")
     # Few strips would not determine the courses' direction better than their detection did.
     unit = period / np.hypot(*period)
-    spacing = np.polyfit(known.steps[:, 0], known.places @ unit, 1, w=correlations)[0]
+    line = np.column_stack([known.steps[:, 0], np.ones(len(known.steps))]) * correlations[:, None]
+    spacing = least_squares(line, matrix_product(known.places, unit) * correlations)[0]
     generators = np.array([spacing * unit, along])
     return Vertices(known.steps, known.places, generators), correlations
 
@@ -196,7 +200,7 @@ def _steps_near(
     """The steps of all vertices inside an image or within `_MARGIN` of it, and the indices of the known ones."""
     sides, margin = np.array(shape), _MARGIN * np.abs(generators).max(axis=0)
     corners = np.array([(-1, -1), (-1, 1), (1, -1), (1, 1)]) * (sides / 2 + margin)
-    ends = (corners + (sides - 1) / 2 - origin) @ np.linalg.inv(generators)
+    ends = matrix_product(corners + (sides - 1) / 2 - origin, inverse_of(generators))
     ranges = [
         np.arange(np.floor(first), np.ceil(last) + 1)
         for first, last in zip(ends.min(axis=0), ends.max(axis=0), strict=True)
@@ -204,7 +208,7 @@ def _steps_near(
     if ranges[0].size * ranges[1].size > _MAX_VERTICES * 16:
         raise InputError("generators: the lattice has too many vertices for this exemplar")
     steps = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 2).astype(np.int64)
-    places = steps @ generators + origin
+    places = matrix_product(steps, generators) + origin
     near = ((places >= -margin) & (places <= sides - 1 + margin)).all(axis=1)
     steps, number = np.unique(np.concatenate([known, steps[near]]), axis=0, return_inverse=True)
     return steps, number.ravel()[: len(known)]
@@ -228,8 +232,7 @@ def _smoothed(
     known : the known displacements, (k, 2).
     weights : of the known displacements, (k,).
     """
-    from scipy.sparse import csc_array, diags_array
-    from scipy.sparse.linalg import splu
+    from scipy.sparse import diags_array
 
     bends = _second_differences(steps)
     # A little weight everywhere keeps unconnected steps in place.
@@ -240,7 +243,7 @@ def _smoothed(
         total = np.bincount(at, current, len(steps))
         targets = np.zeros((len(steps), 2))
         targets[at] = current[:, None] * known
-        moves = splu(csc_array(smooth + diags_array(total))).solve(targets)
+        moves = solve_symmetric(smooth + diags_array(total), targets)
         residual = np.hypot(*(moves[at] - known).T)
         scale = _REJECTION * max(_MIN_DEVIATION, 1.4826 * float(np.median(residual)))
         current = weights * np.maximum(1 - (residual / scale) ** 2, 0) ** 2
@@ -351,7 +354,7 @@ def lattice_through(
     fitted, origin = _regular_fit(known)
     shape = (image.height, image.width)
     steps, at = _steps_near(shape, fitted, origin, known.steps)
-    regular = steps @ fitted + origin
+    regular = matrix_product(steps, fitted) + origin
     force = np.full(len(at), _FILE_WEIGHT) if weights is None else weights
     moves = _smoothed(steps, at, known.places - regular[at], force, stiffness)
     if weights is None:

@@ -11,6 +11,7 @@ from pydantic import Field
 from texloom.stages.arrays import Image, Mask, ScalarMap
 from texloom.stages.color import lab_from_linear
 from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.filters import gaussian_blur
 
 _MAX_CLASSES = 8
 
@@ -100,9 +101,8 @@ def dog_mask(image: Image, params: DogMaskParams) -> DogMask:
 
 def _difference(lightness: ScalarMap, params: DogMaskParams) -> ScalarMap:
     """How much a pixel is a feature, units of lightness."""
-    import cv2
 
-    narrow, wide = (cv2.GaussianBlur(lightness, (0, 0), sigma) for sigma in (params.inner, params.outer))
+    narrow, wide = (gaussian_blur(lightness, sigma) for sigma in (params.inner, params.outer))
     difference = wide - narrow
     if params.features == "both":
         return np.abs(difference)

@@ -13,6 +13,8 @@ from texloom.stages.analysis._contours.forest import Forest, load_forest
 from texloom.stages.arrays import ColorField, Image, ScalarMap
 from texloom.stages.color import lab_from_linear, srgb_from_linear
 from texloom.stages.declare import InputError, InputFile, Params, stage
+from texloom.stages.filters import gaussian_blur, gradients
+from texloom.stages.functions import power
 from texloom.stages.kernels.core.threads import run_all
 from texloom.stages.masks import fill_excluded, valid_pixels
 
@@ -96,13 +98,12 @@ def _gradient(lab: ColorField, sigma: float) -> ScalarMap:
     The rate is the root of the larger eigenvalue of the colour structure tensor [DiZenzo1986]_, times the blur, so
     that an ideal step has the same strength at every scale.
     """
-    import cv2
 
     unit = max(1.0, min(lab.shape[:2]) / 512)
     strongest = np.zeros(lab.shape[:2], np.float32)
     for blur in (sigma * unit, 2 * sigma * unit):
-        smooth = cv2.GaussianBlur(lab, (0, 0), blur, borderType=cv2.BORDER_REFLECT)
-        down, across = (cv2.Scharr(smooth, cv2.CV_32F, *axis, scale=1 / 32) for axis in ((0, 1), (1, 0)))
+        smooth = gaussian_blur(lab, blur, "repeat")
+        down, across = (difference / np.float32(32) for difference in gradients(smooth))
         dd, aa, da = ((x * y).sum(axis=2) for x, y in ((down, down), (across, across), (down, across)))
         steepest = (dd + aa + np.sqrt((dd - aa) ** 2 + 4 * da**2)) / 2
         np.maximum(strongest, np.float32(blur) * np.sqrt(steepest), out=strongest)
@@ -129,7 +130,7 @@ def _structured(image: Image, params: EdgesParams) -> ScalarMap:
     calls = [(magnification, encoded, detect) for magnification in reversed(used)]
     for response in reversed(run_all(_magnified, calls)):
         strength *= np.maximum(response, 0)
-    mean = strength ** np.float32(1 / len(used))
+    mean = power(strength, 1 / len(used))
     return np.maximum(mean - np.float32(params.background_threshold), np.float32(0))
 
 

@@ -12,6 +12,7 @@ from texloom.stages.arrays import Image, Mask
 from texloom.stages.common.sizes import check_same_size
 from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.masks import USABLE, valid_pixels, without_usable
+from texloom.stages.matrices import matrix_product
 
 _LOG = logging.getLogger(__name__)
 
@@ -88,7 +89,7 @@ def _valid(image: Image, mask: Image | None, params: ExclusionMaskParams) -> Mas
     if valid is None:
         valid = np.ones((image.height, image.width), bool)
     if mask is not None:
-        bright = mask.color @ np.array([0.2126, 0.7152, 0.0722], np.float32) >= _MIDDLE_GREY
+        bright = matrix_product(mask.color, np.array([0.2126, 0.7152, 0.0722], np.float32)) >= _MIDDLE_GREY
         valid = valid & (bright if params.avoid == "black" else ~bright)
     if params.grow:
         side = 2 * params.grow + 1

@@ -11,6 +11,7 @@ from texloom.stages.arrays import Image, Jacobian, Mask, ScalarMap
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.distorted_appearance import block_side, whole_count
 from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.functions import power
 from texloom.stages.kernels.core.threads import run_all, run_spans, spans
 from texloom.stages.masks import nearest_valid
 from texloom.stages.progress import Progress, report
@@ -201,7 +202,7 @@ def _gain(grid: _Grid, region: Mask, number: int, even: float) -> Float32[np.nda
     light = _illumination(grid, region, number)
     mean = light[region].mean(axis=0)
     gain = np.clip(mean / np.maximum(light, 1e-6 + 1e-3 * mean), 1 / _MAX_GAIN, _MAX_GAIN)
-    return np.asarray(gain ** np.float32(even), np.float32)
+    return np.asarray(power(gain, even), np.float32)
 
 
 def _illumination(grid: _Grid, region: Mask, number: int) -> Float32[np.ndarray, "h w 3"]:

@@ -10,6 +10,7 @@ from pydantic import Field
 from texloom.stages.arrays import Image, Layers, ScalarMap
 from texloom.stages.color import lab_from_linear
 from texloom.stages.declare import Params, stage
+from texloom.stages.filters import filtered
 from texloom.stages.masks import valid_pixels
 
 STRONG_WEIGHT, WEAK_WEIGHT = 3.0, 1.0
@@ -59,7 +60,7 @@ def _density(
     )
     reach = int(np.ceil(2 * blur))
     kernel = cv2.getGaussianKernel(2 * reach + 1, blur)
-    density = cv2.sepFilter2D(counts, cv2.CV_64F, kernel, kernel, borderType=cv2.BORDER_CONSTANT)
+    density = filtered(counts, kernel.ravel(), kernel.ravel(), "zero")
     density[density < 1e-9 * max(density.max(), 1e-30)] = 0
     return np.asarray(density / max(density.max(), 1e-30), np.float32)
 

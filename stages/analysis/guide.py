@@ -15,6 +15,7 @@ from texloom.stages.common.labels import assign_labels, label_colors, simplex, u
 from texloom.stages.common.maps import map_channels
 from texloom.stages.common.pyramid import resize
 from texloom.stages.declare import InputError, Outline, Params, stage
+from texloom.stages.functions import cos, sin
 from texloom.stages.masks import EXCLUSION_CHANNELS, fill_excluded, valid_pixels
 
 MAX_PLANES = 15
@@ -181,7 +182,7 @@ def _opaque(image: Image) -> Image:
 
 def _doubled(values: _Planes) -> _Planes:
     angle = 2 * np.pi * values[..., 0]
-    return np.stack([np.cos(angle), np.sin(angle)], axis=2).astype(np.float32) / 2
+    return np.stack([cos(angle), sin(angle)], axis=2).astype(np.float32) / 2
 
 
 def _scaled(values: _Planes, wanted: _Planes, valid: Mask | None) -> tuple[_Planes, _Planes]:

@@ -24,6 +24,7 @@ from texloom.stages.arrays import Image, Jacobian, Mask, Quads
 from texloom.stages.common.orientation import streaks
 from texloom.stages.common.sizes import check_same_size
 from texloom.stages.declare import Document, InputError, Outline, Params, stage
+from texloom.stages.functions import arctan2, power
 
 _MIN_WINDOW = 7  # px; side of a square that must fit into the region
 
@@ -206,9 +207,9 @@ def _streamlines(image: Image, field: Jacobian) -> Image:
 
     unit = _unit(image)
     coarse = field[::unit, ::unit]
-    down = streaks(np.arctan2(coarse[..., 0], coarse[..., 2]).astype(np.float32), 14)
-    across = streaks(np.arctan2(coarse[..., 1], coarse[..., 3]).astype(np.float32), 14)
-    lines = 0.5 * np.dstack([down, across, np.zeros_like(down)]) ** 2.2
+    down = streaks(arctan2(coarse[..., 0], coarse[..., 2]).astype(np.float32), 14)
+    across = streaks(arctan2(coarse[..., 1], coarse[..., 3]).astype(np.float32), 14)
+    lines = 0.5 * power(np.dstack([down, across, np.zeros_like(down)]), 2.2)
     picture = 0.35 * np.clip(image.color, 0, 1)
     picture += cv2.resize(lines, (image.width, image.height), interpolation=cv2.INTER_LINEAR)
     return Image(np.asarray(picture, np.float32), ("R", "G", "B"))

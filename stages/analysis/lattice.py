@@ -12,7 +12,10 @@ from texloom.stages.arrays import Channels, Image, Mask, ScalarMap, Vectors
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.lattice_cells import reduced
 from texloom.stages.declare import Params, stage
+from texloom.stages.filters import gaussian_blur, gradients
+from texloom.stages.functions import sin, squared_size
 from texloom.stages.masks import valid_pixels
+from texloom.stages.matrices import determinant, inverse_of, least_squares, matrix_product, rank
 
 _MIN_ANGLE = np.pi / 16  # between generators
 _MAX_CANDIDATES = 200  # peaks of the density
@@ -92,7 +95,7 @@ def _best_pair(density: ScalarMap, params: LatticeParams) -> tuple[np.ndarray, f
     first, second = (peaks[index] for index in np.triu_indices(len(peaks), 1))
     lengths = np.hypot(*first.T) * np.hypot(*second.T)
     sine = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / np.maximum(lengths, 1e-9)
-    wide = sine >= np.sin(_MIN_ANGLE)
+    wide = sine >= sin(_MIN_ANGLE)
     first, second = first[wide], second[wide]
     if not len(first) or not total:
         return np.zeros((0, 2)), 0.0
@@ -120,7 +123,7 @@ def _refined(generators: np.ndarray, density: ScalarMap) -> np.ndarray:
         reach = max(2, int(min(4 + rings, np.hypot(*generators.T).min() / 4)))
         centroids, weights, used = [], [], []
         for step in steps:
-            position = np.rint(step @ generators).astype(int) + middle
+            position = np.rint(matrix_product(step, generators)).astype(int) + middle
             low, high = position - reach, position + reach + 1
             if (low < 0).any() or (high > density.shape).any():
                 continue
@@ -132,10 +135,10 @@ def _refined(generators: np.ndarray, density: ScalarMap) -> np.ndarray:
             centroids.append((window[..., None] * grid).sum(axis=(0, 1)) / window.sum())
             weights.append(np.sqrt(window.max()))
             used.append(step)
-        if len(used) < 2 or np.linalg.matrix_rank(np.array(used)) < 2:
+        if len(used) < 2 or rank(np.array(used)) < 2:
             break
         weight = np.sqrt(np.array(weights))[:, None]
-        generators = np.linalg.lstsq(np.array(used) * weight, np.array(centroids) * weight, rcond=None)[0]
+        generators = least_squares(np.array(used) * weight, np.array(centroids) * weight)
     return generators
 
 
@@ -158,8 +161,8 @@ def gradient_magnitude(lightness: ScalarMap, valid: Mask | None) -> ScalarMap:
     """
     import cv2
 
-    smooth = cv2.GaussianBlur(lightness, (0, 0), _GRADIENT_SIGMA)
-    magnitude = np.hypot(cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1))
+    smooth = gaussian_blur(lightness, _GRADIENT_SIGMA)
+    magnitude = np.hypot(*gradients(smooth, (1, 2, 1)))
     if valid is not None:
         side = 2 * _GRADIENT_REACH + 1
         inside = cv2.erode(valid.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
@@ -169,11 +172,10 @@ def gradient_magnitude(lightness: ScalarMap, valid: Mask | None) -> ScalarMap:
 
 def detail(plane: ScalarMap) -> ScalarMap:
     """A plane without noise, and without shading at the scale of an eighth of the image; its mean is 0."""
-    import cv2
 
     unit = min(plane.shape) / 512
-    fine = cv2.GaussianBlur(plane, (0, 0), max(1.0, 2.0 * unit))
-    fine = fine - cv2.GaussianBlur(fine, (0, 0), 64 * unit)
+    fine = gaussian_blur(plane, max(1.0, 2.0 * unit))
+    fine = fine - gaussian_blur(fine, 64 * unit)
     return np.asarray(fine - fine.mean())
 
 
@@ -188,7 +190,7 @@ def self_correlation(fine: ScalarMap) -> ScalarMap:
     shape = (2 * height, 2 * width)
     rows, columns = np.arange(height) - height // 2, np.arange(width) - width // 2
     overlap = np.outer(height - np.abs(rows), width - np.abs(columns))
-    product = np.fft.irfft2(np.abs(np.fft.rfft2(fine, shape)) ** 2, shape)
+    product = np.fft.irfft2(squared_size(np.fft.rfft2(fine, shape)), shape)
     mean = product[rows[:, None], columns[None, :]] / np.maximum(overlap, 1)
     return np.asarray(mean / max(float((fine**2).mean()), 1e-12), np.float32)
 
@@ -213,10 +215,10 @@ def mean_around(correlation: ScalarMap, generators: np.ndarray) -> float:
 def _steps_in_range(correlation: ScalarMap, frame: np.ndarray) -> np.ndarray:
     """The steps (n, 2) of a lattice in a half plane at which images shifted by them overlap enough."""
     reach = np.floor(_MAX_SHIFT * 2 * (np.array(correlation.shape) // 2)).astype(int)
-    limit = np.ceil(np.abs(reach @ np.abs(np.linalg.inv(frame)))).astype(int)
+    limit = np.ceil(np.abs(matrix_product(reach, np.abs(inverse_of(frame))))).astype(int)
     rows, columns = range(-limit[0], limit[0] + 1), range(limit[1] + 1)
     steps = np.array([(i, j) for i in rows for j in columns if (j, i) > (0, 0)]).reshape(-1, 2)
-    return np.asarray(steps[(np.abs(steps @ frame) <= reach).all(axis=1)])
+    return np.asarray(steps[(np.abs(matrix_product(steps, frame)) <= reach).all(axis=1)])
 
 
 def significance(correlation: ScalarMap, generators: np.ndarray) -> float:
@@ -231,12 +233,12 @@ def significance(correlation: ScalarMap, generators: np.ndarray) -> float:
     middle = np.array(correlation.shape) // 2
     frame = reduced(generators)
     steps = _steps_in_range(correlation, frame)
-    if len(steps) < _MIN_POINTS or np.linalg.matrix_rank(steps) < 2:
+    if len(steps) < _MIN_POINTS or rank(steps) < 2:
         return -1.0
     near = cv2.dilate(correlation, np.ones((2 * _SEARCH_RADIUS + 1, 2 * _SEARCH_RADIUS + 1), np.uint8))
 
     def mean(shift: np.ndarray) -> float | None:
-        offsets = np.rint((steps + shift) @ frame).astype(int)
+        offsets = np.rint(matrix_product(steps + shift, frame)).astype(int)
         row, column = (offsets[(np.abs(offsets) < middle).all(axis=1)] + middle).T
         return float(near[row, column].mean()) if row.size else None
 
@@ -282,8 +284,8 @@ def _new_point_correlation(correlation: ScalarMap, finer: np.ndarray, coarse: np
     """
     cosets: dict[tuple[int, ...], list[float]] = {}
     for step in ((i, j) for i in range(3) for j in range(-2, 3) if (i, j) > (0, 0)):
-        offset = np.array(step) @ finer
-        coset = np.rint(offset @ np.linalg.inv(coarse) * index).astype(int)
+        offset = matrix_product(np.array(step), finer)
+        coset = np.rint(matrix_product(offset, inverse_of(coarse)) * index).astype(int)
         value = _at(correlation, offset)
         if (coset % index).any() and value is not None:
             cosets.setdefault(min(tuple(coset % index), tuple(-coset % index)), []).append(value)
@@ -302,8 +304,8 @@ def _densest(generators: np.ndarray, correlation: ScalarMap, min_length: float) 
         for index in (2, 3, 5, 7):  # every finer lattice is reached by steps of a prime index
             finer = [(a / index, b), *(((k * a + b) / index, a) for k in range(index))]
             for pair in (reduced(np.array(pair)) for pair in finer):
-                sine = abs(np.linalg.det(pair)) / np.prod(np.hypot(*pair.T))
-                wide = np.hypot(*pair[0]) >= min_length and sine >= np.sin(_MIN_ANGLE)
+                sine = abs(determinant(pair)) / np.prod(np.hypot(*pair.T))
+                wide = np.hypot(*pair[0]) >= min_length and sine >= sin(_MIN_ANGLE)
                 if wide and _are_separate_peaks(correlation, pair, level):
                     candidates.append((_new_point_correlation(correlation, pair, generators, index), pair))
         if not candidates:
@@ -330,21 +332,21 @@ def coarsened(generators: np.ndarray, correlation: ScalarMap) -> np.ndarray:
     if not len(steps):
         return frame
     near = cv2.dilate(correlation, np.ones((2 * _SEARCH_RADIUS + 1, 2 * _SEARCH_RADIUS + 1), np.uint8))
-    row, column = (np.rint(steps @ frame).astype(int) + np.array(correlation.shape) // 2).T
+    row, column = (np.rint(matrix_product(steps, frame)).astype(int) + np.array(correlation.shape) // 2).T
     values = near[row, column].astype(np.float64)
     best, highest = frame, _MIN_CONTRAST * float(values.std())
     for count in range(2, _MAX_COARSENING + 1):
         for i in (i for i in range(1, count + 1) if count % i == 0):
             for k in range(count // i):
                 change = np.array([[i, k], [0, count // i]])
-                whole = steps @ np.linalg.inv(change)
+                whole = matrix_product(steps, inverse_of(change))
                 on = (np.abs(whole - np.rint(whole)) < 1e-6).all(axis=1)
-                if on.sum() < _MIN_POINTS or on.all() or np.linalg.matrix_rank(steps[on]) < 2:
+                if on.sum() < _MIN_POINTS or on.all() or rank(steps[on]) < 2:
                     continue
                 difference = float(values[on].mean() - values[~on].mean())
                 contrast = difference / np.sqrt(1 / on.sum() + 1 / (~on).sum())
                 if difference > _MIN_CONTRAST_DIFFERENCE and contrast > highest:
-                    best, highest = change @ frame, contrast
+                    best, highest = matrix_product(change, frame), contrast
     return reduced(best)
 
 

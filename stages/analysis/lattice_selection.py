@@ -29,6 +29,7 @@ from texloom.stages.arrays import Channels, Image, Mask, ScalarMap, Vectors
 from texloom.stages.common.lattice_cells import reduced
 from texloom.stages.declare import Params, stage
 from texloom.stages.masks import valid_pixels
+from texloom.stages.matrices import determinant
 
 _LOG = logging.getLogger(__name__)
 
@@ -149,7 +150,7 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     elif mirror_symmetry(lightness) >= _SYMMETRIC:
         cells = shown = min(shown, 1.0)
     if len(selected.generators) == 2:
-        cells = lightness.size / abs(float(np.linalg.det(selected.generators.astype(np.float64))))
+        cells = lightness.size / abs(float(determinant(selected.generators.astype(np.float64))))
     _warn_if_few(shown, cells, "elements" if selected.chosen in ("none", "lines") else "cells of its lattice")
     return dataclasses.replace(selected, shown=shown, cells=cells)
 
@@ -280,4 +281,4 @@ def most_confident(lattices: dict[Origin, Lattice], params: LatticeSelectionPara
 
 def _cell_area(lattice: Lattice) -> float:
     """Area of a cell, px squared."""
-    return abs(float(np.linalg.det(lattice.best.astype(np.float64))))
+    return abs(float(determinant(lattice.best.astype(np.float64))))

@@ -8,8 +8,10 @@ from pydantic import Field
 from texloom.stages.analysis._lattice.density import smoothed
 from texloom.stages.arrays import Image, ScalarMap, Vectors
 from texloom.stages.color import lab_from_linear
+from texloom.stages.common.sift import features
 from texloom.stages.declare import Params, stage
 from texloom.stages.masks import fill_excluded, valid_pixels
+from texloom.stages.matrices import row_product
 
 _MIN_OFFSET = 5.0  # px; shorter offsets match a feature with its own surroundings
 _BIN_SIZE = 5  # px; side of the bins in which isolated offsets are counted
@@ -53,22 +55,21 @@ def _descriptors(image: Image, count: int) -> tuple[np.ndarray, np.ndarray]:
     if valid is not None:
         side = 2 * _MARGIN + 1
         allowed = cv2.erode(valid.astype(np.uint8), np.ones((side, side), np.uint8))
-    keypoints, descriptors = cv2.SIFT.create().detectAndCompute(stretched, allowed)
-    if descriptors is None:
-        return none
-    strength = np.array([keypoint.response for keypoint in keypoints])
+    positions, strength, descriptors = features(stretched)
+    if allowed is not None:
+        rows, columns = np.clip(np.rint(positions), 0, np.array(allowed.shape) - 1).astype(np.int64).T
+        keep = allowed[rows, columns] > 0
+        positions, strength, descriptors = positions[keep], strength[keep], descriptors[keep]
     strongest = np.sort(np.argsort(-strength, kind="stable")[:count])
-    positions = np.array([keypoints[index].pt[::-1] for index in strongest], np.float32)
-    return positions, descriptors[strongest]
+    return positions[strongest], descriptors[strongest]
 
 
 def _offsets(image: Image, params: OffsetStatisticsParams) -> Vectors:
     positions, descriptors = _descriptors(image, params.features)
     if len(positions) < 2:
         return np.zeros((0, 2), np.float32)
-    # Descriptors are integers up to 255, so these sums are exact and identical on every machine.
     lengths = (descriptors**2).sum(axis=1)
-    squared = lengths[:, None] + lengths[None, :] - 2 * (descriptors @ descriptors.T)
+    squared = lengths[:, None] + lengths[None, :] - 2 * row_product(descriptors, descriptors.T)
     mean = np.sqrt(np.maximum(squared, 0)).mean(dtype=np.float64) * len(positions) / (len(positions) - 1)
     first, second = np.nonzero(squared < (params.ratio * mean) ** 2)
     offsets = positions[second] - positions[first]

@@ -17,6 +17,8 @@ from texloom.stages.common.orientation import (
 )
 from texloom.stages.common.sizes import same_size
 from texloom.stages.declare import Params, stage
+from texloom.stages.functions import cos, exp, sin
+from texloom.stages.matrices import eigenvectors, matrix_product, square_sums
 
 _FREQUENCY = 0.23  # of the filters, cycles per px
 _SIGMA_ALONG, _SIGMA_ACROSS = 2.4, 1.8  # px; of a filter's Gaussian window
@@ -99,8 +101,8 @@ def _principal(lab: ColorField) -> ScalarMap:
     """The first principal component of colour."""
     values = lab.reshape(-1, 3).astype(np.float64)
     values -= values.mean(axis=0)
-    _, vectors = np.linalg.eigh(values.T @ values / len(values))
-    return np.asarray((values @ vectors[:, 2]).reshape(lab.shape[:2]), np.float32)
+    _, vectors = eigenvectors(square_sums(values) / len(values))
+    return np.asarray(matrix_product(values, vectors[:, 2]).reshape(lab.shape[:2]), np.float32)
 
 
 def _filtered(plane: ScalarMap, params: OrientationFieldParams) -> Doubled:
@@ -138,14 +140,14 @@ def _responses(plane: ScalarMap, angles: int) -> tuple[np.ndarray, np.ndarray]:
     total = np.zeros(plane.shape, np.float64)
     sums = np.zeros((*plane.shape, 2), np.float64)
     for angle in np.pi * np.arange(angles) / angles:
-        along = columns * np.cos(angle) + rows * np.sin(angle)
-        across = rows * np.cos(angle) - columns * np.sin(angle)
-        window = np.exp(-((along / _SIGMA_ALONG) ** 2 + (across / _SIGMA_ACROSS) ** 2) / 2)
+        along = columns * cos(angle) + rows * sin(angle)
+        across = rows * cos(angle) - columns * sin(angle)
+        window = exp(-((along / _SIGMA_ALONG) ** 2 + (across / _SIGMA_ACROSS) ** 2) / 2)
         energy = np.zeros(plane.shape, np.float64)
-        for wave in (np.cos, np.sin):
+        for wave in (cos, sin):
             kernel = window * wave(2 * np.pi * _FREQUENCY * across)
             kernel -= window * kernel.sum() / window.sum()  # no response to constant colour
             energy += cv2.filter2D(plane, cv2.CV_32F, kernel, borderType=cv2.BORDER_REFLECT).astype(np.float64) ** 2
         total += energy
-        sums += energy[..., None] * [np.cos(2 * angle), np.sin(2 * angle)]
+        sums += energy[..., None] * [cos(2 * angle), sin(2 * angle)]
     return sums, total

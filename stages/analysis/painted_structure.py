@@ -8,6 +8,7 @@ from texloom.stages.arrays import Image, Mask
 from texloom.stages.common.sizes import same_size
 from texloom.stages.declare import InputError, stage
 from texloom.stages.masks import valid_pixels
+from texloom.stages.matrices import matrix_product
 
 _MIDDLE_GREY = 0.2140  # linear light of sRGB's 0.5
 
@@ -41,7 +42,7 @@ def painted_structure(image: Image, detected: Mask, painted: Image | None = None
     """
     if painted is None:
         return PaintedStructure(detected)
-    structure = painted.color @ np.array([0.2126, 0.7152, 0.0722], np.float32) >= _MIDDLE_GREY
+    structure = matrix_product(painted.color, np.array([0.2126, 0.7152, 0.0722], np.float32)) >= _MIDDLE_GREY
     for shown in (valid_pixels(painted), valid_pixels(image)):
         if shown is not None:
             structure &= shown

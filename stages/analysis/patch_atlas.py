@@ -15,6 +15,7 @@ from texloom.stages.common.footprints import resampled
 from texloom.stages.common.packing import arranged
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.masks import USABLE
+from texloom.stages.matrices import inverse_of, matrix_product
 
 _REACH = 3  # repetitions among which a place is searched, to each side of the nearest
 _CHANNELS = ("R", "G", "B", USABLE)
@@ -128,8 +129,8 @@ def _in_phase(
 
     def moved(number: int, row: int, column: int) -> tuple[int, int]:
         offset = offsets[number] - offsets[0]
-        nearest = np.rint([row, column] @ np.linalg.inv(generators) - offset)
-        places = np.rint((offset + nearest + around) @ generators).astype(int)
+        nearest = np.rint(matrix_product([row, column], inverse_of(generators)) - offset)
+        places = np.rint(matrix_product(offset + nearest + around, generators)).astype(int)
         places = places[(places >= (row, column)).all(axis=1)]
         top, left = places[np.argmin(places.sum(axis=1))].tolist()
         return top, left

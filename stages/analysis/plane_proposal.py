@@ -14,6 +14,8 @@ from texloom.stages.arrays import Image, Mask, Quads
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.common.pyramid import scaled
 from texloom.stages.declare import Document, Params, stage
+from texloom.stages.filters import gaussian_blur
+from texloom.stages.matrices import determinant, inverse_of, matrix_product
 
 _LOG = logging.getLogger(__name__)
 
@@ -150,13 +152,12 @@ class _Cells:
 
     def density(self, family: Segments) -> Float32[np.ndarray, "m n"]:
         """Length of the segments in and near each cell, in sides of the cell."""
-        import cv2
 
         density = np.zeros(self.shape, np.float32)
         shares = (np.arange(_SAMPLES) + 0.5)[:, None, None] / _SAMPLES
         places = (family.ends[:, 0] * (1 - shares) + family.ends[:, 1] * shares).reshape(-1, 2)
         np.add.at(density, self.of(places), np.tile(family.lengths * self.unit / self.side / _SAMPLES, _SAMPLES))
-        return np.asarray(cv2.GaussianBlur(density, (0, 0), _SPREAD), np.float32)
+        return np.asarray(gaussian_blur(density, _SPREAD), np.float32)
 
 
 def _segments(image: Image, cells: _Cells) -> Segments:
@@ -184,7 +185,7 @@ def _planes(
 
     # Planes that are parallel, as both sides of a street, are on different sides of the line through both points.
     line = np.cross(*points)
-    side = cells.centres() @ line[:2] + line[2] > 0
+    side = matrix_product(cells.centres(), line[:2]) + line[2] > 0
     planes = []
     for half in (side, ~side):
         covered = ((shared > 0) & half).astype(np.uint8)
@@ -209,18 +210,18 @@ def _plane(
     origin = np.average(middles, axis=0, weights=lengths)
     towards = np.array([point[:2] - point[2] * origin for point in points])
     towards /= np.maximum(np.hypot(*towards.T), 1e-12)[:, None]
-    if abs(float(np.linalg.det(towards))) < _MIN_SINE:
+    if abs(float(determinant(towards))) < _MIN_SINE:
         return None
     down = int(abs(towards[1, 0]) > abs(towards[0, 0]))
     across = 1 - down
     # Down and to the right in the photograph.
     axes = points[down] * np.copysign(1, towards[down, 0]), points[across] * np.copysign(1, towards[across, 1])
     matrix = np.stack([*axes, np.append(origin, 1)], axis=1)
-    back, ordered = np.linalg.inv(matrix), (families[down], families[across])
+    back, ordered = inverse_of(matrix), (families[down], families[across])
     borders = [_borders(ordered[1 - axis], ordered[axis], back, axis) for axis in (0, 1)]
     low, high = np.array(borders).T
     square = np.array([low, (low[0], high[1]), high, (high[0], low[1])])
-    corners = np.concatenate([square, np.ones((4, 1))], axis=1) @ matrix.T
+    corners = matrix_product(np.concatenate([square, np.ones((4, 1))], axis=1), matrix.T)
     if not ((high > low).all() and (corners[:, 2] > 0).all()):
         return None
     return _Plane(corners[:, :2] / corners[:, 2:], area, support, ordered)
@@ -242,7 +243,7 @@ def _borders(lines: Segments, others: Segments, back: np.ndarray, axis: int) -> 
 
 def _along(places: np.ndarray, lengths: np.ndarray, back: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates on a plane, and lengths, which are 0 where the plane is too far away."""
-    flat = np.concatenate([places, np.ones((len(places), 1))], axis=1) @ back.T
+    flat = matrix_product(np.concatenate([places, np.ones((len(places), 1))], axis=1), back.T)
     return flat[:, axis] / flat[:, 2], np.where(flat[:, 2] > 1 / _MAX_DEPTH, lengths, 0)
 
 

@@ -15,6 +15,8 @@ from texloom.stages.common.surface.gutters import nearest_known
 from texloom.stages.common.surface.mesh import shares_at
 from texloom.stages.common.surface.vertex_graph import VertexGraph
 from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.functions import arctan2, cos, sin
+from texloom.stages.matrices import length_of, matrix_product
 
 _SIDE = 512  # px; of the pictures in which it is seen what hides a vertex
 _BIAS = 2.0  # px of these pictures by which a vertex may lie behind what is seen
@@ -88,7 +90,8 @@ def surface_control(
     if params.geometry == "up":
         values = 0.5 + 0.5 * mesh[:, 3 + up].astype(np.float64)
     elif params.geometry == "slope":
-        values = np.arccos(np.clip(mesh[:, 3 + up].astype(np.float64), 0, 1)) / (np.pi / 2)
+        high = np.clip(mesh[:, 3 + up].astype(np.float64), 0, 1)
+        values = arctan2(np.sqrt(1 - high**2), high) / (np.pi / 2)
     elif params.geometry == "vertices":
         values = _own(mesh)
     elif params.geometry == "height":
@@ -123,7 +126,7 @@ def _openness(mesh: Mesh, directions: int) -> Float64[np.ndarray, "*corners"]:
     places *= (_SIDE / 2 - 2) / max(float(np.linalg.norm(places, axis=1).max()), 1e-300)
     number = np.arange(directions)
     high, turn = 1 - (2 * number + 1) / directions, number * np.pi * (3 - 5**0.5)
-    towards = np.stack([np.sqrt(1 - high**2) * np.cos(turn), high, np.sqrt(1 - high**2) * np.sin(turn)], axis=1)
+    towards = np.stack([np.sqrt(1 - high**2) * cos(turn), high, np.sqrt(1 - high**2) * sin(turn)], axis=1)
     lit = run_all(_lit, [(places, first, graph.normal, one) for one in towards])
     return graph.at_corners(sum(part for part, _ in lit) / np.maximum(sum(whole for _, whole in lit), 1e-9))
 
@@ -133,13 +136,13 @@ def _lit(places: np.ndarray, first: np.ndarray, normal: np.ndarray, towards: np.
     from texloom.stages.kernels.surface.raster import draw
 
     right = np.cross(towards, np.eye(3)[np.abs(towards).argmin()])
-    right /= np.linalg.norm(right)
+    right /= length_of(right)
     axes = np.stack([np.cross(right, towards), right, -towards])
-    seen = places @ axes.T
+    seen = matrix_product(places, axes.T)
     seen[:, :2] += _SIDE / 2
     owner, depth = np.full((_SIDE, _SIDE), -1, np.int32), np.full((_SIDE, _SIDE), np.inf, np.float32)
     draw(seen.reshape(-1, 3, 3), np.arange(len(seen) // 3), 0, 0, owner, depth)
-    cosine = np.maximum(normal @ towards, 0)
+    cosine = np.maximum(matrix_product(normal, towards), 0)
     rows, columns = np.rint(seen[first, :2]).astype(np.int64).T
     # a slope may be hidden by itself within a pixel
     slack = _BIAS * (1 + np.sqrt(np.maximum(1 - cosine**2, 0)) / np.maximum(cosine, 0.1))

@@ -13,6 +13,8 @@ from texloom.stages.common.orientation import angle_of, painted
 from texloom.stages.common.surface.mesh import along_texture, areas, tangential, unit_tangents
 from texloom.stages.common.surface.vertex_graph import VertexGraph
 from texloom.stages.declare import Params, stage
+from texloom.stages.functions import cos, sin
+from texloom.stages.matrices import eigenvectors
 
 _MIN_STEEP = 0.6  # mean length of "down" in the surface; below it the surface mostly faces up, as terrain
 _MIN_ARROW = 0.05  # length of a painted vector that means something
@@ -97,12 +99,12 @@ def surface_direction(
     if strokes is not None:
         doubled, near = painted(strokes, params.stroke_radius)
         angle = angle_of(doubled)
-        along = _on_surface(mesh, np.stack([np.cos(angle), -np.sin(angle), near], axis=2))
+        along = _on_surface(mesh, np.stack([cos(angle), -sin(angle), near], axis=2))
         along *= np.where(np.einsum("ni,ni->n", along, down) < 0, -1, 1)[:, None]
         along = graph.oriented(graph.means(along), graph.means(down))
         down = _led(graph, down, graph.at_corners(along), params.passes)
     turn = np.deg2rad(params.turn)
-    down = np.cos(turn) * down + np.sin(turn) * np.cross(normals, down)
+    down = cos(turn) * down + sin(turn) * np.cross(normals, down)
     return SurfaceDirection(down.astype(np.float32))
 
 
@@ -121,7 +123,7 @@ def _smooth(
 
 def _least_bent(graph: VertexGraph) -> Float64[np.ndarray, "vertices 3"]:
     """Lines along which the surface bends least, as long as it bends more across them, at most 1."""
-    values, vectors = np.linalg.eigh(graph.curvature_tensors())
+    values, vectors = eigenvectors(graph.curvature_tensors())
     most = np.abs(values).argmax(axis=1)[:, None]
     across = np.take_along_axis(vectors, most[:, None], axis=2)[..., 0]
     bend = np.take_along_axis(values, most, axis=1)[:, 0]

@@ -17,6 +17,7 @@ from texloom.stages.common.sizes import check_side
 from texloom.stages.common.tone import BLACK, ToneField, relative_tone, with_tone
 from texloom.stages.declare import Outline, Params, stage
 from texloom.stages.masks import fill_excluded, nearest_valid, valid_pixels
+from texloom.stages.matrices import solve
 
 _LOG = logging.getLogger(__name__)
 
@@ -251,7 +252,7 @@ def _fitted(values: Float64[np.ndarray, "8 8"]) -> Float64[np.ndarray, "6"]:
     for _ in range(_PASSES):
         weighted = basis * weights
         normal = (weighted[:, None] * basis[None]).sum(axis=(2, 3))
-        coefficients = np.linalg.solve(normal, (weighted * values).sum(axis=(1, 2)))
+        coefficients = solve(normal, (weighted * values).sum(axis=(1, 2)))
         residual = values - (coefficients[:, None, None] * basis).sum(axis=0)
         deviation = 1.4826 * float(np.median(np.abs(residual))) + 1e-9
         weights = 1 / (1 + np.square(residual / (_OUTLIER * deviation)))

@@ -12,6 +12,8 @@ from texloom.stages.analysis._distortion.pull_push import pull_push
 from texloom.stages.arrays import Channels, Image, Jacobian, Mask
 from texloom.stages.common.footprints import footprints, resampled
 from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.filters import gaussian_blur
+from texloom.stages.functions import exp, log, log2
 from texloom.stages.masks import USABLE
 
 _MIN_CONTEXT = 48  # px
@@ -145,10 +147,9 @@ def _placed(
 
 def _blurred(values: Float32[np.ndarray, "rows columns k"], seen: Mask, sigma: float) -> np.ndarray:
     """Means of the pixels that are seen."""
-    import cv2
 
     planes = np.concatenate([values * seen[..., None], seen[..., None]], axis=2, dtype=np.float32)
-    planes = cv2.GaussianBlur(planes, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+    planes = gaussian_blur(planes, sigma, "zero")
     return np.asarray(planes[..., :-1] / np.maximum(planes[..., -1:], 1e-6))
 
 
@@ -156,13 +157,13 @@ def _detail(
     color: Float32[np.ndarray, "rows columns 3"], seen: Mask, sigma: float
 ) -> Float32[np.ndarray, "rows columns 1"]:
     """Mean contrast of neighbouring pixels around each, octaves; interpolated where nothing is seen."""
-    logs = np.log(np.maximum(color, 0).mean(axis=2) + np.float32(_DARK))
+    logs = log(np.maximum(color, 0).mean(axis=2) + np.float32(_DARK))
     steps = np.hypot(*np.gradient(logs))[..., None].astype(np.float32)
     inner = seen.copy()  # away from what else the photograph shows
     for axis in (0, 1):
         inner &= np.roll(seen, 1, axis) & np.roll(seen, -1, axis)
     inner = inner if inner.any() else seen
-    octaves = np.log2(_blurred(steps, inner, sigma) + np.float32(1e-4)).astype(np.float32)
+    octaves = log2(_blurred(steps, inner, sigma) + np.float32(1e-4)).astype(np.float32)
     return pull_push(octaves, inner.astype(np.float32))
 
 
@@ -170,7 +171,7 @@ def _evened(
     color: Float32[np.ndarray, "rows columns 3"], seen: Mask, sigma: float, share: float
 ) -> Float32[np.ndarray, "rows columns 3"]:
     """Colours divided by a power of the slow light of the pixels that are seen."""
-    logs = np.log(np.maximum(color, 0) + np.float32(_DARK))
+    logs = log(np.maximum(color, 0) + np.float32(_DARK))
     light = _blurred(logs, seen, sigma) - logs[seen].mean(axis=0)
-    even = np.exp(logs - np.float32(share) * light) - np.float32(_DARK)
+    even = exp(logs - np.float32(share) * light) - np.float32(_DARK)
     return np.asarray(np.clip(even, 0, 4), np.float32)

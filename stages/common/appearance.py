@@ -14,6 +14,7 @@ from texloom.stages.common.components import components
 from texloom.stages.common.similarity_sets import similarity_sets
 from texloom.stages.kernels.core.threads import run_spans, spans
 from texloom.stages.kernels.core.vector_size import DIMENSIONS
+from texloom.stages.matrices import matrix_product
 
 COMPONENTS = 8
 """dimensions of an appearance vector, and of a projected neighbourhood"""
@@ -109,7 +110,7 @@ def appearances(planes: Float32[np.ndarray, "h w c"], complete: Mask, level: int
     offsets = [(step * down, step * across) for down in range(_SIDE) for across in range(_SIDE)]
     mean, basis = components(_around(padded, rows, columns, offsets), COMPONENTS)
     projection = np.empty((height, width, COMPONENTS), np.float32)
-    middle, axes = (mean @ basis).astype(np.float32), basis.astype(np.float32)
+    middle, axes = matrix_product(mean, basis).astype(np.float32), basis.astype(np.float32)
     shared = (np.ascontiguousarray(np.moveaxis(padded, 2, 0)), step, middle, axes, projection)
     run_spans(project_windows, shared, height, _PIECES)
     longest = float(np.sqrt((projection**2).sum(axis=2).max()))

@@ -2,13 +2,15 @@
 
 import numpy as np
 
+from texloom.stages.matrices import eigenvectors, square_sums
+
 
 def components(sample: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Mean of the rows and their principal components, (values, count), padded with zeros."""
     centred = sample.astype(np.float64)
     mean = centred.mean(axis=0)
     centred -= mean
-    _, vectors = np.linalg.eigh(centred.T @ centred * (1 / len(sample)))
+    _, vectors = eigenvectors(square_sums(centred) * (1 / len(sample)))
     basis = np.zeros((sample.shape[1], count))
     kept = min(count, sample.shape[1])
     basis[:, :kept] = vectors[:, ::-1][:, :kept]

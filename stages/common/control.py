@@ -26,6 +26,8 @@ from texloom.stages.common.pyramid import resize
 from texloom.stages.common.sizes import Sized
 from texloom.stages.declare import InputError
 from texloom.stages.frames import frame_count, name_in_frame
+from texloom.stages.functions import power
+from texloom.stages.matrices import eigenvectors, matrix_product
 
 _LIGHT = ("R", "G", "B", "Y")
 _MIN_RANGE = 1e-6  # of a plane that is not constant, as a share of its largest value
@@ -176,7 +178,7 @@ def painted_values(image: Image) -> Float32[np.ndarray, "h w c"]:
     for channel, name in enumerate(image.channels):
         if name_in_frame(name) in _LIGHT:
             size = np.abs(planes[..., channel])
-            encoded = np.where(size <= 0.0031308, 12.92 * size, 1.055 * size ** (1 / 2.4) - 0.055)
+            encoded = np.where(size <= 0.0031308, 12.92 * size, 1.055 * power(size, 1 / 2.4) - 0.055)
             planes[..., channel] = np.sign(planes[..., channel]) * encoded
     return planes
 
@@ -303,7 +305,10 @@ def _not_proportional(
     """What a linear function of control does not explain of the texture, and the variance that it does."""
     centred, own = (part - part.mean(axis=0, dtype=np.float64) for part in (texture, shares))
     moments, products = (np.einsum("nk,nc->kc", own, part) for part in (own, centred))  # no threads, as BLAS has
-    proportional = np.einsum("nk,kc->nc", own, np.linalg.lstsq(moments, products, rcond=None)[0])
+    values, vectors = eigenvectors(moments)
+    kept = vectors[:, values > 1e-12 * values.max(initial=0.0)]
+    factors = matrix_product(kept.T, products) / values[-kept.shape[1] :, None] if kept.size else products[:0]
+    proportional = np.einsum("nk,kc->nc", own, matrix_product(kept, factors))
     return (centred - proportional).astype(np.float32), float(by_plane(proportional, np.float64).var(axis=1).sum())
 
 

@@ -18,6 +18,7 @@ from texloom.stages.common.appearance import (
 from texloom.stages.common.components import components
 from texloom.stages.kernels.core.threads import run_spans, thread_count
 from texloom.stages.masks import nearest_valid
+from texloom.stages.matrices import row_product
 
 _BLOCKS = 4  # per step: one pixel of each block is described and represents the others
 _LEAST_STRETCH = 0.7  # px per element, of pixels that are sharp at every level
@@ -182,7 +183,7 @@ def _appearances(
     gather_windows(planes, jacobian, chosen, step, sample)
     mean, basis = components(sample, COMPONENTS)
     centred = sample - mean
-    squares = (centred @ basis) ** 2
+    squares = row_product(centred, basis) ** 2
     variances = squares.mean(axis=0)
     residual = max(float((centred**2).sum(axis=1).mean() - variances.sum()), 0) / sample.shape[1]
     noise = np.clip((residual + 1e-6) / (variances + 1e-6), 1e-4, 1e6)

@@ -6,6 +6,8 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float64
 
+from texloom.stages.matrices import least_squares, matrix_product
+
 Points: TypeAlias = Float64[np.ndarray, "n 2"]
 
 _MAX_ITERATIONS = 100  # of fitting a control lattice
@@ -88,8 +90,8 @@ def fitted(
     if not wrap:
         centre = points.mean(axis=0)
         system = np.column_stack([points - centre, np.ones(len(points))])
-        affine = np.linalg.lstsq(system, targets, rcond=None)[0]
-        affine[2] -= centre @ affine[:2]
+        affine = least_squares(system, targets)
+        affine[2] -= matrix_product(centre, affine[:2])
     levels: list[_Level] = []
     moved = _affine_moved(affine, points)
     error = _error(moved, targets)

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from texloom.stages.arrays import Jacobian, ScalarMap
+from texloom.stages.functions import cos, sin
 
 
 def inverted(jacobian: Float[np.ndarray, "h w 4"]) -> Float[np.ndarray, "h w 4"]:
@@ -17,5 +18,5 @@ def inverted(jacobian: Float[np.ndarray, "h w 4"]) -> Float[np.ndarray, "h w 4"]
 
 def rotations(angle: ScalarMap) -> Jacobian:
     """Those of texture whose rows run along ``angle``, radians, from along a row towards growing rows."""
-    sine, cosine = np.sin(angle), np.cos(angle)
+    sine, cosine = sin(angle), cos(angle)
     return np.stack([cosine, sine, -sine, cosine], axis=2)

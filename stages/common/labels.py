@@ -7,6 +7,7 @@ from jaxtyping import Float32, UInt8
 
 from texloom.stages.arrays import Mask
 from texloom.stages.masks import nearest_valid
+from texloom.stages.matrices import matrix_product
 
 MAX_LABELS = 16
 """a picture with more colours is one of values"""
@@ -103,7 +104,7 @@ def assign_labels(
 
 def _is_mixture(color: np.ndarray, first: np.ndarray, second: np.ndarray) -> bool:
     step = second - first
-    share = np.clip((color - first) @ step / (step @ step), 0, 1)
+    share = np.clip(matrix_product(color - first, step) / matrix_product(step, step), 0, 1)
     return bool(np.abs(first + share * step - color).max() <= 2 * _RADIUS)
 
 

@@ -7,6 +7,8 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
+from texloom.stages.matrices import inverse_of, least_squares, matrix_product, rank
+
 REACH = 0.2
 """search radius around a point's predicted position, as a share of the shorter generator"""
 
@@ -21,11 +23,11 @@ def reduced(generators: np.ndarray) -> np.ndarray:
     Each points down, or to the right where it is horizontal, so that equal lattices have equal generators.
     """
     a, b = np.asarray(generators, np.float64)
-    if a @ a > b @ b:
+    if matrix_product(a, a) > matrix_product(b, b):
         a, b = b, a
     while True:
-        b = b - np.rint((a @ b) / (a @ a)) * a
-        if b @ b >= a @ a - 1e-9:
+        b = b - np.rint(matrix_product(a, b) / matrix_product(a, a)) * a
+        if matrix_product(b, b) >= matrix_product(a, a) - 1e-9:
             break
         a, b = b, a
     return np.array([vector if tuple(np.rint(vector * 1e6)) > (0, 0) else -vector for vector in (a, b)])
@@ -37,7 +39,10 @@ def cell_offsets(generators: np.ndarray) -> Int64[np.ndarray, "m 2"]:
     reach = int(np.ceil(max(np.hypot(*a), np.hypot(*b))))
     around = np.arange(-reach, reach + 1)
     offsets = np.stack(np.meshgrid(around, around, indexing="ij"), axis=2).reshape(-1, 2)
-    inside = [np.abs(offsets @ vector) <= 0.5 * (vector @ vector) for vector in (a, b, a + b, a - b)]
+    inside = [
+        np.abs(matrix_product(offsets, vector)) <= 0.5 * matrix_product(vector, vector)
+        for vector in (a, b, a + b, a - b)
+    ]
     return np.asarray(offsets[np.logical_and.reduce(inside)], np.int64)
 
 
@@ -45,11 +50,14 @@ def regular_points(
     shape: tuple[int, int], generators: np.ndarray, origin: np.ndarray, offsets: Int64[np.ndarray, "m 2"]
 ) -> Float64[np.ndarray, "n 2"]:
     """All lattice points whose cells lie inside an image of ``shape``; ``origin`` is a lattice point."""
-    inverse = np.linalg.inv(generators)
+    inverse = inverse_of(generators)
     corners = np.array([(0, 0), (0, shape[1]), (shape[0], 0), shape]) - origin
-    low, high = np.floor((corners @ inverse).min(axis=0)), np.ceil((corners @ inverse).max(axis=0))
+    low, high = (
+        np.floor(matrix_product(corners, inverse).min(axis=0)),
+        np.ceil(matrix_product(corners, inverse).max(axis=0)),
+    )
     steps = np.stack(np.meshgrid(*(np.arange(*ends) for ends in zip(low, high + 1, strict=True)), indexing="ij"), 2)
-    places = steps.reshape(-1, 2) @ generators + origin
+    places = matrix_product(steps.reshape(-1, 2), generators) + origin
     nearest = np.rint(places)
     whole = (nearest + offsets.min(axis=0) >= 0) & (nearest + offsets.max(axis=0) < np.array(shape))
     return np.asarray(places[whole.all(axis=1)])
@@ -196,9 +204,9 @@ class Tracked:
     def fitted(self) -> Float64[np.ndarray, "3 2"] | None:
         """Least squares fit of the generators and the first point; None where the detected points are collinear."""
         system = np.column_stack([self.steps[self.detected], np.ones(int(self.detected.sum()))])
-        if len(system) < 3 or np.linalg.matrix_rank(system) < 3:
+        if len(system) < 3 or rank(system) < 3:
             return None
-        return np.asarray(np.linalg.lstsq(system, self.places[self.detected], rcond=None)[0])
+        return np.asarray(least_squares(system, self.places[self.detected]))
 
 
 def _grow(seed: tuple[int, int], generators: np.ndarray, peaks: Peaks) -> Tracked:
@@ -214,7 +222,7 @@ def _grow(seed: tuple[int, int], generators: np.ndarray, peaks: Peaks) -> Tracke
             step = (i + di, j + dj)
             if step in detected or (step in places and (i, j) not in detected):
                 continue
-            predicted = places[i, j] + np.array((di, dj)) @ generators
+            predicted = places[i, j] + matrix_product(np.array((di, dj)), generators)
             pixel = np.rint(predicted).astype(int)
             if (pixel < 0).any() or (pixel >= likeness.shape).any() or likeness[tuple(pixel)] <= _INVALID:
                 continue

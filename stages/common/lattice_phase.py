@@ -7,6 +7,8 @@ from jaxtyping import Float32, Float64, Int64, UInt32
 
 from texloom.stages.arrays import Vectors
 from texloom.stages.common.per_pixel.phases import fitted_to_torus
+from texloom.stages.functions import complex_product, cos, sin
+from texloom.stages.matrices import determinant, inverse_of, matrix_product
 
 _BIN = 1.0  # px of a repetition over which control is averaged, at least
 _MAX_BINS = 24  # along a generator
@@ -60,13 +62,15 @@ def phase_planes(
     shift, contradicted = _displacement(*means)
     variance = float(own.var(axis=(0, 1)).sum())
     # Of n cells of unrelated control, the mean has a share of 1/n of the variance.
-    cells = own.shape[0] * own.shape[1] / abs(float(np.linalg.det(exact)))
+    cells = own.shape[0] * own.shape[1] / abs(float(determinant(exact)))
     if cells < _MIN_CELLS or contradicted > (_MAX_CONTRADICTION + 1 / cells) * variance:
         return None
     # Four planes that go from 0 to 1 have variances of 1/8.
     amplitude = float(np.sqrt(2 * variance))
     return PhasePlanes(
-        _planes(phases + shift, amplitude), _planes(result, amplitude), (places + shift @ exact).astype(np.float32)
+        _planes(phases + shift, amplitude),
+        _planes(result, amplitude),
+        (places + matrix_product(shift, exact)).astype(np.float32),
     )
 
 
@@ -79,12 +83,12 @@ def _phases(
     positions: Float64[np.ndarray, "h w 2"], generators: Float64[np.ndarray, "2 2"]
 ) -> Float64[np.ndarray, "h w 2"]:
     """How many of each generator lead there."""
-    return np.asarray(np.einsum("hwi,ij->hwj", positions, np.linalg.inv(generators)))  # no threads, as BLAS has
+    return np.asarray(np.einsum("hwi,ij->hwj", positions, inverse_of(generators)))  # no threads, as BLAS has
 
 
 def _planes(phases: Float64[np.ndarray, "h w 2"], amplitude: float) -> Float32[np.ndarray, "h w 4"]:
     angles = 2 * np.pi * phases
-    waves = np.concatenate([np.cos(angles), np.sin(angles)], axis=2)
+    waves = np.concatenate([cos(angles), sin(angles)], axis=2)
     return np.asarray(0.5 * amplitude * (1 + waves), np.float32)
 
 
@@ -108,6 +112,6 @@ def _displacement(
     And the variance of the exemplar's means that the result's lack there.
     """
     one, other = (np.fft.fft2(part, axes=(0, 1)) for part in (own, wanted))
-    covariance = np.fft.ifft2((one.conj() * other).sum(axis=2)).real / (own.shape[0] * own.shape[1])
+    covariance = np.fft.ifft2(complex_product(one.conj(), other).sum(axis=2)).real / (own.shape[0] * own.shape[1])
     best = np.unravel_index(int(covariance.argmax()), covariance.shape)
     return np.array(best) / covariance.shape, float((own**2).sum()) / covariance.size - float(covariance[best])

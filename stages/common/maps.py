@@ -11,6 +11,7 @@ from pydantic import Field
 from texloom.stages.arrays import Image, Mask
 from texloom.stages.declare import InputError
 from texloom.stages.masks import USABLE
+from texloom.stages.matrices import eigenvectors
 
 MapWeights = Annotated[
     dict[str, Annotated[float, Field(ge=0, le=100)]],
@@ -101,7 +102,7 @@ def _mean_product(first: np.ndarray, second: np.ndarray) -> float:
 def _components(planes: list[np.ndarray], max_components: int) -> np.ndarray:
     """Principal axes of ``planes``, one a row."""
     covariance = np.array([[_mean_product(first, second) for second in planes] for first in planes])
-    values, vectors = np.linalg.eigh(covariance)
+    values, vectors = eigenvectors(covariance)
     shares = np.cumsum(values[::-1]) / values.sum()
     count = min(max_components, int(np.searchsorted(shares, _KEPT_VARIANCE)) + 1)
     axes = vectors[:, ::-1][:, :count].T

@@ -16,6 +16,7 @@ from texloom.stages.common.components import components
 from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.kernels.core.vector_size import DIMENSIONS
 from texloom.stages.masks import count_excluded
+from texloom.stages.matrices import matrix_product, row_product
 
 UNIT = 16
 """fixed-point steps per CIELAB unit: fine enough that rounding is a thousandth of a typical patch distance"""
@@ -68,20 +69,6 @@ def inside_at(inside: Bool[np.ndarray, "h w"], height: int, width: int) -> Bool[
     return np.asarray(down[:, columns[1]] == down[:, columns[0]])
 
 
-def product(
-    rows: Float32[np.ndarray, "n values"], basis: Float32[np.ndarray, "values d"]
-) -> Float32[np.ndarray, "n d"]:
-    """``rows @ basis``, a few rows at a time.
-
-    For more rows BLAS starts threads that keep spinning afterwards and slow down the kernels.
-    """
-    result = np.empty((len(rows), basis.shape[1]), np.float32)
-    count = max(1, _MAX_PRODUCTS // max(1, basis.size))
-    for first in range(0, len(rows), count):
-        np.matmul(rows[first : first + count], basis, out=result[first : first + count])
-    return result
-
-
 def windows(pixels: Int16[np.ndarray, "h wc"], channels: int, size: int) -> np.ndarray:
     """All whole neighbourhoods, (places down, places across, size, size * channels), a view."""
     height, width = pixels.shape[0], pixels.shape[1] // channels
@@ -118,7 +105,7 @@ class Components:
         """Compute them from neighbourhoods, one a row."""
         mean, basis = components(sample, DIMENSIONS)
         # A margin over the longest vector of the sample; longer vectors are shortened.
-        longest = float(np.sqrt((((sample - mean) @ basis) ** 2).sum(axis=1).max()))
+        longest = float(np.sqrt((row_product(sample - mean, basis) ** 2).sum(axis=1).max()))
         unit = _MAX_LENGTH / max(1.25 * longest, 1.0)
         return cls(size, channels, mean.astype(np.float32), np.ascontiguousarray(basis * unit, np.float32), unit)
 
@@ -150,7 +137,7 @@ class Components:
         rows = self.size if rows is None else rows
         vectors = np.empty((len(starts), DIMENSIONS), np.int16)
         image = pixels.astype(np.float32)
-        offset = self.mean @ self.basis
+        offset = matrix_product(self.mean, self.basis)
         run = self.mean.size // rows
         fixed = (image, starts, rows, run, self.basis, offset, np.float32(_MAX_LENGTH), vectors)
         run_spans(project_windows, fixed, len(starts), math.ceil(len(starts) / _BLOCK_SIZE))

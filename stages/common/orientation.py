@@ -11,7 +11,10 @@ from jaxtyping import Float32
 
 from texloom.stages.arrays import ColorField, Image, ScalarMap
 from texloom.stages.declare import InputError
+from texloom.stages.filters import gaussian_blur, gradients
+from texloom.stages.functions import arctan2, cos, exp, power, sin
 from texloom.stages.kernels.core.threads import run_spans
+from texloom.stages.matrices import solve_symmetric
 
 Doubled: TypeAlias = Float32[np.ndarray, "h w 2"]
 """(cos 2a, sin 2a) of an orientation a, times its confidence, 0..1"""
@@ -24,12 +27,12 @@ _STREAK = 14  # px to both sides, of the lines in a picture of a field
 
 def doubled(angle: ScalarMap, confidence: ScalarMap) -> Doubled:
     """Orientations as doubled-angle vectors."""
-    return np.stack([confidence * np.cos(2 * angle), confidence * np.sin(2 * angle)], axis=2).astype(np.float32)
+    return np.stack([confidence * cos(2 * angle), confidence * sin(2 * angle)], axis=2).astype(np.float32)
 
 
 def angle_of(vectors: Doubled) -> ScalarMap:
     """Orientations of doubled-angle vectors, 0..pi."""
-    angle = np.arctan2(vectors[..., 1], vectors[..., 0]) / 2
+    angle = arctan2(vectors[..., 1], vectors[..., 0]) / 2
     return np.asarray(np.where(angle < 0, angle + np.pi, angle), np.float32)
 
 
@@ -65,16 +68,16 @@ def painted(strokes: Image, radius: float) -> tuple[Doubled, ScalarMap]:
     is_painted = cover >= _MIN_COVER * max(float(cover.max()), 1e-6)
     if cover.max() <= 0 or is_painted.all():
         raise InputError("strokes: nothing is painted; paint lines on a transparent layer or on black")
-    soft = cv2.GaussianBlur(is_painted.astype(np.float32), (0, 0), 1.0)
-    down, across = cv2.Scharr(soft, cv2.CV_32F, 0, 1), cv2.Scharr(soft, cv2.CV_32F, 1, 0)
-    tensor = cv2.GaussianBlur(gradient_tensor(down, across), (0, 0), 4.0)
+    soft = gaussian_blur(is_painted.astype(np.float32), 1.0)
+    down, across = gradients(soft)
+    tensor = gaussian_blur(gradient_tensor(down, across), 4.0)
     straight = tensor[..., :2] / np.maximum(tensor[..., 2:], 1e-9)
     distance, nearest = cv2.distanceTransformWithLabels(
         (~is_painted).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE, labelType=cv2.DIST_LABEL_PIXEL
     )
     along = np.zeros((int(nearest.max()) + 1, 2), np.float32)
     along[nearest[is_painted]] = unit(straight.astype(np.float32))[is_painted]
-    return along[nearest], np.exp(-((distance / radius) ** 2)).astype(np.float32)
+    return along[nearest], exp(-((distance / radius) ** 2)).astype(np.float32)
 
 
 def smoothed(vectors: Doubled, guide: ColorField, sigma: float, color_sigma: float) -> Doubled:
@@ -101,7 +104,6 @@ def diffused(vectors: Doubled, stiffness: float) -> Doubled:
     """
     import cv2
     import scipy.sparse
-    import scipy.sparse.linalg
 
     height, width = vectors.shape[:2]
     factor = min(1.0, _MAX_SIDE / max(height, width))
@@ -119,7 +121,7 @@ def diffused(vectors: Doubled, stiffness: float) -> Doubled:
     laplacian = scipy.sparse.diags_array(np.asarray(links.sum(axis=0)).ravel()) - links
     system = (scipy.sparse.diags_array(weight + 1e-9 * stiffness) + stiffness * laplacian).tocsc()
     # The vectors are already multiplied by their weight.
-    solved = scipy.sparse.linalg.splu(system).solve(coarse.reshape(-1, 2)).reshape(rows, columns, 2)
+    solved = solve_symmetric(system, coarse.reshape(-1, 2)).reshape(rows, columns, 2)
     solved = solved.astype(np.float32)
     return (
         solved if factor == 1 else np.asarray(cv2.resize(solved, (width, height), interpolation=cv2.INTER_LINEAR))
@@ -148,17 +150,17 @@ def signed_angles(angle: ScalarMap, wrap: bool = False) -> ScalarMap:
     flat = coarse.ravel()
     around = cv2.blur(doubled(angle, np.ones_like(angle)), (4 * step + 1, 4 * step + 1))
     coherence = length_of(around)[::step, ::step].ravel()
-    cost = 1.001 - np.abs(np.cos(flat[first] - flat[second])) * np.minimum(coherence[first], coherence[second])
+    cost = 1.001 - np.abs(cos(flat[first] - flat[second])) * np.minimum(coherence[first], coherence[second])
     tree = minimum_spanning_tree(coo_array((cost, (first, second)), (flat.size, flat.size)).tocsr())
     order, before = breadth_first_order(tree, 0, directed=False)
     for place in order[1:]:
-        if np.cos(flat[place] - flat[before[place]]) < 0:
+        if cos(flat[place] - flat[before[place]]) < 0:
             flat[place] += np.pi
     signed = cv2.resize(
-        np.dstack([np.cos(flat), np.sin(flat)]).reshape(*coarse.shape, 2), (width, height),
+        np.dstack([cos(flat), sin(flat)]).reshape(*coarse.shape, 2), (width, height),
         interpolation=cv2.INTER_NEAREST,
     )  # fmt: skip
-    opposite = np.cos(angle) * signed[..., 0] + np.sin(angle) * signed[..., 1] < 0
+    opposite = cos(angle) * signed[..., 0] + sin(angle) * signed[..., 1] < 0
     return np.asarray(np.where(opposite, angle + np.pi, angle), np.float32)
 
 
@@ -174,7 +176,7 @@ def streaks(angle: ScalarMap, length: int) -> ScalarMap:
 
     noise = np.random.default_rng(0).random(angle.shape, np.float32)
     out = np.empty_like(noise)
-    direction = np.stack([np.sin(angle), np.cos(angle)], axis=2)
+    direction = np.stack([sin(angle), cos(angle)], axis=2)
     run_spans(convolve_lines, (noise, direction, length, out), angle.shape[0], _PIECES)
     # The mean of many values has a small spread, which is stretched.
     return np.asarray(np.clip(0.5 + (out - 0.5) * 0.9 * np.sqrt(2 * length + 1), 0, 1), np.float32)
@@ -184,5 +186,5 @@ def pictured(light: ColorField, angle: ScalarMap, confidence: ScalarMap) -> Imag
     """Line integral convolution of a field over a darkened picture, fainter where the confidence is low."""
     lines = streaks(angle, _STREAK)[..., None]
     contrast = (0.35 + 0.65 * np.sqrt(confidence))[..., None]
-    shown = 0.25 * np.clip(light, 0, 1) + 0.6 * (0.5 + (lines - 0.5) * contrast) ** 2.2
+    shown = 0.25 * np.clip(light, 0, 1) + 0.6 * power(0.5 + (lines - 0.5) * contrast, 2.2)
     return Image(np.ascontiguousarray(shown, np.float32), ("R", "G", "B"))

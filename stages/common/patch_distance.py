@@ -7,11 +7,13 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
 
+from texloom.stages.filters import gaussian_blur
+from texloom.stages.matrices import eigenvectors, row_product, square_sums
+
 SIDE = 7
 """samples along a patch's side"""
 
 _COMPONENTS = 16
-_SERIAL = 1 << 18  # multiplications that OpenBLAS runs on one thread
 _MAX_TARGETS = 1 << 14
 _SELF = 256  # exemplar patches whose distance to the others is the reference
 _CHUNK = 256  # patches that are searched for at a time
@@ -26,23 +28,7 @@ Places: TypeAlias = Int64[np.ndarray, "n 2"]
 
 def blurred(tone: Float32[np.ndarray, "h w *c"], deviation: float) -> Float32[np.ndarray, "h w *c"]:
     """Gaussian blur; ``deviation`` in px."""
-    import cv2
-
-    return np.asarray(cv2.GaussianBlur(tone, (0, 0), deviation)).reshape(tone.shape)
-
-
-def product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
-    """``rows @ matrix`` in pieces too small for BLAS to use threads: (n, k) and (k, m) float32 to (n, m).
-
-    OpenBLAS threads wait actively: where others use the cores too, a product takes ten times longer.
-    """
-    piece = max(1, _SERIAL // matrix.size)
-    whole = len(rows) // piece * piece
-    products = np.empty((len(rows), matrix.shape[1]), np.float32)
-    pieces = rows[:whole].reshape(-1, piece, rows.shape[1])
-    np.matmul(pieces, matrix, out=products[:whole].reshape(-1, piece, matrix.shape[1]))
-    np.matmul(rows[whole:], matrix, out=products[whole:])
-    return products
+    return gaussian_blur(tone, deviation)
 
 
 class Patches:
@@ -95,7 +81,7 @@ def principal_directions(patches: Patches, whole: Whole | None = None) -> Float3
     """Directions in which the patches of a picture vary most."""
     sample = sample_patches(patches, 2048, 2, whole)
     sample -= sample.mean(axis=0)
-    _, vectors = np.linalg.eigh(np.einsum("ne,nf->ef", sample, sample))
+    _, vectors = eigenvectors(square_sums(sample))
     return np.ascontiguousarray(vectors[:, : -_COMPONENTS - 1 : -1].astype(np.float32))
 
 
@@ -119,7 +105,7 @@ def nearest_rows(
     nearest = np.zeros(len(wanted), np.int64)
     for start in range(0, len(searched), _ROWS):
         # |a - b|^2 less |b|^2, which is the same for all
-        distances = product(searched[start : start + _ROWS], factors)
+        distances = row_product(searched[start : start + _ROWS], factors)
         if leave_out is not None:
             leave_out(start, distances)
         least = distances.min(axis=0)
@@ -153,7 +139,7 @@ class NearestPatches:
             chosen = chosen & whole if (chosen & whole).any() else whole
         self.corners: Places = np.argwhere(chosen)
         parts = [self.corners[start : start + 4096] for start in range(0, len(self.corners), 4096)]
-        components = [product(self.patches.at(*part.T), self.directions) for part in parts]
+        components = [row_product(self.patches.at(*part.T), self.directions) for part in parts]
         self.searched = with_squares(np.concatenate(components))
 
     def distances(self, wanted: np.ndarray) -> Float32[np.ndarray, "n"]:  # type: ignore[name-defined]
@@ -176,7 +162,7 @@ class NearestPatches:
 
         ``apart``: corners of the patches; targets nearer than ``reach`` px are left out.
         """
-        components = product(wanted, self.directions)
+        components = row_product(wanted, self.directions)
         leave_out = None if apart is None else functools.partial(self._leave_out, apart, reach)
         nearest = np.empty(len(wanted), np.int64)
         for first in range(0, len(wanted), _CHUNK):

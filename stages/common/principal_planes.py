@@ -8,8 +8,8 @@ from jaxtyping import Float32
 from texloom.stages.arrays import Image
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.components import components
-from texloom.stages.common.neighbourhoods import product
 from texloom.stages.frames import frames_of
+from texloom.stages.matrices import row_product
 
 COLOR_PLANES = 12
 """principal planes of the colour of a stack, at most"""
@@ -40,7 +40,7 @@ class PrincipalPlanes:
         rows = planes.reshape(-1, planes.shape[2])
         sample = rows[:: max(1, len(rows) // _SAMPLE)]
         mean, basis = components(sample, min(most, planes.shape[2]))
-        variances = np.square((sample - mean) @ basis).mean(axis=0)
+        variances = np.square(row_product(sample - mean, basis)).mean(axis=0)
         needed = kept * float(sample.var(axis=0, dtype=np.float64).sum())
         count = 1 + int((np.cumsum(variances)[:-1] < needed).sum())
         return cls(mean.astype(np.float32), np.ascontiguousarray(basis[:, :count], np.float32))
@@ -52,5 +52,5 @@ class PrincipalPlanes:
 
     def project(self, planes: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w k"]:
         """The principal planes."""
-        rows = product(planes.reshape(-1, planes.shape[2]) - self.mean, self.basis)
+        rows = row_product(planes.reshape(-1, planes.shape[2]) - self.mean, self.basis)
         return rows.reshape(*planes.shape[:2], self.count)

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.stages.arrays import Mask
+from texloom.stages.functions import cos
 
 _ROWS = 256  # of a result processed at once
 _TOLERANCE = 1e-4  # norm of the residual at which the solver ends, relative to the right-hand side
@@ -24,7 +25,7 @@ def screened_poisson(excess: Float32[np.ndarray, "H W"], reach: float, wrap: boo
     """
     from scipy import fft
 
-    down, across = (2 - 2 * np.cos(np.pi * np.arange(side) * (1 + wrap) / side) for side in excess.shape)
+    down, across = (2 - 2 * cos(np.pi * np.arange(side) * (1 + wrap) / side) for side in excess.shape)
     if wrap:
         across = across[: excess.shape[1] // 2 + 1]
     spectrum = fft.rfft2(excess) if wrap else fft.dctn(excess, type=2)

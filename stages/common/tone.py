@@ -7,6 +7,7 @@ from jaxtyping import Float32
 
 from texloom.stages.arrays import Channels, ColorField, Image
 from texloom.stages.color import lab_from_linear, linear_from_lab
+from texloom.stages.functions import exp, log
 
 BLACK = np.float32(16)
 """CIELAB's lightness plus this is proportional to the cube root of light, except for the darkest colours"""
@@ -19,7 +20,7 @@ shares of lightness + 16; 0 changes nothing. Samples are spread evenly over a pi
 def relative_tone(lab: ColorField) -> Float32[np.ndarray, "h w 3"]:
     """Logarithm of lightness + 16, and chroma as shares of that: uneven light is a sum in these planes."""
     lightness = np.maximum(lab[..., 0], 0) + BLACK
-    return np.stack([np.log(lightness), lab[..., 1] / lightness, lab[..., 2] / lightness], axis=2)
+    return np.stack([log(lightness), lab[..., 1] / lightness, lab[..., 2] / lightness], axis=2)
 
 
 def with_tone(image: Image, change: ToneField, wrap: bool = False) -> Image:
@@ -27,7 +28,7 @@ def with_tone(image: Image, change: ToneField, wrap: bool = False) -> Image:
     field = _stretched(change, (image.height, image.width), wrap)
     pixels = image.pixels.copy()
     colors = 1 if image.channels[0] == "Y" else 3
-    pixels[..., :colors] *= np.exp(3 * field[..., :1])
+    pixels[..., :colors] *= exp(3 * field[..., :1])
     if colors == 3 and field[..., 1:].any():
         lab = lab_from_linear(pixels[..., :3])
         lab[..., 1:] += (lab[..., :1] + BLACK) * field[..., 1:]

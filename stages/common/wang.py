@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Int64
 
 from texloom.stages.declare import InputError
+from texloom.stages.matrices import matrix_product
 
 Kind: TypeAlias = Literal["edges", "corners"]
 Cells: TypeAlias = Int64[np.ndarray, "*cells"]
@@ -121,7 +122,7 @@ class WangSet:
 
     def number(self, colors: Int64[np.ndarray, "*cells 4"]) -> Cells:
         """Number of a tile from its four colours, the digits of a number."""
-        return np.asarray(colors @ self.colors ** np.arange(3, -1, -1))
+        return np.asarray(matrix_product(colors, self.colors ** np.arange(3, -1, -1)))
 
     @property
     def digits(self) -> tuple[tuple[int, int, int], ...]:

@@ -11,7 +11,9 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image
 from texloom.stages.declare import Document, InputError, Outline, Params, first_problem, stage
+from texloom.stages.functions import cos, sin
 from texloom.stages.masks import USABLE, fill_excluded, without_usable
+from texloom.stages.matrices import inverse_of, matrix_product
 from texloom.stages.normals import NORMAL
 from texloom.stages.sizes import Size
 
@@ -119,17 +121,17 @@ def collage(image: Image, params: CollageParams) -> Collage:
         corners = piece.corners
         middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
         angle = np.deg2rad(piece.angle)
-        cosine, sine = np.cos(angle), np.sin(angle)
+        cosine, sine = cos(angle), sin(angle)
         # (row, column) offsets in the result @ turn = in the exemplar; rows grow downwards
         turn = np.array([[cosine, -sine], [sine, cosine]]) / piece.scale
-        placed = (corners - middle) @ np.linalg.inv(turn) + piece.at
+        placed = matrix_product(corners - middle, inverse_of(turn)) + piece.at
         low, high = np.floor(placed.min(axis=0)).astype(int), np.ceil(placed.max(axis=0)).astype(int)
         if not params.tileable:
             low, high = np.maximum(low, 0), np.minimum(high, np.array(params.size) - 1)
         if (high < low).any():
             continue
         grid = np.moveaxis(np.mgrid[low[0] : high[0] + 1, low[1] : high[1] + 1], 0, 2)
-        source = (grid - piece.at) @ turn + middle
+        source = matrix_product(grid - piece.at, turn) + middle
         limits = np.array(own.shape[:2]) - 0.5
         inside = _inside(corners, source) & ((source >= -0.5) & (source <= limits)).all(axis=2)
         if not inside.any():
@@ -137,7 +139,9 @@ def collage(image: Image, params: CollageParams) -> Collage:
         values = sampled(own, np.ascontiguousarray(source))[inside]
         if set(NORMAL) <= set(channels):
             x, y = channels.index(NORMAL[0]), channels.index(NORMAL[1])
-            values[:, [x, y]] = values[:, [x, y]] @ np.array([[cosine, sine], [-sine, cosine]], np.float32)
+            values[:, [x, y]] = matrix_product(
+                values[:, [x, y]], np.array([[cosine, sine], [-sine, cosine]], np.float32)
+            )
         rows, columns = np.moveaxis(grid[inside] % params.size, 1, 0)
         pixels[rows, columns, :-1] = values
         pixels[rows, columns, -1] = 1

@@ -15,6 +15,8 @@ from texloom.stages.common.neighbourhoods import UNIT
 from texloom.stages.common.orientation import signed_angles, smoothed
 from texloom.stages.common.pyramid import halved_size, resize
 from texloom.stages.declare import OddSize, Params, stage
+from texloom.stages.filters import interpolated
+from texloom.stages.functions import arctan2, cos, phase_of, phasor, sin
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis._compaction.oriented import OrientedLevel
@@ -185,7 +187,7 @@ def _refined(
         solved.append((rounds[-1]["energy"], field))
     field = min(solved, key=lambda one: one[0])[1]
     # One angle everywhere would only rotate the compaction.
-    turn = np.angle(np.exp(1j * (field - signed).astype(np.float64)).mean())
+    turn = phase_of(phasor((field - signed).astype(np.float64)).mean())
     return field - np.float32(turn)
 
 
@@ -229,7 +231,7 @@ def _resized_angle(angle: ScalarMap, height: int, width: int) -> Float32[np.ndar
 def _offset_in_frame(angle: ScalarMap, origin: np.ndarray, offset: np.ndarray) -> Float32[np.ndarray, "2 ..."]:
     """Places in the texture at ``offset`` from ``origin`` in the frame there; both (2, ...), the result clipped."""
     at = np.clip(np.rint(origin).astype(int), 0, np.array(angle.shape).reshape(2, *[1] * (origin.ndim - 1)) - 1)
-    sine, cosine = np.sin(angle[at[0], at[1]]), np.cos(angle[at[0], at[1]])
+    sine, cosine = sin(angle[at[0], at[1]]), cos(angle[at[0], at[1]])
     row = origin[0] + offset[0] * cosine + offset[1] * sine
     column = origin[1] - offset[0] * sine + offset[1] * cosine
     return np.stack([np.clip(row, 0, angle.shape[0] - 1), np.clip(column, 0, angle.shape[1] - 1)]).astype(
@@ -299,7 +301,6 @@ def _updated_orientation(
     solver: OrientedLevel, guide: ColorField, params: CompactOrientedParams, reach: float
 ) -> ScalarMap:
     """The orientation field at which the compaction matches the texture best, smoothed over ``reach`` px."""
-    import cv2
 
     chosen = np.arange(len(solver.places)).reshape(solver.grid)[::_ANGLE_STEP, ::_ANGLE_STEP]
     rows, columns = np.moveaxis(solver.places[chosen], 2, 0)
@@ -312,13 +313,13 @@ def _updated_orientation(
     filtered = smoothed(_vectors(best), near, reach / step, 12.0)
     # The grid begins at the middle of the first neighbourhood.
     at = (np.indices(solver.angle.shape, np.float32) - params.neighbourhood // 2) / np.float32(step)
-    return _angles(cv2.remap(filtered, at[1], at[0], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+    return _angles(interpolated(filtered, at[0], at[1]))
 
 
 def _vectors(angle: ScalarMap) -> Float32[np.ndarray, "h w 2"]:
     """Directions, not orientations: opposite ones cancel."""
-    return np.stack([np.cos(angle), np.sin(angle)], axis=2).astype(np.float32)
+    return np.stack([cos(angle), sin(angle)], axis=2).astype(np.float32)
 
 
 def _angles(vectors: Float32[np.ndarray, "h w 2"]) -> ScalarMap:
-    return np.asarray(np.arctan2(vectors[..., 1], vectors[..., 0]), np.float32)
+    return np.asarray(arctan2(vectors[..., 1], vectors[..., 0]), np.float32)

@@ -19,6 +19,7 @@ from texloom.stages.common.control import (
 )
 from texloom.stages.common.principal_planes import COLOR_PLANES, CONTROL_PLANES
 from texloom.stages.declare import InputError, Outline, Params, stage
+from texloom.stages.filters import gaussian_blur
 from texloom.stages.frames import frame_count
 from texloom.stages.synthesis._kcoherence.correlation import correlation
 
@@ -121,9 +122,8 @@ def control_features(
 
 def _strength(colors: Float32[np.ndarray, "h w c"], blur: float, window: float) -> Float32[np.ndarray, "h w 1"]:
     """Root mean square, in a window, of the difference from a blur; both by their standard deviation, px."""
-    import cv2
 
-    detail = colors - cv2.GaussianBlur(colors, (0, 0), blur).reshape(colors.shape)
-    energy = cv2.GaussianBlur(np.square(detail).sum(axis=2), (0, 0), window)
+    detail = colors - gaussian_blur(colors, blur)
+    energy = gaussian_blur(np.square(detail).sum(axis=2), window)
     strength: np.ndarray = np.sqrt(energy)[..., None]
     return strength

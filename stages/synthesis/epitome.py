@@ -9,6 +9,8 @@ from pydantic import Field
 from texloom.stages.arrays import Image, ScalarMap
 from texloom.stages.common.control import resize_control
 from texloom.stages.declare import stage
+from texloom.stages.functions import exp, log
+from texloom.stages.matrices import row_product
 from texloom.stages.progress import Progress, report
 from texloom.stages.synthesis._compaction.summary import SummaryParams, require_features, size_check, wanted_size
 
@@ -80,9 +82,13 @@ class _Model:
         """Posterior probability of each place for every patch, (n, H * W); [Jojic2003]_ (6)."""
         sharpness = np.rint(1 / self.variance / _STEP) * _STEP
         pull = np.rint(self.mean * sharpness / _STEP) * _STEP
-        offset = self.windows(self.mean * pull + np.log(self.variance)).sum(axis=1)
-        energy = patches**2 @ self.windows(sharpness).T - 2 * (patches @ self.windows(pull).T) + offset
-        shares = np.exp((energy.min(axis=1, keepdims=True) - energy) / 2)
+        offset = self.windows(self.mean * pull + log(self.variance)).sum(axis=1)
+        energy = (
+            row_product(patches**2, self.windows(sharpness).T)
+            - 2 * row_product(patches, self.windows(pull).T)
+            + offset
+        )
+        shares = exp((energy.min(axis=1, keepdims=True) - energy) / 2)
         shares /= shares.sum(axis=1, keepdims=True)
         return np.asarray(np.rint(shares / _POSTERIOR_STEP) * _POSTERIOR_STEP)
 

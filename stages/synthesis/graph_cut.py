@@ -9,6 +9,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image
 from texloom.stages.declare import stage
+from texloom.stages.functions import complex_product, exp
 from texloom.stages.progress import Progress, report
 from texloom.stages.synthesis._seams.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
 from texloom.stages.synthesis._seams.overlap import OverlapSearch
@@ -176,7 +177,8 @@ class Synthesis:
         padded = tuple(fft.next_fast_len(int(side), real=True) for side in filled.shape)
 
         def correlated(area: np.ndarray, template: np.ndarray) -> np.ndarray:
-            product = fft.rfft2(area, padded, workers=1) * np.conj(fft.rfft2(template, padded, workers=1))
+            spectrum, own = (fft.rfft2(part, padded, workers=1) for part in (area, template))
+            product = complex_product(spectrum, np.conj(own))
             return np.asarray(fft.irfft2(product, padded, workers=1)[: places[0], : places[1]])
 
         mask = filled.astype(np.float32)
@@ -201,7 +203,7 @@ class Synthesis:
         unused = np.where(used, np.inf, error)
         error = unused if np.isfinite(unused).any() else error
         excess = (error - error.min()).astype(np.float64)
-        cumulative = np.cumsum(np.exp(-excess / (self.params.looseness * self.variance + 1e-12)))
+        cumulative = np.cumsum(exp(-excess / (self.params.looseness * self.variance + 1e-12)))
         index = int(np.searchsorted(cumulative, self.rng.random() * cumulative[-1], side="right"))
         return np.array(divmod(min(index, error.size - 1), error.shape[1]))
 

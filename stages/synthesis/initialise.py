@@ -14,6 +14,7 @@ from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.kernels.core.threads import run_all
 from texloom.stages.masks import count_excluded, fill_excluded, nearest_valid, valid_pixels, without_usable
+from texloom.stages.matrices import determinant, matrix_product, solve
 from texloom.stages.progress import Progress, report
 from texloom.stages.scratch import bands, empty, release
 from texloom.stages.sizes import Size
@@ -282,7 +283,7 @@ class _Blocks:
     def _off_course(self, target: _Target, corners: np.ndarray) -> np.ndarray:
         """From the nearest place in phase with the first block's courses to each source corner, px."""
         period = self.generators[0]
-        steps = (corners - self.origin - target.at) @ period / (period @ period)
+        steps = matrix_product(corners - self.origin - target.at, period) / matrix_product(period, period)
         return np.asarray((steps - np.rint(steps))[..., None] * period)
 
     def _uses_of(self, rows: np.ndarray, columns: np.ndarray, side: np.ndarray) -> np.ndarray:
@@ -322,13 +323,13 @@ class _Blocks:
             return np.zeros((0, 2), np.int64)
         low, high = target.before, target.high
         start = self.origin + target.at
-        middle = np.rint(np.linalg.solve(self.generators.T, (low + high) / 2 - start))
+        middle = np.rint(solve(self.generators.T, (low + high) / 2 - start))
         lengths = np.hypot(*self.generators[::-1].T)
-        spacing = abs(np.linalg.det(self.generators)) / lengths  # px between lattice lines
+        spacing = abs(determinant(self.generators)) / lengths  # px between lattice lines
         reach = np.minimum(np.hypot(*self.shape) / 2 / spacing + 1, _MAX_LATTICE_STEPS).astype(int)
         i, j = (np.arange(-n, n + 1) for n in reach)
         steps = middle + np.stack(np.meshgrid(i, j, indexing="ij"), axis=-1).reshape(-1, 2)
-        corners = np.rint(start + steps @ self.generators).astype(np.int64)
+        corners = np.rint(start + matrix_product(steps, self.generators)).astype(np.int64)
         return np.asarray(corners[((corners >= low) & (corners <= high)).all(axis=1)])
 
     def _overlap(self, target: _Target) -> tuple[np.ndarray, np.ndarray] | None:

@@ -16,6 +16,7 @@ from texloom.stages.common.sizes import check_patch
 from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.masks import USABLE, fill_excluded, nearest_valid, valid_pixels, without_usable
+from texloom.stages.matrices import matrix_product
 from texloom.stages.progress import Progress, report
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.allowed import Allowed
@@ -280,7 +281,7 @@ def _continued(sources: np.ndarray, laid: Mask, shape: tuple[int, int]) -> np.nd
 def _with_maps(layout: Image, exemplar: Image, sources: Correspondence) -> Image:
     """The layout with the channels of the exemplar."""
     planes = exemplar.pixels[sources[..., 0], sources[..., 1]]
-    grey = layout.color @ np.array([0.2126, 0.7152, 0.0722], np.float32)
+    grey = matrix_product(layout.color, np.array([0.2126, 0.7152, 0.0722], np.float32))
     for index, name in enumerate(exemplar.channels):
         if name in layout.channels:
             planes[..., index] = layout.pixels[..., layout.channels.index(name)]

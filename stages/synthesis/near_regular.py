@@ -12,6 +12,7 @@ from texloom.stages.analysis.deformed_lattice import Points
 from texloom.stages.analysis.straighten import Positions
 from texloom.stages.arrays import Correspondence, Image, Vectors
 from texloom.stages.declare import InputError, stage
+from texloom.stages.matrices import inverse_of, matrix_product
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
 from texloom.stages.sizes import Size
@@ -135,7 +136,7 @@ def _tile_set(
     if courses:
         begins, cells = _course_corners(vertices, generators)
     spare = max(params.shift, _COURSE_SHIFT if courses else 0)
-    to_exemplar = np.linalg.inv(result_generators) @ generators
+    to_exemplar = matrix_product(inverse_of(result_generators), generators)
     features = tile_source.features
     overlap = max(_MIN_OVERLAP, round(params.overlap * float(np.hypot(*generators.T).min())))
     # Exemplars of very few cells may have no whole tile with this overlap, but some with a narrower one.
@@ -144,7 +145,7 @@ def _tile_set(
             shape = course_shape(features, vertices, generators)
         else:
             shape = best_shape(features, vertices, generators, overlap)
-        window = Window.of(shape.moved(np.linalg.inv(to_exemplar)), overlap)
+        window = Window.of(shape.moved(inverse_of(to_exemplar)), overlap)
         corners = begins + shape.phase
         kept = np.flatnonzero(whole(window, corners, to_exemplar, tile_source.valid, spare))
         if len(kept) or overlap <= _MIN_OVERLAP:
@@ -161,7 +162,7 @@ def _tile_set(
     limit = int(np.clip(_MAX_VALUES // (features.shape[2] * len(window.offsets)), 1, most))
     if len(kept) > limit:
         kept = np.sort(rng.choice(kept, limit, replace=False))
-    offsets = window.offsets @ to_exemplar
+    offsets = matrix_product(window.offsets, to_exemplar)
     sources = np.rint(corners[kept][:, None] + offsets[None]).astype(np.int64)
     numbers = np.unique(cells[kept], return_inverse=True)[1]
     return _TileSet(window, sources, features[sources[..., 0], sources[..., 1]], numbers), shape
@@ -227,15 +228,15 @@ class _Tiling:
         self.uses = np.zeros(self.tiles.count, np.int64)
         self.moves = _moves(params.shift, generators[1] if courses else None)
         # Rows of tiles follow the base.
-        frame = np.linalg.inv(np.array([shape.side, shape.base]))
-        row, along = (self.lattice.steps @ generators @ frame).T
+        frame = inverse_of(np.array([shape.side, shape.base]))
+        row, along = matrix_product(matrix_product(self.lattice.steps, generators), frame).T
         self.order = np.lexsort((along, np.rint(row)))
 
     def run(self) -> None:
         """Lay all tiles that reach into the result."""
         neighbours = self.lattice.neighbours(_NEIGHBOURS)
         # The phase of the result within a cell is random.
-        begin = self.rng.random(2) @ self.lattice.generators
+        begin = matrix_product(self.rng.random(2), self.lattice.generators)
         corners = np.rint(self.lattice.places + begin).astype(np.int64)
         low = corners + self.low - self.margin
         reaches = ((low < self.params.size) & (low + self.box > 0)).all(axis=1) | self.params.tileable
@@ -247,7 +248,7 @@ class _Tiling:
         report(Progress(1.0))
 
     def _lay(self, node: int, corner: np.ndarray, neighbours: np.ndarray) -> None:
-        at = (corner + self.window.offsets) % self.canvas @ [self.canvas[1], 1]
+        at = matrix_product((corner + self.window.offsets) % self.canvas, [self.canvas[1], 1])
         filled = self.filled[at]
         existing = self.result[at, -self.feature_count :]
         beside = self.cell_of[neighbours[neighbours >= 0]]

@@ -20,6 +20,8 @@ from texloom.stages.common.surface.gutters import nearest_known
 from texloom.stages.common.surface.phases import surface_phases
 from texloom.stages.common.surface.texels import texels_of
 from texloom.stages.declare import InputError, stage
+from texloom.stages.functions import log2
+from texloom.stages.matrices import matrix_product
 from texloom.stages.normals import turned
 from texloom.stages.synthesis._kcoherence.known_control import extrapolated, notes_on_target
 from texloom.stages.synthesis._surface.levels import SurfaceLevels
@@ -169,7 +171,7 @@ def _marked(places: np.ndarray, size: tuple[int, int]) -> Bool[np.ndarray, "H W"
 def _spread(positions: np.ndarray, places: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     """The positions, (n, 2), of the first place for each pixel, (H, W, 2); elsewhere of the nearest one."""
     inside = _inside(places, size)
-    index, first = np.unique(places[inside] @ np.array([size[1], 1]), return_index=True)
+    index, first = np.unique(matrix_product(places[inside], np.array([size[1], 1])), return_index=True)
     source, known = np.zeros((size[0] * size[1], 2)), np.zeros(size, bool)
     source[index] = positions[inside][first]
     known.ravel()[index] = True
@@ -181,7 +183,7 @@ def _pixels(image: Image, source: np.ndarray, jacobian: Jacobian, toroidal: bool
     from texloom.stages.kernels.core.resample import sampled
 
     a, b, c, d = np.moveaxis(jacobian.astype(np.float64), 2, 0)
-    level = np.clip(-0.5 * np.log2(np.abs(a * d - b * c)), 0, np.log2(min(image.height, image.width)))
+    level = np.clip(-0.5 * log2(np.abs(a * d - b * c)), 0, log2(min(image.height, image.width)))
     level = np.rint(level / _LEVEL_STEP) * _LEVEL_STEP  # rounding must not differ between charts
     count = int(np.ceil(level.max())) + 1
     stack = blurred_levels(image.pixels, count, toroidal)

@@ -27,6 +27,7 @@ from texloom.stages.common.per_pixel.levels import Levels, Rect, Style
 from texloom.stages.common.per_pixel.phases import phases_of
 from texloom.stages.common.per_pixel.tables import CONTROLS, Tables, make_tables
 from texloom.stages.declare import InputError, Outline, Params, stage
+from texloom.stages.functions import log2
 from texloom.stages.normals import NORMAL, turned, with_unit_normals
 from texloom.stages.sizes import Size
 from texloom.stages.synthesis._kcoherence.comparable_control import comparable
@@ -361,7 +362,7 @@ def _in_step(
 
 def _showing(stack: AppearanceStack, generators: Vectors) -> AppearanceStack:
     """The levels that show a repetition; corrections of coarser ones would lose the phase."""
-    most = 1 + max(0, int(np.log2(np.hypot(*generators.T).min() * _MAX_STEP)))
+    most = 1 + max(0, int(log2(np.hypot(*generators.T).min() * _MAX_STEP)))
     return AppearanceStack(stack.appearance[:most], stack.basis[:most], stack.candidates[:most], stack.toroidal)
 
 

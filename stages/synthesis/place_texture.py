@@ -11,6 +11,8 @@ from texloom.stages.arrays import Image, Jacobian, Mask
 from texloom.stages.common.footprints import footprints, resampled
 from texloom.stages.common.screened_poisson import neighbours, screened_poisson_beside
 from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.filters import gaussian_blur
+from texloom.stages.functions import exp, log
 
 _RING = 24  # px around the hole whose contrast is taken over
 _MAX_GAIN = 1.25  # of contrast
@@ -156,12 +158,11 @@ def _blended(
 
 def _light(color: Float32[np.ndarray, "h w 3"], hole: Mask, params: PlaceTextureParams) -> Float32[np.ndarray, "n"]:  # type: ignore[name-defined]
     """Slow brightness of the hole's pixels relative to its geometric mean over the hole."""
-    import cv2
 
     logs = _logarithm(color.mean(axis=2)) * hole
-    soft, share = (cv2.GaussianBlur(plane, (0, 0), params.softness) for plane in (logs, hole.astype(np.float32)))
+    soft, share = (gaussian_blur(plane, params.softness) for plane in (logs, hole.astype(np.float32)))
     light = soft[hole] / share[hole]
-    return np.asarray(np.exp(np.float32(params.light) * (light - light.mean())), np.float32)
+    return np.asarray(exp(np.float32(params.light) * (light - light.mean())), np.float32)
 
 
 def _joined(
@@ -199,7 +200,7 @@ def _joined(
         [screened_poisson_beside(excess[..., k], float(params.reach or 0), False, hole)[hole] for k in range(3)],
         axis=1,
     )
-    return np.asarray(np.maximum(np.exp(logs[hole] + change) - np.float32(_DARK), 0), np.float32)
+    return np.asarray(np.maximum(exp(logs[hole] + change) - np.float32(_DARK), 0), np.float32)
 
 
 def _gain(image: Float32[np.ndarray, "h w 3"], hole: Mask, around: Mask) -> float:
@@ -217,4 +218,4 @@ def _gain(image: Float32[np.ndarray, "h w 3"], hole: Mask, around: Mask) -> floa
 
 
 def _logarithm(color: np.ndarray) -> Float32[np.ndarray, "..."]:
-    return np.asarray(np.log(np.maximum(color, 0) + np.float32(_DARK)), np.float32)
+    return np.asarray(log(np.maximum(color, 0) + np.float32(_DARK)), np.float32)

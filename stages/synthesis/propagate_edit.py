@@ -14,8 +14,9 @@ from texloom.stages.analysis.tsvq import Leaf, Nodes, TsvqParams
 from texloom.stages.arrays import Correspondence, Image, Mask
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common.control import check_finite, from_painted, painted_values
-from texloom.stages.common.neighbourhoods import inside_of, product
+from texloom.stages.common.neighbourhoods import inside_of
 from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.matrices import row_product
 from texloom.stages.synthesis.inverse.level import Level, Matching, Tree
 
 _LOG = logging.getLogger(__name__)
@@ -195,7 +196,7 @@ def _lookalikes(whole: Image, compaction: Image, changed: Bool[np.ndarray, "H W"
     for first in range(0, numbers.size, _BLOCK):
         own = numbers[first : first + _BLOCK]
         # Whole numbers below 2^24, so that sums are exact in any order.
-        distances = lengths - 2 * product(after[own], before.T)
+        distances = lengths - 2 * row_product(after[own], before.T)
         best = distances.argmin(axis=1)
         least = distances[np.arange(own.size), best] + (after[own] ** 2).sum(axis=1)
         change = ((after[own] - before[own]) ** 2).sum(axis=1)

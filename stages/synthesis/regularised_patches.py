@@ -13,6 +13,7 @@ from texloom.stages.analysis.straighten import Positions
 from texloom.stages.arrays import Channels, Correspondence, Image, Vectors
 from texloom.stages.common.free_form import fitted
 from texloom.stages.declare import InputError, stage
+from texloom.stages.matrices import inverse_of, matrix_product
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, part, report
 from texloom.stages.synthesis._lattice.choice import TextonChoice
@@ -93,7 +94,7 @@ def regularised_patches(
     if len(generators) != 2 or not len(steps):
         raise InputError("generators: the exemplar has no lattice to lay textons on")
     exemplar = Exemplar(image, lab_of, 100.0, params.weights)
-    origin = regular[0].astype(np.float64) - steps[0] @ generators.astype(np.float64)
+    origin = regular[0].astype(np.float64) - matrix_product(steps[0], generators.astype(np.float64))
     textons = find_textons(
         exemplar.features, source, generators.astype(np.float64), origin, params.zone, rng, exemplar.usable, courses
     )
@@ -110,7 +111,9 @@ def regularised_patches(
         exemplar_moves = vertices.astype(np.float64) - regular.astype(np.float64)
         inside = ((vertices >= 0) & (vertices <= np.array(exemplar.shape) - 1)).all(axis=1)
         # The textons' generators may be another basis of the lattice.
-        own = np.rint(steps @ generators.astype(np.float64) @ np.linalg.inv(textons.generators)).astype(np.int64)
+        own = np.rint(
+            matrix_product(matrix_product(steps, generators.astype(np.float64)), inverse_of(textons.generators))
+        ).astype(np.int64)
         moves = params.strength * synthesise_displacements(own[inside], exemplar_moves[inside], lattice, rng)
     report(Progress(0.6))
     displacement = _displacement(lattice, moves)
@@ -156,7 +159,7 @@ def _sampled(
     match = np.zeros((height * width, 2), np.uint32)
     places = np.ascontiguousarray(np.moveaxis(np.indices(lattice.size), 0, -1) + displacement).reshape(-1, 2)
     fixed = (
-        Lattice(np.linalg.inv(lattice.generators), np.zeros(2), lattice.first, lattice.ids),
+        Lattice(inverse_of(lattice.generators), np.zeros(2), lattice.first, lattice.ids),
         Textons(textons.places[chosen], textons.generators, textons.origin, textons.zone),
     )
     run_all(

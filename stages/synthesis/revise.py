@@ -19,6 +19,7 @@ from texloom.stages.masks import (
     valid_pixels,
     without_usable,
 )
+from texloom.stages.matrices import matrix_product
 from texloom.stages.progress import part
 from texloom.stages.synthesis._patchmatch.inputs import check_patches
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
@@ -95,7 +96,7 @@ def marked_pixels(region: Image) -> Mask:
     if region.channels[0] == "Y":
         marked = region.pixels[..., 0] > _MIDDLE_GREY
     else:
-        marked = region.color @ np.array([0.2126, 0.7152, 0.0722], np.float32) > _MIDDLE_GREY
+        marked = matrix_product(region.color, np.array([0.2126, 0.7152, 0.0722], np.float32)) > _MIDDLE_GREY
     if not marked.any():
         raise InputError("region: no pixel is white; paint white what is to be synthesised again")
     if marked.all():
@@ -197,8 +198,12 @@ class _Blocks:
         if self.phase is None:
             return errors.copy()
         places = np.moveaxis(np.indices(errors.shape), 0, 2)
-        cells = places @ self.phase.exemplar - corner @ self.phase.target - self.phase.origin
-        away = np.hypot(*np.moveaxis((cells - np.rint(cells)) @ self.generators, 2, 0))
+        cells = (
+            matrix_product(places, self.phase.exemplar)
+            - matrix_product(corner, self.phase.target)
+            - self.phase.origin
+        )
+        away = np.hypot(*np.moveaxis(matrix_product(cells - np.rint(cells), self.generators), 2, 0))
         limited = np.where(away <= _MAX_PHASE, errors, np.float32(np.inf))
         return limited if np.isfinite(limited).any() else errors.copy()
 

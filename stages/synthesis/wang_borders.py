@@ -16,7 +16,9 @@ from texloom.stages.common.maps import MapWeights, check_weights
 from texloom.stages.common.sizes import check_patch
 from texloom.stages.common.wang import Kind, WangSet
 from texloom.stages.declare import InputError, Outline, Params, stage
+from texloom.stages.functions import log
 from texloom.stages.masks import fill_excluded
+from texloom.stages.matrices import matrix_product, pseudo_inverse
 from texloom.stages.progress import part
 from texloom.stages.sizes import SIDES
 from texloom.stages.synthesis._seams.overlap import compared
@@ -127,9 +129,9 @@ def tile_side(wanted: int, generators: Vectors | None) -> tuple[int, float]:
     for axis in (0, 1):
         vectors = np.zeros((len(sides), 2))
         vectors[:, axis] = sides
-        steps = vectors @ np.linalg.pinv(own)
-        missed = np.maximum(missed, np.hypot(*((np.rint(steps) - steps) @ own).T))
-    cost = np.maximum(missed, _CLOSE) + 2.0 * np.abs(np.log(sides / wanted))
+        steps = matrix_product(vectors, pseudo_inverse(own))
+        missed = np.maximum(missed, np.hypot(*matrix_product(np.rint(steps) - steps, own).T))
+    cost = np.maximum(missed, _CLOSE) + 2.0 * np.abs(log(sides / wanted))
     best = int(np.argmin(cost))
     return int(sides[best]), float(missed[best])
 
@@ -337,7 +339,7 @@ def wang_borders(
     down, across = (np.arange(tile * count) for count in layout.shape)
     (row, below), (column, beside) = (offsets(len(lines), tile) for lines in (down, across))
     upper, left = layout.borders
-    place = np.argsort(numbers) * tile
+    place = np.argsort(numbers, kind="stable") * tile
     rows = bands[0].at(below[:, None], place[upper[row[:, None], across // tile]] + across % tile)
     columns = bands[1].at(place[left[down[:, None] // tile, column]] + (down % tile)[:, None], beside)
     to_row, to_column = to_borders((len(down), len(across)), tile)

@@ -1,9 +1,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from texloom.stages.common.neighbourhoods import UNIT, Components, fixed_point, product
+from texloom.stages.common.neighbourhoods import UNIT, Components, fixed_point
 
 
 def test_fixed_point_rounds_and_lays_channels_side_by_side() -> None:
@@ -25,12 +24,6 @@ def test_fixed_point_holds_guidance_at_its_strongest() -> None:
     assert values[2] >= values[1]
     assert values[3] == -values[2]
     assert int(values[2]) - int(values[3]) < 2**15  # differences fit 16 bits
-
-
-@pytest.mark.parametrize("count", [0, 1, 600, 5000])
-def test_a_product_is_made_of_all_rows(count: int, rng: np.random.Generator) -> None:
-    rows, basis = (rng.integers(-9, 10, shape).astype(np.float32) for shape in ((count, 50), (50, 16)))
-    np.testing.assert_array_equal(product(rows, basis), rows @ basis)
 
 
 def test_vectors_of_some_neighbourhoods_are_those_among_all(rng: np.random.Generator) -> None:

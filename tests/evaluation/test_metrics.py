@@ -16,6 +16,7 @@ from texloom.stages.evaluation._measures import reuse, spectrum, windows
 from texloom.stages.evaluation._measures.pictures import prepare
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.masks import USABLE
+from texloom.stages.matrices import row_product
 
 
 def measure(exemplar: Image, result: Image, **options: Any) -> dict[str, dict[str, Any]]:
@@ -334,7 +335,7 @@ def test_product_in_pieces_is_the_product() -> None:
     rng = np.random.default_rng(12)
     for count, width, columns in ((5003, 147, 16), (7, 3, 2), (70001, 2, 5)):
         many, matrix = rng.normal(size=(count, width)), rng.normal(size=(width, columns))
-        product = _patch_distance.product(many.astype(np.float32), matrix.astype(np.float32))
+        product = row_product(many.astype(np.float32), matrix.astype(np.float32))
         np.testing.assert_allclose(product, many @ matrix, atol=1e-4)
 
 

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32, Int32, UInt8, UInt16
 
+from texloom.stages.filters import filtered
+
 _CHANNELS = 13  # CIELUV, then at two scales the gradient's size and its share in four directions
 _PATCH, _LABEL = 32, 16  # sides, px
 _CELL = _PATCH // 2  # side of a patch on the channels
@@ -83,8 +85,6 @@ def load_forest(path: Path) -> Forest:
 
 def _smoothed(channels: np.ndarray, radius: int) -> np.ndarray:
     """Every channel convolved with a triangle of ``radius`` px to each side."""
-    import cv2
-
     weights = np.minimum(np.arange(1, 2 * radius + 2), np.arange(2 * radius + 1, 0, -1)).astype(np.float32)
     weights /= np.float32((radius + 1) ** 2)
-    return np.asarray(cv2.sepFilter2D(channels, -1, weights, weights))
+    return filtered(channels, weights, weights, "mirror")

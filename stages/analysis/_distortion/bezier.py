@@ -11,6 +11,8 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float64
 
+from texloom.stages.matrices import eigenvectors, matrix_product, square_sums
+
 Controls: TypeAlias = Float64[np.ndarray, "4 4 3"]
 
 _DEFAULT_FOCAL_LENGTH = 1.2  # in units of the photograph's longer side, where the view does not determine it
@@ -31,9 +33,10 @@ def homography(corners: Float64[np.ndarray, "4 2"]) -> Float64[np.ndarray, "3 3"
     for (u, v), (row, column) in zip(((0, 0), (0, 1), (1, 1), (1, 0)), normalised, strict=True):
         system.append([u, v, 1, 0, 0, 0, -row * u, -row * v, -row])
         system.append([0, 0, 0, u, v, 1, -column * u, -column * v, -column])
-    solution = np.linalg.svd(np.array(system))[2][-1].reshape(3, 3)
+    # The direction that the system shortens most, to 0.
+    solution = eigenvectors(square_sums(np.array(system)))[1][:, 0].reshape(3, 3)
     denormalise = np.array([[spread, 0, middle[0]], [0, spread, middle[1]], [0, 0, 1]])
-    matrix = denormalise @ solution
+    matrix = matrix_product(denormalise, solution)
     return np.asarray(matrix / matrix[2, 2])
 
 
@@ -41,7 +44,7 @@ def of_plane(matrix: Float64[np.ndarray, "3 3"], beyond: float = 0.0) -> Control
     """The homography's plane as a patch, extended by ``beyond`` times its size on every side."""
     at = np.linspace(-beyond, 1 + beyond, 4)
     u, v = np.meshgrid(at, at, indexing="ij")
-    return np.stack([u, v, np.ones_like(u)], axis=2) @ matrix.T
+    return matrix_product(np.stack([u, v, np.ones_like(u)], axis=2), matrix.T)
 
 
 def focal_length(matrices: list[Float64[np.ndarray, "3 3"]], shape: tuple[int, int]) -> float | None:
@@ -54,7 +57,7 @@ def focal_length(matrices: list[Float64[np.ndarray, "3 3"]], shape: tuple[int, i
     for matrix in matrices:
         first, second = _centred(matrix.T[:2], shape)
         lengths = np.hypot(*first[:2]) * np.hypot(*second[:2])
-        cosine, slant = first[:2] @ second[:2] / lengths, first[2] * second[2] / lengths
+        cosine, slant = matrix_product(first[:2], second[:2]) / lengths, first[2] * second[2] / lengths
         if abs(slant) * max(shape) ** 2 >= _MIN_SLANT:
             above -= cosine * slant
             below += slant**2
@@ -79,7 +82,7 @@ def in_space(controls: Controls, shape: tuple[int, int], focal: float | None) ->
 def bernstein(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Cubic Bernstein polynomials and their derivatives, (..., 4)."""
     s = 1 - t
-    values = np.stack([s**3, 3 * t * s**2, 3 * t**2 * s, t**3], axis=-1)
+    values = np.stack([s * s * s, 3 * t * s**2, 3 * t**2 * s, t * t * t], axis=-1)
     slopes = np.stack([-3 * s**2, 3 * s**2 - 6 * t * s, 6 * t * s - 3 * t**2, 3 * t**2], axis=-1)
     return values, slopes
 
@@ -102,8 +105,8 @@ def even_parameters(space: Controls, shares: tuple[np.ndarray, np.ndarray]) -> t
 def _chords(space: Controls) -> tuple[np.ndarray, np.ndarray]:
     """Lengths of the pieces into which `_PARAMETERS` cut the middle curves, down and across."""
     middle = bernstein(np.array(0.5))[0]
-    down = bernstein(_PARAMETERS)[0] @ np.einsum("ijk,j->ik", space, middle)
-    across = bernstein(_PARAMETERS)[0] @ np.einsum("ijk,i->jk", space, middle)
+    down = matrix_product(bernstein(_PARAMETERS)[0], np.einsum("ijk,j->ik", space, middle))
+    across = matrix_product(bernstein(_PARAMETERS)[0], np.einsum("ijk,i->jk", space, middle))
     return np.linalg.norm(np.diff(down, axis=0), axis=1), np.linalg.norm(np.diff(across, axis=0), axis=1)
 
 
@@ -118,5 +121,5 @@ def even_points(controls: Controls, space: Controls, shape: tuple[int, int]) -> 
     height, width = shape
     u, v = even_parameters(space, ((np.arange(height) + 0.5) / height, (np.arange(width) + 0.5) / width))
     rows, columns = (bernstein(t)[0] for t in (u, v))
-    places = np.einsum("ui,ijk,vj->uvk", rows, controls, columns, optimize=True)
+    places = np.einsum("ui,ijk,vj->uvk", rows, controls, columns)
     return np.asarray(places[..., :2] / places[..., 2:])

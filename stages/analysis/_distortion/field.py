@@ -10,6 +10,7 @@ from texloom.stages.analysis._distortion.geometry import Geometry, Patch, pixels
 from texloom.stages.analysis._distortion.pull_push import pull_push
 from texloom.stages.arrays import Jacobian, Mask, ScalarMap
 from texloom.stages.declare import InputError
+from texloom.stages.functions import exp, log, log2
 
 _CELLS = 16  # a side: parts of a patch in which its pixels are searched
 _PIECES = 8
@@ -97,7 +98,7 @@ def distortion(
     if scale is None:
         scale = float(np.quantile(stretch[inside], 1 - detail, method="nearest"))
     field = np.asarray(field * (magnify / scale), np.float32)
-    level = np.asarray(-np.log2(np.maximum(stretch * (magnify / scale), 1e-6)), np.float32)
+    level = np.asarray(-log2(np.maximum(stretch * (magnify / scale), 1e-6)), np.float32)
     return Distortion(field, level, inside, hole, np.stack(features), float(scale))
 
 
@@ -120,9 +121,9 @@ def _joined(parts: Iterable[Coverage], shape: tuple[int, int]) -> tuple[Jacobian
     if not (area[covered] > 0).all():
         raise InputError("patches: two overlapping patches have opposite directions of texture")
     # Areas are extrapolated separately, since means of different directions are too short.
-    planes = np.concatenate([field, np.log(np.where(covered, area, 1))[..., None]], axis=2).astype(np.float32)
+    planes = np.concatenate([field, log(np.where(covered, area, 1))[..., None]], axis=2).astype(np.float32)
     planes = pull_push(planes, covered.astype(np.float32))
-    field, target = planes[..., :4], np.exp(planes[..., 4])
+    field, target = planes[..., :4], exp(planes[..., 4])
     current = field[..., 0] * field[..., 3] - field[..., 1] * field[..., 2]
     factor = np.sqrt(target / np.maximum(current, 1e-3 * target))
     return np.asarray(np.where(covered[..., None], field, field * factor[..., None]), np.float32), covered

@@ -6,6 +6,7 @@ from jaxtyping import Bool
 from texloom.stages.arrays import Jacobian, Mask
 from texloom.stages.common.jacobians import inverted
 from texloom.stages.declare import InputError
+from texloom.stages.matrices import solve_symmetric
 
 _NODES = 20_000  # approximate number at which positions are solved
 _MAX_NODE_SPACING = 8  # px
@@ -19,7 +20,6 @@ def charted(jacobian: Jacobian, sharp: Mask) -> np.ndarray:
     """Positions in the texture of all pixels, (h, w, 2): solved at nodes and interpolated by cubic splines."""
     from scipy.interpolate import CubicSpline
     from scipy.sparse import coo_matrix
-    from scipy.sparse.linalg import splu
 
     height, width = sharp.shape
     every = int(np.clip(np.sqrt(sharp.size / _NODES), 1, min(_MAX_NODE_SPACING, height // 4, width // 4)))
@@ -47,7 +47,7 @@ def charted(jacobian: Jacobian, sharp: Mask) -> np.ndarray:
     weighted = differences.T.multiply(weight).tocsr()
     # One node is fixed, since positions are determined up to a shift.
     fixed = coo_matrix(([weight.mean()], ([0], [0])), shape=(inside.size, inside.size))
-    solution = splu((weighted @ differences + fixed).tocsc()).solve(weighted @ step)
+    solution = solve_symmetric(weighted @ differences + fixed, weighted @ step)
     solution = CubicSpline(rows, solution.reshape(*inside.shape, 2), axis=0)(np.arange(height))
     return np.asarray(CubicSpline(columns, solution, axis=1)(np.arange(width)))
 

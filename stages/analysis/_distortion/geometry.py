@@ -13,6 +13,7 @@ from pydantic import Discriminator, Field, Tag
 from texloom.stages.analysis._distortion import bezier
 from texloom.stages.arrays import Mask, Quads
 from texloom.stages.declare import Document, InputError, first_problem
+from texloom.stages.matrices import determinant, length_of, matrix_product
 
 _MAX_ENTRIES = 256  # patches, and polygons of an area
 _MAX_CLASSES = 8  # of features
@@ -285,14 +286,14 @@ def _distance(space: bezier.Controls, controls: bezier.Controls, place: np.ndarr
     first, second, third = space[0, 0], space[0, 3], space[3, 3]
     normal = np.cross(second - first, third - first)
     ray = np.append(place, first[2] / controls[0, 0, 2])  # its third component is the focal length
-    return float(normal @ first / (normal @ ray))
+    return float(matrix_product(normal, first) / matrix_product(normal, ray))
 
 
 def _nearest_edge_length(space: bezier.Controls) -> float:
     """Length of the edge of a plane with the least depth, in units of ``space``."""
     ring = space[[0, 0, 3, 3], [0, 3, 3, 0]]
     nearest = int(np.argmin([ring[k][2] + ring[(k + 1) % 4][2] for k in range(4)]))
-    return max(float(np.linalg.norm(ring[nearest] - ring[(nearest + 1) % 4])), 1e-9)
+    return max(float(length_of(ring[nearest] - ring[(nearest + 1) % 4])), 1e-9)
 
 
 def check_quad(corners: Float64[np.ndarray, "4 2"], name: str) -> None:
@@ -321,5 +322,5 @@ def _check_folds(controls: bezier.Controls, name: str) -> None:
     by_u = np.einsum("...i,...j,ijk->...k", du, bv, controls)
     by_v = np.einsum("...i,...j,ijk->...k", bu, dv, controls)
     # The triple product has the sign of the Jacobian's determinant, since w is positive.
-    if not (np.linalg.det(np.stack([by_u, by_v, point], axis=-1)) > 0).all():
+    if not (determinant(np.stack([by_u, by_v, point], axis=-1)) > 0).all():
         raise InputError(f"{name}: the surface folds over in the image; move its control points apart")

@@ -9,9 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64
 
+from texloom.stages.functions import arctan2, sin
+from texloom.stages.matrices import least_squares, length_of, matrix_product
+
 _CANDIDATES = 90  # longest segments whose intersections are tried
 _TOLERANCE = np.radians(1.5)  # between a segment and the line from its middle to its vanishing point
 _WIDE_TOLERANCE = np.radians(3.0)  # of segments that no further family may have
+
+_HALF_PX = 1e-3  # half diagonals, about half a px
+_PASSES = 20
+_CHANGE = 1e-7  # by which slopes are measured
 
 
 @dataclass(frozen=True)
@@ -70,7 +77,7 @@ def deviations(points: Float64[np.ndarray, "*m 3"], segments: Segments) -> Float
     towards = points[..., None, :2] - points[..., None, 2:] * segments.middles
     cross = towards[..., 0] * along[:, 1] - towards[..., 1] * along[:, 0]
     dot = towards[..., 0] * along[:, 0] + towards[..., 1] * along[:, 1]
-    return np.asarray(np.arctan2(np.abs(cross), np.abs(dot)))
+    return np.asarray(arctan2(np.abs(cross), np.abs(dot)))
 
 
 def _best_intersection(segments: Segments) -> Float64[np.ndarray, "3"]:
@@ -81,23 +88,28 @@ def _best_intersection(segments: Segments) -> Float64[np.ndarray, "3"]:
     points = np.cross(lines[first], lines[second])
     size = np.linalg.norm(points, axis=1)
     points = points[size > 1e-9] / size[size > 1e-9, None]
-    agreeing = (deviations(points, segments) < _TOLERANCE) @ segments.lengths
+    agreeing = matrix_product(deviations(points, segments) < _TOLERANCE, segments.lengths)
     return np.asarray(points[int(agreeing.argmax())])
 
 
 def _refined(point: Float64[np.ndarray, "3"], segments: Segments) -> Float64[np.ndarray, "3"]:
     """The point for which lines from the middles of its segments pass their ends most closely."""
-    from scipy.optimize import least_squares
-
-    basis = np.linalg.svd(point[None])[2]  # the point and two directions at right angles to it
+    first = np.cross(point, np.eye(3)[np.abs(point).argmin()])
+    first /= length_of(first)
+    basis = np.stack([point, first, np.cross(point, first)])  # the last two are at right angles to the point
 
     def moved(step: np.ndarray) -> np.ndarray:
-        turned = basis[0] + step @ basis[1:]
-        return np.asarray(turned / np.linalg.norm(turned))
+        turned = basis[0] + matrix_product(step, basis[1:])
+        return np.asarray(turned / length_of(turned))
 
     def distances(step: np.ndarray) -> np.ndarray:
-        return np.asarray(np.sin(deviations(moved(step), segments)) * segments.lengths / 2)
+        """In half px, about."""
+        return np.asarray(sin(deviations(moved(step), segments)) * segments.lengths / 2 / _HALF_PX)
 
-    scale = 1e-3  # half diagonals: about half a px
-    fit = least_squares(lambda step: distances(step) / scale, np.zeros(2), loss="soft_l1", x_scale=0.01)
-    return moved(fit.x)
+    step = np.zeros(2)
+    for _ in range(_PASSES):  # Gauss and Newton's, with weights that count far segments by their distance alone
+        off = distances(step)
+        slopes = np.stack([(distances(step + change) - off) / _CHANGE for change in _CHANGE * np.eye(2)], axis=1)
+        weight = 1 / np.sqrt(np.sqrt(1 + off**2))
+        step = step - least_squares(weight[:, None] * slopes, weight * off)
+    return moved(step)

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 from texloom.stages.analysis._lattice.vertices import Vertices
+from texloom.stages.matrices import length_of, matrix_product
 
 _PASSES = 2  # with the mean of the aligned courses as template
 _MIN_CORRELATION = 0.4  # of a course with the template
@@ -41,7 +42,7 @@ def track_courses(
     for _ in range(_PASSES):
         aligned = np.take_along_axis(samples, chosen[..., None, None], axis=2)[:, :, 0]
         template = aligned[known].sum(axis=0) if known.any() else np.zeros(len(window))
-        likeness = samples @ (template / max(float(np.linalg.norm(template)), 1e-9))
+        likeness = matrix_product(samples, template / max(float(length_of(template)), 1e-9))
         chosen = np.argmax(np.where(known[..., None], likeness, 0), axis=2)
     best = np.take_along_axis(likeness, chosen[..., None], axis=2)[..., 0]
     strip, course = np.nonzero(known & (np.nan_to_num(best) >= _MIN_CORRELATION))

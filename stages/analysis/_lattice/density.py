@@ -3,6 +3,7 @@
 import numpy as np
 
 from texloom.stages.arrays import ScalarMap
+from texloom.stages.filters import gaussian_blur
 
 _SIGMA = 3.0  # px of an exemplar of 512 px
 _MIN_SIGMA = 1.7  # px
@@ -15,9 +16,8 @@ def offset_deviation(shorter: int) -> float:
 
 def smoothed(density: ScalarMap, shorter: int) -> ScalarMap:
     """A density blurred by the deviation of an offset, scaled to a maximum of 1."""
-    import cv2
 
     sigma = offset_deviation(shorter)
     side = 2 * int(np.ceil(3 * sigma)) + 1
-    blurred = cv2.GaussianBlur(density, (side, side), sigma, borderType=cv2.BORDER_CONSTANT)
+    blurred = gaussian_blur(density, sigma, "zero", side)
     return np.asarray(blurred / blurred.max())

@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from texloom.stages.arrays import ScalarMap, Vectors
+from texloom.stages.matrices import length_of
 
 _STRIPS = 4  # along the lines, compared one by one
 _MIN_SIDE = 64  # px of an exemplar
@@ -67,4 +68,4 @@ def _period(profile: Float64[np.ndarray, "n"]) -> tuple[int, float]:  # type: ig
 
 def _correlation(first: np.ndarray, second: np.ndarray) -> float:
     first, second = first - first.mean(), second - second.mean()
-    return float((first * second).sum() / max(float(np.linalg.norm(first) * np.linalg.norm(second)), 1e-12))
+    return float((first * second).sum() / max(float(length_of(first) * length_of(second)), 1e-12))

@@ -6,6 +6,9 @@ import numpy as np
 from jaxtyping import Bool, Float64, Int64
 
 from texloom.stages.arrays import Mask, ScalarMap
+from texloom.stages.filters import gaussian_blur
+from texloom.stages.functions import complex_product, cos, squared_size
+from texloom.stages.matrices import matrix_product
 
 _MAX_REPETITIONS = 16  # along a generator
 _MIN_OVERLAP = 0.2  # of the exemplar with its shifted copy, as a share of its pixels
@@ -25,22 +28,21 @@ def autocorrelation_splines(plane: ScalarMap, valid: Mask | None) -> tuple[Corre
     ----------
     valid : false for excluded pixels; none where all are valid.
     """
-    import cv2
 
     weight = np.ones(plane.shape, np.float32) if valid is None else valid.astype(np.float32)
     sigma = min(weight.shape) / 8
-    total = np.maximum(cv2.GaussianBlur(weight, (0, 0), sigma), 1e-3)
-    fine = (plane - cv2.GaussianBlur(plane * weight, (0, 0), sigma) / total) * weight
+    total = np.maximum(gaussian_blur(weight, sigma), 1e-3)
+    fine = (plane - gaussian_blur(plane * weight, sigma) / total) * weight
     shape = 2 * weight.shape[0], 2 * weight.shape[1]
     spectrum, power, mask = (np.fft.rfft2(part, shape) for part in (fine, fine**2, weight))
-    product, overlap = (np.fft.irfft2(np.abs(part) ** 2, shape) for part in (spectrum, mask))
+    product, overlap = (np.fft.irfft2(squared_size(part), shape) for part in (spectrum, mask))
     # Energy of either copy where they overlap; shares of an element at the border would move the maxima otherwise.
-    energy = np.fft.irfft2(power * mask.conj(), shape)
+    energy = np.fft.irfft2(complex_product(power, mask.conj()), shape)
     other = np.roll(energy[::-1, ::-1], 1, (0, 1))
     mean = product / np.sqrt(np.maximum(energy * other, 1e-12))
     known = overlap >= _MIN_OVERLAP * overlap[0, 0]
     # At whole pixels a spline is (1, 4, 1) / 6 of its coefficients along each axis.
-    down, across = ((2 + np.cos(2 * np.pi * np.fft.fftfreq(side))) / 3 for side in shape)
+    down, across = ((2 + cos(2 * np.pi * np.fft.fftfreq(side))) / 3 for side in shape)
     response = np.outer(down, across[: shape[1] // 2 + 1])
     splines = np.fft.irfft2(np.fft.rfft2(np.where(known, mean, 0.0).astype(np.float64)) / response, shape)
     return np.fft.fftshift(splines), np.fft.fftshift(known)
@@ -78,7 +80,7 @@ def refined_generators(
 def _known_points(known: Known, generators: np.ndarray, reach: int) -> Int64[np.ndarray, "n 2"]:
     """The steps of up to ``reach`` repetitions along both generators at which the autocorrelation is known."""
     steps = np.array([(i, j) for i in range(reach + 1) for j in range(-reach, reach + 1) if (i, j) > (0, 0)])
-    rows, columns = np.rint(steps @ generators + np.array(known.shape) // 2).astype(int).T
+    rows, columns = np.rint(matrix_product(steps, generators) + np.array(known.shape) // 2).astype(int).T
     inside = (rows >= 0) & (rows < known.shape[0]) & (columns >= 0) & (columns < known.shape[1])
     inside[inside] = known[rows[inside], columns[inside]]
     return np.asarray(steps[inside])
@@ -90,10 +92,15 @@ def _means(
     """Mean correlation at some steps of each pair of generators; -1 where there are none."""
     if not len(steps):
         return np.full(len(generators), -1.0)
-    positions = (steps @ generators + np.array(splines.shape) // 2)[..., None]
+    positions = (matrix_product(steps, generators) + np.array(splines.shape) // 2)[..., None]
     first = np.floor(positions)
     t = positions - first
-    weights = np.concatenate([(1 - t) ** 3, (3 * t - 6) * t**2 + 4, 3 * t * (1 + t - t**2) + 1, t**3], axis=3) / 6
+    weights = (
+        np.concatenate(
+            [(1 - t) ** 2 * (1 - t), (3 * t - 6) * t**2 + 4, 3 * t * (1 + t - t**2) + 1, t**2 * t], axis=3
+        )
+        / 6
+    )
     rows, columns = np.moveaxis(first.astype(int) + np.arange(-1, 3), 2, 0)
     values = splines[rows[..., None] % splines.shape[0], columns[..., None, :] % splines.shape[1]]
     down, across = np.moveaxis(weights, 2, 0)

@@ -5,18 +5,20 @@ from jaxtyping import Float64
 
 from texloom.stages.analysis.lattice import valid_lightness
 from texloom.stages.arrays import Image
+from texloom.stages.filters import gaussian_blur
+from texloom.stages.functions import complex_product
 from texloom.stages.masks import valid_pixels
+from texloom.stages.matrices import inverse_of, matrix_product
 
 _BINS = 32  # of a repetition along each generator
 
 
 def mean_repetition(image: Image, generators: Float64[np.ndarray, "2 2"]) -> Float64[np.ndarray, "m m"]:
     """Mean lightness in each bin of a repetition, relative to the mean of all."""
-    import cv2
 
     valid = valid_pixels(image)
     shown = np.ones((image.height, image.width), bool) if valid is None else valid
-    cycles = np.argwhere(shown) @ np.linalg.inv(generators)
+    cycles = matrix_product(np.argwhere(shown), inverse_of(generators))
     row, column = (np.floor(cycles * _BINS).astype(np.int64) % _BINS).T
     lightness = valid_lightness(image)[shown].astype(np.float64)
     sums, counts = (
@@ -24,11 +26,11 @@ def mean_repetition(image: Image, generators: Float64[np.ndarray, "2 2"]) -> Flo
         for weights in (lightness - lightness.mean(), np.ones_like(lightness))
     )
     wrapped = (np.pad(plane, _BINS, mode="wrap") for plane in (sums, counts))
-    sums, counts = (cv2.GaussianBlur(plane, (0, 0), 1)[_BINS:-_BINS, _BINS:-_BINS] for plane in wrapped)
+    sums, counts = (gaussian_blur(plane, 1.0)[_BINS:-_BINS, _BINS:-_BINS] for plane in wrapped)
     return np.asarray(sums / np.maximum(counts, 1e-9))
 
 
 def phase_offset(one: Float64[np.ndarray, "m m"], other: Float64[np.ndarray, "m m"]) -> Float64[np.ndarray, "2"]:
     """The offset in cycles at which a repetition is most like another: ``one`` there is ``other`` here plus it."""
-    correlation = np.fft.irfft2(np.conj(np.fft.rfft2(one)) * np.fft.rfft2(other), s=one.shape)
+    correlation = np.fft.irfft2(complex_product(np.conj(np.fft.rfft2(one)), np.fft.rfft2(other)), s=one.shape)
     return np.array(np.unravel_index(np.argmax(correlation), one.shape)) / _BINS

@@ -4,6 +4,8 @@ import numpy as np
 
 from texloom.stages.arrays import ScalarMap
 from texloom.stages.common.pyramid import resize
+from texloom.stages.functions import complex_product
+from texloom.stages.matrices import matrix_product, pseudo_inverse
 
 _BLOCKS = 4  # a side, whose means are compared
 _MIRROR_SIDE = 128  # px to which a picture is reduced for its symmetry
@@ -18,8 +20,8 @@ def periods(generators: np.ndarray, shape: tuple[int, int]) -> float:
     ----------
     generators : of a lattice, (2, 2) px, or the step between courses, (1, 2) px.
     """
-    lines = np.linalg.pinv(generators.astype(np.float64))  # pixel (row, column) @ this = cells
-    return float((np.array(shape) @ np.abs(lines)).min())
+    lines = pseudo_inverse(generators.astype(np.float64))  # a pixel's (row, column) times this are cells
+    return float(matrix_product(np.array(shape), np.abs(lines)).min())
 
 
 def elements(gradients: ScalarMap) -> float:
@@ -57,7 +59,9 @@ def mirror_symmetry(lightness: ScalarMap) -> float:
     size = (2 * height, 2 * width)
 
     def correlated(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        return np.asarray(np.fft.irfft2(np.fft.rfft2(first, size) * np.conj(np.fft.rfft2(second, size)), size))
+        return np.asarray(
+            np.fft.irfft2(complex_product(np.fft.rfft2(first, size), np.conj(np.fft.rfft2(second, size))), size)
+        )
 
     inside = np.ones_like(plane)
     covered = correlated(inside, inside) >= _MIN_OVERLAP * plane.size

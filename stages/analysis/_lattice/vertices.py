@@ -11,6 +11,7 @@ from jaxtyping import Float64, Int64
 from pydantic import Field
 
 from texloom.stages.declare import InputError, first_problem
+from texloom.stages.matrices import rank
 
 _MAX_STEPS = 10_000  # larger step numbers are taken for mistakes
 _MAX_PIXELS = 100_000.0  # as are positions that are farther than thrice the largest side of a picture
@@ -31,7 +32,7 @@ class _File(pydantic.BaseModel, extra="forbid"):
         for index, step in enumerate(steps):
             if (first := seen.setdefault(step, index)) != index:
                 raise ValueError(f"vertices.{index} repeats step {list(step)} of vertices.{first}")
-        if self.generators is None and np.linalg.matrix_rank(np.array([(*step, 1) for step in steps])) < 3:
+        if self.generators is None and rank(np.array([(*step, 1) for step in steps])) < 3:
             raise ValueError(
                 "generators are missing, and fewer than three vertices are given, or they are collinear"
             )

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float32, Int16, Int32, Integer
 from texloom.stages.arrays import Jacobian
 from texloom.stages.common.per_pixel.phases import Phases
 from texloom.stages.common.per_pixel.tables import Tables
+from texloom.stages.functions import log2
 from texloom.stages.kernels.core.threads import run_all, spans, thread_count
 from texloom.stages.kernels.per_pixel.arguments import Bonuses, Distortion, LevelState, Pieces, Repetition, Subpass
 from texloom.stages.progress import Progress, report
@@ -100,9 +101,9 @@ def distortion_of(tables: Tables, own: Jacobian, number: int) -> Distortion:
     assert tables.jacobian is not None, "the tables are those of a texture that is not distorted"
     a, b, c, d = np.moveaxis(own, 2, 0)
     determinant = a * d - b * c
-    finest = number - np.log2(np.abs(determinant)) / 2
+    finest = number - log2(np.abs(determinant)) / 2
     sampled = np.clip(np.rint(finest), 0, tables.levels - 1)
-    factor = 2.0 ** (number - sampled) / determinant
+    factor = np.ldexp(1.0, (number - sampled).astype(np.int32)) / determinant
     inverse = np.stack([d * factor, -b * factor, -c * factor, a * factor], axis=2).astype(np.float32)
     return Distortion(tables.jacobian, inverse.reshape(-1, 4), sampled.astype(np.uint8).ravel())
 

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64, UInt32
 
 from texloom.stages.kernels.per_pixel.arguments import Repetition
+from texloom.stages.matrices import determinant, inverse_of, matrix_product
 
 _WHOLE = 2.0**32  # of a phase
 _PIXEL = 256  # units of a generator in a px
@@ -47,13 +48,13 @@ NO_PHASES = Phases(np.empty((0, 2), np.uint32), np.zeros(4, np.int64))
 
 def fitted_to_torus(generators: Float64[np.ndarray, "2 2"], torus: tuple[int, int]) -> Float64[np.ndarray, "2 2"]:
     """Generators that fit whole times around a torus of so many px; the same where it is too small."""
-    times = np.rint(np.diag(torus) @ np.linalg.inv(generators))
-    return np.asarray(np.linalg.inv(times) @ np.diag(torus) if np.linalg.det(times) else generators)
+    times = np.rint(matrix_product(np.diag(torus), inverse_of(generators)))
+    return np.asarray(matrix_product(inverse_of(times), np.diag(torus)) if determinant(times) else generators)
 
 
 def _linear(rows: np.ndarray, columns: np.ndarray, generators: np.ndarray) -> UInt32[np.ndarray, "rows columns 2"]:
     """Of flat texture; in whole numbers, so that all distances of two pixels are of one phase."""
-    share = np.rint(np.linalg.inv(generators) * _WHOLE).astype(np.int64)
+    share = np.rint(inverse_of(generators) * _WHOLE).astype(np.int64)
     cycles = rows.astype(np.int64)[:, None, None] * share[0] + columns.astype(np.int64)[:, None] * share[1]
     return (cycles % 2**32).astype(np.uint32)
 
@@ -61,7 +62,7 @@ def _linear(rows: np.ndarray, columns: np.ndarray, generators: np.ndarray) -> UI
 def _charted(
     chart: Float32[np.ndarray, "rows columns 2"], generators: np.ndarray
 ) -> UInt32[np.ndarray, "rows columns 2"]:
-    cycles = np.rint(chart.astype(np.float64) @ np.linalg.inv(generators) * _WHOLE).astype(np.int64)
+    cycles = np.rint(matrix_product(chart.astype(np.float64), inverse_of(generators)) * _WHOLE).astype(np.int64)
     return (cycles % 2**32).astype(np.uint32)
 
 

@@ -6,6 +6,8 @@ from jaxtyping import Float, Float64, UInt32
 from texloom.stages.common.jacobians import inverted
 from texloom.stages.common.surface.seams import linked, within
 from texloom.stages.common.surface.texels import Texels
+from texloom.stages.functions import phase_of, phasor, squared_size
+from texloom.stages.matrices import inverse_of, matrix_product
 
 _MAX_TURN = 0.25  # of a repetition between neighbouring texels
 _MAX_NODES = 2**17  # texels of the level at which phases are computed, for memory
@@ -28,7 +30,7 @@ def surface_phases(levels: list[Texels], generators: Float[np.ndarray, "2 2"]) -
     ----------
     [Knoeppel2015]_ section 3, on texels instead of vertices, with vectors of length 1 instead of an eigenvector.
     """
-    to_cycles = np.linalg.inv(np.asarray(generators, np.float64))
+    to_cycles = inverse_of(np.asarray(generators, np.float64))
     nodes = levels[-1]
     for finer in reversed(levels[:-1]):
         step = 2**nodes.number * np.abs(to_cycles).sum(axis=0).max()
@@ -37,11 +39,15 @@ def surface_phases(levels: list[Texels], generators: Float[np.ndarray, "2 2"]) -
         nodes = finer
     parts = [*within(nodes, np.arange(nodes.flat.size)), *linked(nodes)]
     one, other, offset = (np.concatenate(part) for part in zip(*parts, strict=True))
-    cycles = np.stack([_synchronised(nodes.flat.size, one, other, turn) for turn in (offset @ to_cycles).T], axis=1)
+    cycles = np.stack(
+        [_synchronised(nodes.flat.size, one, other, turn) for turn in matrix_product(offset, to_cycles).T], axis=1
+    )
     coarse = levels[-1]
     at, moved = _nearest(nodes, coarse)
     phases = np.zeros((coarse.tiles.shape[0] * coarse.tiles.shape[1], 2), np.uint32)
-    phases[coarse.flat] = np.rint((cycles[at] + moved @ to_cycles) % 1 * 2**32).astype(np.int64) % 2**32
+    phases[coarse.flat] = (
+        np.rint((cycles[at] + matrix_product(moved, to_cycles)) % 1 * 2**32).astype(np.int64) % 2**32
+    )
     return phases
 
 
@@ -50,7 +56,7 @@ def _synchronised(count: int, one: np.ndarray, other: np.ndarray, turn: np.ndarr
     from scipy.sparse import coo_array
     from scipy.sparse.linalg import splu
 
-    relation = np.exp(2j * np.pi * turn)
+    relation = phasor(2 * np.pi * turn)
     pairs = np.concatenate([other, one]), np.concatenate([one, other])
     agreed = coo_array((np.concatenate([relation, relation.conj()]), pairs), shape=(count, count)).tocsc()
     degree = np.bincount(pairs[0], minlength=count)
@@ -59,8 +65,8 @@ def _synchronised(count: int, one: np.ndarray, other: np.ndarray, turn: np.ndarr
     vector = np.ones(count, np.complex128)
     for _ in range(_ROUNDS):
         vector = solver.solve(vector)
-        vector /= np.maximum(np.abs(vector), 1e-300)
-    return np.asarray(np.angle(vector) / (2 * np.pi))
+        vector /= np.maximum(np.sqrt(squared_size(vector)), 1e-300)
+    return np.asarray(phase_of(vector) / (2 * np.pi))
 
 
 def _nearest(nodes: Texels, coarse: Texels) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ from jaxtyping import Float64, Int32, Int64
 from texloom.stages.common.jacobians import inverted
 from texloom.stages.common.surface.faces import Faces
 from texloom.stages.common.surface.texels import Texels, texels_of
+from texloom.stages.matrices import matrix_product
 
 _NEIGHBOURS = ((0, 1), (1, 0), (0, -1), (-1, 0))
 _FAR = 2  # px between pixels of a chart that are neighbours across its border
@@ -80,7 +81,7 @@ def _move(texels: Texels, step: tuple[int, int]) -> int:
 def _way(texels: Texels, one: np.ndarray, step: tuple[int, int]) -> Float64[np.ndarray, "n 2"]:
     """In texture, px, for a step from texels."""
     to_texture = inverted(texels.jacobian[:, one])[0].reshape(-1, 2, 2).astype(np.float64)
-    return np.asarray(to_texture @ np.array(step, np.float64) * 2**texels.number)
+    return np.asarray(matrix_product(to_texture, np.array(step, np.float64)) * 2**texels.number)
 
 
 def _pairs(texels: Texels, one: np.ndarray, other: np.ndarray, offset: np.ndarray) -> Pairs:

@@ -15,7 +15,6 @@ from texloom.stages.common.patch_distance import (
     Whole,
     nearest_rows,
     principal_directions,
-    product,
     sample_patches,
     smoothed,
     with_squares,
@@ -31,6 +30,7 @@ from texloom.stages.evaluation._measures.pictures import (
 from texloom.stages.evaluation._measures.pixels import halved, quantiles
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import GIVEN, Task
+from texloom.stages.matrices import row_product
 
 _PATCHES = 8192  # of the sliced distance; their sampling noise is a fifth of the distance between two crops
 _PROJECTIONS = 64
@@ -53,7 +53,7 @@ def projected(picture: Picture, levels: int = 4) -> list[Float32[np.ndarray, "q 
         if not any_true(whole):
             break
         patches = sample_patches(Patches(picture.compared, 1), _PATCHES, 0, whole)
-        known.append(quantiles(product(patches, directions[: patches.shape[1]])))
+        known.append(quantiles(row_product(patches, directions[: patches.shape[1]])))
         picture = _half_size(picture)
     return known
 
@@ -118,7 +118,7 @@ def index_patches(
     useful = np.arange(height) if whole is None else np.flatnonzero(whole.any(axis=1))
     rows = np.sort(np.random.default_rng(3).permutation(useful)[: max(1, most // width)])
     columns = np.arange(width)
-    components = np.stack([product(patches.at(np.full(width, row), columns), directions) for row in rows])
+    components = np.stack([row_product(patches.at(np.full(width, row), columns), directions) for row in rows])
     counted = components.reshape(-1, directions.shape[1]) if whole is None else components[whole[rows]]
     return PatchIndex(patches, rows, components, with_squares(counted), None if whole is None else whole[rows])
 

@@ -15,7 +15,6 @@ from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.core.vector_size import DIMENSIONS
 
 _LANES = (np.int8(0),) * DIMENSIONS
-_FUSED = ("contract",)  # a product and its sum in one instruction, where the processor has it
 
 
 @intrinsic
@@ -34,6 +33,10 @@ def _add_products(
     def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: Any) -> ir.Value:
         int32, int64, vector = ir.IntType(32), ir.IntType(64), ir.VectorType(ir.FloatType(), size)
         undefined, zeros = ir.Constant(vector, ir.Undefined), ir.Constant(ir.VectorType(int32, size), [0] * size)
+
+        # A product and its sum, rounded once: one instruction, or a call for each value where a processor has none.
+        function = ir.FunctionType(vector, [vector] * 3)
+        fused = cgutils.get_or_insert_function(builder.module, function, f"llvm.fma.v{size}f32")
 
         def data(argument: int) -> ir.Value:
             return context.make_array(signature.args[argument])(context, builder, arguments[argument]).data
@@ -55,8 +58,7 @@ def _add_products(
             for start, total in zip(run_starts, held, strict=True):
                 value = builder.load(builder.gep(pixels, [builder.add(start, loop.index)]))
                 value = builder.shuffle_vector(builder.insert_element(undefined, value, int32(0)), undefined, zeros)
-                product = builder.fmul(value, factors, flags=_FUSED)
-                builder.store(builder.fadd(builder.load(total), product, flags=_FUSED), total)
+                builder.store(builder.call(fused, [value, factors, builder.load(total)]), total)
         for k, total in enumerate(held):
             stored = builder.store(builder.load(total), row(totals, int64(k)))
             stored.align = 4

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from texloom.stages.functions import sin
 from texloom.stages.kernels.core.compiled import compiled
 
 _LARGEST = 256.0  # px of a footprint's axis
@@ -12,7 +13,8 @@ _PER_UNIT = 1024  # entries of the tables
 _NARROW = 0.05  # px; a narrower mean is none
 
 _PLACES = np.arange(_SUPPORT * _PER_UNIT + 2) / _PER_UNIT
-_LANCZOS = np.sinc(_PLACES) * np.sinc(_PLACES / _SUPPORT)
+_ANGLES = np.pi * np.maximum(_PLACES, 1e-9)
+_LANCZOS = _SUPPORT * sin(_ANGLES) * sin(_ANGLES / _SUPPORT) / _ANGLES**2
 _LANCZOS[-2:] = 0
 _INTEGRAL = np.append(0, np.cumsum(_LANCZOS[1:] + _LANCZOS[:-1]))
 _INTEGRAL /= 2 * _INTEGRAL[-1]

@@ -4,6 +4,7 @@ import numpy as np
 
 from texloom.stages.common.neighbourhoods import whole
 from texloom.stages.kernels.core.threads import run_all, spans
+from texloom.stages.matrices import matrix_product, row_product
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
 _FINALIST_SAMPLES = 8  # times as many samples judge the finalists
@@ -63,12 +64,11 @@ def _distance_sums(judge: ExactEnergy, down: int, across: int, step: int) -> np.
     rows, columns = (judge.places[0] - down) // step + 1, (judge.places[1] - across) // step + 1
     total = np.zeros((rows, columns))
     for first, last in spans(len(samples), -(-len(samples) // _BLOCK)):
-        products = samples[first:last] @ vectors.T
+        products = row_product(samples[first:last], vectors.T)
 
         def minimum_distances(number: int, products: np.ndarray = products, first: int = first) -> np.ndarray:
             sample = samples[number]
-            # Integers below 2^24, so that sums are exact in any order.
-            distances = (lengths - 2 * products[number - first] + sample @ sample).reshape(shape)
+            distances = (lengths - 2 * products[number - first] + matrix_product(sample, sample)).reshape(shape)
             return np.asarray(cv2.erode(distances, box, anchor=(0, 0))[:rows, :columns])
 
         for distances in run_all(minimum_distances, [(number,) for number in range(first, last)]):

@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int64, Integer
 
 from texloom.stages.analysis.tsvq import cut
-from texloom.stages.common import neighbourhoods
 from texloom.stages.common.neighbourhoods import UNIT, whole
 from texloom.stages.declare import InputError
 from texloom.stages.kernels.core.threads import run_all, spans
+from texloom.stages.matrices import row_product
 from texloom.stages.synthesis._compaction.crops import best_corner
 from texloom.stages.synthesis._seams.cuts import Strips, laid_over
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
@@ -268,7 +268,7 @@ def _distances(
         places = candidates[first:last, None, None] + np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1)
         numbers = (places[..., 0] * level.places[1] + places[..., 1]).reshape(-1)
         block = vectors[numbers].astype(np.float32)
-        squared = lengths + (block**2).sum(axis=1)[:, None] - 2 * neighbourhoods.product(block, centre_vectors.T)
+        squared = lengths + (block**2).sum(axis=1)[:, None] - 2 * row_product(block, centre_vectors.T)
         distances[first:last] = squared.reshape(last - first, -1, len(centres)).min(axis=1)
 
     run_all(measure, spans(len(candidates), 16))

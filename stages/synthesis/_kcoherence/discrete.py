@@ -10,6 +10,7 @@ from jaxtyping import Float32, Int16, Int32
 
 from texloom.stages.common.neighbourhoods import UNIT, fixed_point
 from texloom.stages.kernels.core.threads import run_spans, thread_count
+from texloom.stages.matrices import eigenvectors, row_product, square_sums
 from texloom.stages.synthesis._kcoherence.expected_use import expected_use
 from texloom.stages.synthesis._kcoherence.frames import Frames
 from texloom.stages.synthesis._kcoherence.local_variance import local_variance
@@ -69,13 +70,14 @@ class Neighbourhoods:
         parts = [padded[dy : dy + height, dx : dx + width] for dy in range(_SIDE) for dx in range(_SIDE)]
         step = max(1, int(np.sqrt(height * width / _SAMPLES)))
         some = np.concatenate([part[::step, ::step] for part in parts], axis=2).astype(np.float64)
-        _, directions = np.linalg.eigh(np.cov(some.reshape(-1, some.shape[2]).T))
+        some = some.reshape(-1, some.shape[2])
+        _, directions = eigenvectors(square_sums(some - some.mean(axis=0)))
         strongest = directions[:, ::-1][:, :DIMENSIONS]
         basis = np.zeros((len(strongest), DIMENSIONS), np.float32)
         basis[:, : strongest.shape[1]] = _UNIT * strongest
         vectors = np.zeros((height, width, DIMENSIONS), np.float32)
         for part, rows in zip(parts, np.split(basis, len(parts)), strict=True):
-            vectors += part @ rows
+            vectors += row_product(part.reshape(-1, part.shape[2]), rows).reshape(vectors.shape)
         candidates = _candidates(vectors) if coarser is None else _rescaled(coarser.candidates, (height, width))
         rounded = np.clip(np.rint(vectors), -LIMIT, LIMIT).astype(np.int16).reshape(-1, DIMENSIONS // 2)
         return cls(np.ascontiguousarray(texture), control, rounded, basis, candidates)

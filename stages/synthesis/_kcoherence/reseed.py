@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, Int64
 
+from texloom.stages.functions import log2
 from texloom.stages.synthesis._kcoherence.correlation import median_cells
 
 _BLOCK = 8  # px; pixels of a block get one piece of the exemplar
@@ -33,7 +34,7 @@ class _Cells:
     def of(cls, texture: Float32[np.ndarray, "h w c"], own: Float32[np.ndarray, "h w k"]) -> "_Cells":
         """Those of an exemplar with its control."""
         values, colors = (planes.reshape(-1, planes.shape[2]).astype(np.float64) for planes in (own, texture))
-        halvings = min(_HALVINGS, max(0, int(np.log2(len(values) / _CELL_PIXELS))))
+        halvings = min(_HALVINGS, max(0, int(log2(len(values) / _CELL_PIXELS))))
         cell = np.unique(median_cells(own.reshape(values.shape), halvings), return_inverse=True)[1]
         counts = np.bincount(cell)
 

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from texloom.stages.functions import exp, log
 from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
 
 DIRECTIONS = ((0, 1), (1, -1), (1, 0), (1, 1), (0, -1), (-1, 1), (-1, 0), (-1, -1))
@@ -42,9 +43,9 @@ def _densities(parts: list[np.ndarray], reach: float) -> Float64[np.ndarray, "4 
             continue
         sample = values[:: -(-len(values) // _MAX_PAIRS)]
         width = max(_MIN_DEVIATION, float(np.sqrt((sample**2).mean())) * len(sample) ** (-1 / 6))
-        rows, columns = (np.exp(-((line[:, None] - sample[:, axis]) ** 2) / (2 * width**2)) for axis in (0, 1))
+        rows, columns = (exp(-((line[:, None] - sample[:, axis]) ** 2) / (2 * width**2)) for axis in (0, 1))
         density = np.einsum("ik,jk->ij", rows, columns)
-        table[:] = np.log(density / density.max() + _MIN_DENSITY)
+        table[:] = log(density / density.max() + _MIN_DENSITY)
     return tables
 
 

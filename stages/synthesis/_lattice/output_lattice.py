@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float64, Int64
 
 from texloom.stages.declare import InputError
+from texloom.stages.matrices import determinant, inverse_of, matrix_product
 
 _MARGIN = 2.0  # cells around the result that have nodes
 _MAX_NODES = 1 << 20
@@ -47,8 +48,8 @@ class OutputLattice:
         own, periods = np.asarray(generators, np.float64), None
         if tileable:
             periods = _periods(own, size)
-            own = np.linalg.inv(periods) @ np.diag(size).astype(np.float64)
-        corners = np.array([(0, 0), (0, size[1]), (size[0], 0), size]) @ np.linalg.inv(own)
+            own = matrix_product(inverse_of(periods), np.diag(size).astype(np.float64))
+        corners = matrix_product(np.array([(0, 0), (0, size[1]), (size[0], 0), size]), inverse_of(own))
         low = np.floor(corners.min(axis=0) - _MARGIN).astype(np.int64)
         high = np.ceil(corners.max(axis=0) + _MARGIN).astype(np.int64)
         if np.prod(high - low + 1) > _MAX_NODES:
@@ -59,7 +60,7 @@ class OutputLattice:
             classes, first, ids = np.unique(_step_class(flat, periods), return_index=True, return_inverse=True)
             return cls(own, size, tileable, flat[first], low, ids.reshape(grid.shape[:2]), periods, classes)
         margin = _MARGIN * np.abs(own).max(axis=0)
-        places = flat @ own
+        places = matrix_product(flat, own)
         near = ((places >= -margin) & (places <= np.array(size) + margin)).all(axis=1)
         ids = np.where(near, np.cumsum(near) - 1, -1).reshape(grid.shape[:2])
         return cls(own, size, tileable, flat[near], low, ids, None, np.zeros(0, np.int64))
@@ -67,7 +68,7 @@ class OutputLattice:
     @property
     def places(self) -> Float64[np.ndarray, "nodes 2"]:
         """Positions of the nodes, px; inside a tileable result."""
-        places = self.steps @ self.generators
+        places = matrix_product(self.steps, self.generators)
         return np.asarray(places % self.size if self.tileable else places)
 
     def neighbours(self, directions: tuple[tuple[int, int], ...]) -> Int64[np.ndarray, "nodes directions"]:
@@ -84,21 +85,21 @@ def _step_class(steps: Int64[np.ndarray, "*n 2"], periods: Int64[np.ndarray, "2 
     """Numbers that are equal for steps which differ by periods of the torus, and for no others."""
     cells = int(periods[0, 0] * periods[1, 1] - periods[0, 1] * periods[1, 0])
     adjugate = np.array([[periods[1, 1], -periods[0, 1]], [-periods[1, 0], periods[0, 0]]])
-    remainders = (steps @ adjugate) % abs(cells)
+    remainders = matrix_product(steps, adjugate) % abs(cells)
     return np.asarray(remainders[..., 0] * abs(cells) + remainders[..., 1])
 
 
 def _periods(generators: Float64[np.ndarray, "2 2"], size: tuple[int, int]) -> Int64[np.ndarray, "2 2"]:
     """Steps along each generator that span the result's height, and its width, with the least visible change."""
-    exact = np.diag(size) @ np.linalg.inv(generators)
+    exact = matrix_product(np.diag(size), inverse_of(generators))
     best, least, possible = None, np.inf, False
     for change in itertools.product((-1, 0, 1), repeat=4):
         periods = np.rint(exact).astype(np.int64) + np.array(change).reshape(2, 2)
-        if abs(np.linalg.det(periods)) < 0.5:
+        if abs(determinant(periods)) < 0.5:
             continue
-        own = np.linalg.inv(periods) @ np.diag(size)
-        possible |= float(((own @ np.linalg.inv(generators) - np.eye(2)) ** 2).sum()) <= _MAX_CHANGE
-        strain = np.linalg.inv(generators) @ own - np.eye(2)
+        own = matrix_product(inverse_of(periods), np.diag(size))
+        possible |= float(((matrix_product(own, inverse_of(generators)) - np.eye(2)) ** 2).sum()) <= _MAX_CHANGE
+        strain = matrix_product(inverse_of(generators), own) - np.eye(2)
         cost = float((strain**2 * _CHANGE_WEIGHTS).sum())
         if cost < least:
             best, least = periods, cost

@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
 from texloom.stages.common.lattice_cells import reduced
+from texloom.stages.filters import interpolated
+from texloom.stages.matrices import inverse_of, matrix_product, row_product
 
 _MAX_CELL = 48.0  # px to which longer cells are reduced for comparisons
 _MAX_TEXTONS = 2048  # of more a random subset is compared
@@ -82,15 +84,15 @@ def _frame(
     factor = min(1.0, _MAX_CELL / float(lengths.max()))
     sides = np.maximum(4, np.rint(lengths * factor)).astype(int)
     shape = np.array(source.shape[:2])
-    corners = (np.array([(0, 0), (0, 1), (1, 0), (1, 1)]) * (shape - 1) - origin) @ np.linalg.inv(generators)
+    corners = matrix_product(
+        np.array([(0, 0), (0, 1), (1, 0), (1, 1)]) * (shape - 1) - origin, inverse_of(generators)
+    )
     low, high = np.floor(corners.min(axis=0)).astype(np.int64), np.ceil(corners.max(axis=0)).astype(np.int64)
     lines = [a + (np.arange((b - a) * side) + 0.5) / side for a, b, side in zip(low, high, sides, strict=True)]
     straight = lines[0][:, None, None] * generators[0] + lines[1][None, :, None] * generators[1] + origin
     inside = ((straight >= 0) & (straight <= shape - 1)).all(axis=2)
     straight = straight.astype(np.float32)
-    places = cv2.remap(
-        source, straight[..., 1], straight[..., 0], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )
+    places = interpolated(source, straight[..., 0], straight[..., 1])
     size = np.array(lab.shape[:2])
     inside &= ((places >= 0) & (places <= size - 1)).all(axis=2)
     if usable is not None:
@@ -104,8 +106,7 @@ def _frame(
         small = (round(lab.shape[1] * factor), round(lab.shape[0] * factor))
         planes = [cv2.resize(plane, small, interpolation=cv2.INTER_AREA) for plane in planes]
         places = ((places + 0.5) * (np.array(small[::-1]) / size) - 0.5).astype(np.float32)
-    row, column = np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])
-    sampled = [cv2.remap(plane, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for plane in planes]
+    sampled = [interpolated(plane, places[..., 0], places[..., 1]) for plane in planes]
     widths = np.maximum(2, 2 * np.rint(sides * zone / 2)).astype(int)
     return _Frame(
         np.asarray(generators, np.float64),
@@ -193,7 +194,7 @@ def _measured(frame: _Frame, corners: Int64[np.ndarray, "textons 2"], origin: np
         first_strips, last_strips = (_strips(whole, at, shape) for at in (corners, last))
         squares = [(strips**2).sum(axis=1) for strips in (last_strips, first_strips)]
         values = first_strips.shape[1] / frame.lab.shape[2] * _UNIT**2
-        difference = squares[0][:, None] + squares[1][None, :] - 2 * (last_strips @ first_strips.T)
+        difference = squares[0][:, None] + squares[1][None, :] - 2 * row_product(last_strips, first_strips.T)
         costs.append((np.maximum(difference, 0) / values).astype(np.float32))
         levels.append((squares[0] / values).astype(np.float32))
     return Textons(

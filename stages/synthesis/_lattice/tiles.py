@@ -6,6 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
+from texloom.stages.filters import gaussian_blur
+from texloom.stages.matrices import inverse_of, matrix_product
+
 _SAMPLES = 48  # of a cell along each generator
 _MAX_CELLS = 64  # that are compared with each other
 _SHEARS = np.linspace(-0.75, 0.75, 13)  # of a tile's sides along its base, relative to the base
@@ -28,7 +31,9 @@ class Shape:
 
     def moved(self, change: Float64[np.ndarray, "2 2"]) -> "Shape":
         """The shape after a linear map, given as a matrix for row vectors."""
-        return Shape(self.base @ change, self.side @ change, self.phase @ change)
+        return Shape(
+            matrix_product(self.base, change), matrix_product(self.side, change), matrix_product(self.phase, change)
+        )
 
 
 @dataclass(frozen=True)
@@ -52,15 +57,15 @@ class Window:
         sides = [max(overlap, round(float(np.hypot(*side)))) for side in (shape.side, shape.base)]
         grid = (sides[0] + overlap, sides[1] + overlap)
         frame = np.array([shape.side / sides[0], shape.base / sides[1]])
-        corners = (np.array([(0, 0), (0, grid[1]), (grid[0], 0), grid]) - overlap / 2) @ frame
+        corners = matrix_product(np.array([(0, 0), (0, grid[1]), (grid[0], 0), grid]) - overlap / 2, frame)
         low, high = np.floor(corners.min(axis=0)).astype(int), np.ceil(corners.max(axis=0)).astype(int) + 1
         box = np.moveaxis(np.indices(high - low), 0, -1).reshape(-1, 2) + low
-        sample = np.floor(box @ np.linalg.inv(frame) + overlap / 2).astype(np.int64)
+        sample = np.floor(matrix_product(box, inverse_of(frame)) + overlap / 2).astype(np.int64)
         inside = ((sample >= 0) & (sample < grid)).all(axis=1)
         offsets, sample = box[inside], sample[inside]
         number = np.full(high - low, -1)
         number[tuple((offsets - low).T)] = np.arange(len(offsets))
-        middles = (np.moveaxis(np.indices(grid), 0, -1) + 0.5 - overlap / 2) @ frame
+        middles = matrix_product(np.moveaxis(np.indices(grid), 0, -1) + 0.5 - overlap / 2, frame)
         # A sample at the border may round to a pixel outside, which is clipped.
         pixel = np.clip(np.rint(middles).astype(np.int64), low, high - 1) - low
         nearest = number[tuple(np.moveaxis(pixel, 2, 0))]
@@ -83,7 +88,7 @@ def whole(
     """
     import cv2
 
-    offsets = window.offsets @ to_exemplar
+    offsets = matrix_product(window.offsets, to_exemplar)
     low = np.rint(corners + offsets.min(axis=0)) - spare
     high = np.rint(corners + offsets.max(axis=0)) + spare
     inside = ((low >= 0) & (high <= np.array(valid.shape) - 1)).all(axis=1)
@@ -99,18 +104,17 @@ def variation(
     features: Float32[np.ndarray, "h w c"], vertices: Float64[np.ndarray, "n 2"], frame: Float64[np.ndarray, "2 2"]
 ) -> Float64[np.ndarray, "m m"]:
     """Variance between cells at each position in a cell, in coordinates of the generators ``frame``."""
-    import cv2
 
     shares = (np.moveaxis(np.indices((_SAMPLES, _SAMPLES)), 0, -1) + 0.5) / _SAMPLES
     corners = vertices[:: max(1, len(vertices) // _MAX_CELLS)]
-    places = np.rint(corners[:, None, None] + shares @ frame).astype(np.int64)
+    places = np.rint(corners[:, None, None] + matrix_product(shares, frame)).astype(np.int64)
     inside = ((places >= 0) & (places < features.shape[:2])).all(axis=-1)
     places = np.where(inside[..., None], places, 0)
     values = np.where(inside[..., None], features[places[..., 0], places[..., 1]], 0).astype(np.float64)
     count = np.maximum(inside.sum(axis=0), 1)[..., None]
     variance = (values**2).sum(axis=0) / count - (values.sum(axis=0) / count) ** 2
     wrapped = np.pad(np.maximum(variance, 0).sum(axis=2), 6, mode="wrap")
-    return np.asarray(cv2.GaussianBlur(wrapped, (0, 0), 1.5)[6:-6, 6:-6])
+    return np.asarray(gaussian_blur(wrapped, 1.5)[6:-6, 6:-6])
 
 
 def course_shape(
@@ -120,7 +124,7 @@ def course_shape(
 ) -> Shape:
     """The tile along courses whose borders between them run where the courses are most similar."""
     first, base = generators
-    upright = first - first @ base / (base @ base) * base
+    upright = first - matrix_product(first, base) / matrix_product(base, base) * base
     row = int(np.argmin(variation(features, vertices, np.array([upright, base])).mean(axis=1)))
     return Shape(base, upright, (row + 0.5) / _SAMPLES * upright)
 
@@ -140,7 +144,7 @@ def best_shape(
     shapes: list[tuple[float, int, Shape]] = []
     first, second = generators
     for base, other in ((first, second), (second, first), (first + second, first), (first - second, first)):
-        upright = other - np.rint(other @ base / (base @ base)) * base
+        upright = other - np.rint(matrix_product(other, base) / matrix_product(base, base)) * base
         for cost, shape in _shapes(features, vertices, base, upright):
             shapes.append((cost, len(shapes), shape))
     shapes.sort(key=lambda entry: entry[:2])

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
 from texloom.stages.arrays import Vectors
+from texloom.stages.matrices import determinant, inverse_of, matrix_product
 from texloom.stages.synthesis._patchmatch.allowed import Allowed
 from texloom.stages.synthesis._patchmatch.correspondence import Patches
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
@@ -182,7 +183,7 @@ def _outline(lab: Float32[np.ndarray, "h w 3"], generators: Vectors) -> _Outline
     height, width = lab.shape[:2]
     total, pairs_of = np.zeros((height, width)), np.zeros((height, width))
     for step in _STEPS:
-        down, across = (int(one) for one in np.rint(step @ basis))
+        down, across = (int(one) for one in np.rint(matrix_product(step, basis)))
         if abs(down) >= height or abs(across) >= width:
             continue
         one = np.s_[max(0, -down) : height - max(0, down), max(0, -across) : width - max(0, across)]
@@ -192,13 +193,13 @@ def _outline(lab: Float32[np.ndarray, "h w 3"], generators: Vectors) -> _Outline
             total[end] += difference
             pairs_of[end] += 1
     different = total / np.maximum(pairs_of, 1)
-    position = np.moveaxis(np.moveaxis(np.indices((height, width)), 0, 2) @ np.linalg.inv(basis), 2, 0)
+    position = np.moveaxis(matrix_product(np.moveaxis(np.indices((height, width)), 0, 2), inverse_of(basis)), 2, 0)
     found = []
     for along in (0, 1):
         direction, other = basis[along], basis[1 - along]
-        slope = float(direction @ other / (direction @ direction))
+        slope = float(matrix_product(direction, other) / matrix_product(direction, direction))
         outline, least = _Outline(along, slope, np.zeros(2)), 0.0
-        area = abs(np.linalg.det(basis))
+        area = abs(determinant(basis))
         for axis, spacing in enumerate((area / np.hypot(*direction), np.hypot(*direction))):
             bins = max(4, round(float(spacing)))
             place = np.minimum(outline(position)[axis] % 1 * bins, bins - 1).astype(np.int64).ravel()

@@ -4,6 +4,8 @@ import numpy as np
 from jaxtyping import Int64
 
 from texloom.stages.arrays import Correspondence, Mask, Vectors
+from texloom.stages.functions import complex_product, phase_of, phasor
+from texloom.stages.matrices import matrix_product
 from texloom.stages.synthesis._patchmatch.lattice_phase import steps_along
 
 _NEAR = 15  # px of a window whose mean phase is that of its middle
@@ -32,13 +34,15 @@ class CollagePhase:
         upright = inside & ~moved
         self.upright = float(upright.sum()) / max(1, int(inside.sum()))
         """share of the pixels that are neither turned nor scaled"""
-        drift = np.exp(2j * np.pi * (displacement @ self.cells)).astype(np.complex64)
+        drift = phasor(2 * np.pi * matrix_product(displacement, self.cells)).astype(np.complex64)
         drift[~upright] = 0
-        self.phase = np.angle(drift.sum(axis=(0, 1), dtype=np.complex128)) / (2 * np.pi)
+        self.phase = phase_of(drift.sum(axis=(0, 1), dtype=np.complex128)) / (2 * np.pi)
         sides = (_NEAR, _NEAR)
         planes = [plane for one in np.moveaxis(drift, 2, 0) for plane in (one.real, one.imag)]
         near = np.stack([cv2.blur(np.ascontiguousarray(plane), sides) for plane in planes], axis=2)
-        away = np.abs(np.angle((near[..., ::2] + 1j * near[..., 1::2]) * np.exp(-2j * np.pi * self.phase)))
+        away = np.abs(
+            phase_of(complex_product(near[..., ::2] + 1j * near[..., 1::2], phasor(-2 * np.pi * self.phase)))
+        )
         is_upright = cv2.blur(upright.astype(np.float32), sides) >= _MIN_SHARE
         self.error = np.where(is_upright, away.max(axis=2) / (2 * np.pi), 0)
         """of each pixel, in cells, 0..0.5; 0 where it is turned or scaled"""
@@ -47,7 +51,7 @@ class CollagePhase:
         """A pixel right of ``column`` where the collage would begin in phase with the exemplar's lattice."""
         reach = np.ceil(np.abs(self.generators).sum(axis=0)).astype(int) + 1
         places = np.moveaxis(np.indices(tuple(reach)), 0, 2).reshape(-1, 2) + np.array([0, column])
-        steps = places @ self.cells - self.phase
-        away = np.hypot(*((steps - np.rint(steps)) @ self.generators).T)
+        steps = matrix_product(places, self.cells) - self.phase
+        away = np.hypot(*matrix_product(steps - np.rint(steps), self.generators).T)
         near = places[away <= away.min() + 0.25]
         return np.asarray(near[near.sum(axis=1).argmin()], np.int64)

@@ -4,6 +4,8 @@ import numpy as np
 from jaxtyping import Complex64, Complex128, Float32, Float64, UInt32
 
 from texloom.stages.arrays import Correspondence, Mask, Vectors
+from texloom.stages.functions import cos, phase_of, phasor, sin, squared_size
+from texloom.stages.matrices import determinant, inverse_of, matrix_product, rank
 
 _MAX_STRETCH = 0.75  # cells along a window by which a given texture's lattice may differ from the exemplar's
 _STRETCHES = (0.125, 0.015625)  # cells: steps of the search
@@ -40,7 +42,7 @@ class LatticePhase:
         if wrap:
             sides = np.array(period or start.shape[:2], np.float64)
             cells = np.rint(self.exemplar * sides[:, None])
-            if np.linalg.matrix_rank(cells) == len(generators):
+            if rank(cells) == len(generators):
                 self.target = cells / sides[:, None]
         if given is not None and not wrap:
             drift = np.stack([self._drift(line, row) for row, line in enumerate(start)]).astype(np.complex64)
@@ -49,13 +51,15 @@ class LatticePhase:
         for row, line in enumerate(start):  # one by one, as intermediate values take many times the memory
             drift = self._drift(line, row)
             total += drift.sum(axis=0) if given is None else drift[given[row]].sum(axis=0)
-        self.origin = np.angle(total / (start.shape[0] * start.shape[1])) / (2 * np.pi)
+        self.origin = phase_of(total / (start.shape[0] * start.shape[1])) / (2 * np.pi)
 
     def _drift(self, sources: UInt32[np.ndarray, "W 2"], row: int) -> Complex128[np.ndarray, "W k"]:
         """Phases of a row's sources relative to those of its pixels."""
         columns = np.arange(len(sources))
         own = np.stack([np.full_like(columns, row), columns], axis=1)
-        return np.asarray(np.exp(2j * np.pi * (sources @ self.exemplar - own @ self.target)))
+        return np.asarray(
+            phasor(2 * np.pi * (matrix_product(sources, self.exemplar) - matrix_product(own, self.target)))
+        )
 
     def of_exemplar(self, height: int, width: int, factor: float) -> Float32[np.ndarray, "h w k"]:
         """Phases of an exemplar's pixels at the scale of ``factor``."""
@@ -73,14 +77,14 @@ def _stretch(drift: Complex64[np.ndarray, "H W k"]) -> Float64[np.ndarray, "2 k"
     change = np.zeros((2, drift.shape[2]))
     for index, plane in enumerate(np.moveaxis(drift, 2, 0)):
         best, reach = np.zeros(2), _MAX_STRETCH
-        coherence = least = _MIN_GAIN * abs(plane.sum(dtype=np.complex128))
+        coherence = least = _MIN_GAIN * float(np.sqrt(squared_size(plane.sum(dtype=np.complex128))))
         for step in _STRETCHES:
             steps = np.arange(-round(reach / step), round(reach / step) + 1) * step
             down, across = (
-                np.exp(-2j * np.pi * np.outer(steps + middle, position))
+                phasor(-2 * np.pi * np.outer(steps + middle, position))
                 for middle, position in zip(best, positions, strict=True)
             )
-            found = np.abs(down @ plane @ across.T)
+            found = np.sqrt(squared_size(matrix_product(matrix_product(down, plane), across.T)))
             row, column = np.unravel_index(int(found.argmax()), found.shape)
             if found[row, column] > coherence:
                 coherence = float(found[row, column])
@@ -94,15 +98,13 @@ def _stretch(drift: Complex64[np.ndarray, "H W k"]) -> Float64[np.ndarray, "2 k"
 def min_spacing(generators: Vectors) -> float:
     """The shorter distance between neighbouring lattice lines, or that between courses, px."""
     longest = float(np.hypot(*generators.T).max())
-    return (
-        longest if len(generators) == 1 else float(abs(np.linalg.det(generators)) / np.hypot(*generators.T).max())
-    )
+    return longest if len(generators) == 1 else float(abs(determinant(generators)) / np.hypot(*generators.T).max())
 
 
 def steps_along(generators: np.ndarray) -> np.ndarray:
     """Matrix (2, k) from positions to steps along the k generators."""
     if len(generators) == 2:
-        return np.linalg.inv(generators)
+        return inverse_of(generators)
     return np.asarray(generators.T / (generators**2).sum())
 
 
@@ -111,4 +113,4 @@ def _circles(
 ) -> Float32[np.ndarray, "h w k"]:
     rows, columns = (((np.asarray(side) + 0.5) / factor - 0.5 - margin) for side in (lines, range(width)))
     angle = 2 * np.pi * (rows[:, None, None] * cells[0] + columns[None, :, None] * cells[1] + origin)
-    return np.concatenate([np.cos(angle), np.sin(angle)], axis=2).astype(np.float32)
+    return np.concatenate([cos(angle), sin(angle)], axis=2).astype(np.float32)

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float32, Int16, Int64, UInt8
 
 from texloom.stages.common.neighbourhoods import UNIT
+from texloom.stages.functions import exp, log
 from texloom.stages.kernels.core.threads import spans
 from texloom.stages.scratch import bands, empty, run_bands, run_released
 from texloom.stages.synthesis._patchmatch.allowed import Allowed
@@ -52,7 +53,7 @@ class Effort:
 
 @functools.lru_cache
 def _narrowing(farthest: int, tries: int) -> np.ndarray:
-    return np.asarray(np.rint(np.geomspace(farthest, _MIN_RADIUS, tries)), np.int64)
+    return np.asarray(np.rint(farthest * exp(np.linspace(0, 1, tries) * log(_MIN_RADIUS / farthest))), np.int64)
 
 
 class Search:

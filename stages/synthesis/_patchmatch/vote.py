@@ -7,6 +7,7 @@ from jaxtyping import Float32, Int16, Int32
 
 from texloom.stages.arrays import Image, Mask
 from texloom.stages.common.neighbourhoods import UNIT
+from texloom.stages.functions import exp
 from texloom.stages.kernels.core.threads import run_all, run_spans, spans
 from texloom.stages.normals import NORMAL, rounding, unit
 from texloom.stages.scratch import bands, empty, run_bands
@@ -29,7 +30,7 @@ def window(patch_size: int, sigma: float | None = None) -> Window:
     if sigma is None:
         return np.ones(patch_size, np.int32)
     offset = np.arange(patch_size) - (patch_size - 1) / 2
-    weights = np.exp(-(offset**2) / (2 * sigma**2))
+    weights = exp(-(offset**2) / (2 * sigma**2))
     peak = min(64, 600 / weights.sum())  # the sum of all weights for a pixel is exact in single precision
     return np.maximum(1, np.rint(peak * weights)).astype(np.int32)
 

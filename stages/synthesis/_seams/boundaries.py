@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
 
+from texloom.stages.matrices import eigenvectors, matrix_product, row_product, square_sums
+
 _MAX_PLACES = 1 << 14  # in an index; larger exemplars are sampled at every second or third row and column
 _SAMPLE = 192  # patches that the components are fitted to
 _BLOCK = 2048  # patches whose vectors are computed at a time
@@ -90,13 +92,13 @@ class Boundaries:
         pixels = means.reshape(-1, means.shape[2])
 
         def zone_values(corner: np.ndarray) -> np.ndarray:
-            at = corner @ [means.shape[1], 1]
-            squares = pixels.take(at[:, None] + corners @ [means.shape[1], 1], axis=0)
+            at = matrix_product(corner, [means.shape[1], 1])
+            squares = pixels.take(at[:, None] + matrix_product(corners, [means.shape[1], 1]), axis=0)
             return np.asarray(squares.reshape(len(corner), -1))
 
         mean, basis = _components(zone_values(places[:: max(1, -(-len(places) // _SAMPLE))]), variance)
         blocks = [places[first : first + _BLOCK] for first in range(0, len(places), _BLOCK)]
-        vectors = np.concatenate([(zone_values(block) - mean) @ basis for block in blocks])
+        vectors = np.concatenate([row_product(zone_values(block) - mean, basis) for block in blocks])
         tree = cKDTree(vectors, balanced_tree=False)
         return cls(features, mask, square, corners, places, stride, mean, basis, tree)
 
@@ -106,7 +108,7 @@ class Boundaries:
         ``slack`` is the relative error that the approximate search may make.
         """
         means = square_means(window, self.square)
-        vector = (means[self.corners[:, 0], self.corners[:, 1]].ravel() - self.mean) @ self.basis
+        vector = matrix_product(means[self.corners[:, 0], self.corners[:, 1]].ravel() - self.mean, self.basis)
         _, numbers = self.tree.query(vector, k=min(count, len(self.places)), eps=slack)
         return self.places[np.atleast_1d(numbers)]
 
@@ -117,7 +119,7 @@ class Boundaries:
         inside = np.argwhere(self.mask)
         width = self.features.shape[1]
         pixels = self.features.reshape(-1, self.features.shape[2])
-        source = (places @ [width, 1])[:, None] + inside @ [width, 1]
+        source = matrix_product(places, [width, 1])[:, None] + matrix_product(inside, [width, 1])
         difference = (pixels.take(source, axis=0) - window[self.mask]).reshape(len(places), -1)
         return np.sqrt(np.einsum("kv,kv->k", difference, difference) / np.float32(len(inside)))
 
@@ -127,9 +129,9 @@ def _components(sample: Float32[np.ndarray, "n values"], share: float) -> tuple[
     mean = sample.mean(axis=0, dtype=np.float64)
     centred = sample - mean
     wide = sample.shape[1] > len(sample)
-    variance, vectors = np.linalg.eigh(centred @ centred.T if wide else centred.T @ centred)
+    variance, vectors = eigenvectors(square_sums(centred.T if wide else centred))
     variance, vectors = np.maximum(variance[::-1], 0), vectors[:, ::-1]
     kept = int(np.searchsorted(np.cumsum(variance), share * variance.sum())) + 1
-    basis = centred.T @ vectors[:, :kept] if wide else vectors[:, :kept]
+    basis = row_product(centred.T, vectors[:, :kept]) if wide else vectors[:, :kept]
     basis /= np.maximum(np.linalg.norm(basis, axis=0), 1e-12)
     return mean.astype(np.float32), basis.astype(np.float32)

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int64
 
 from texloom.stages.arrays import Image
+from texloom.stages.functions import complex_product, power
 
 WEIGHTS = (0.299, 0.587, 0.114)
 """share of red, green and blue in a difference"""
@@ -22,7 +23,7 @@ def compared(image: Image) -> Float32[np.ndarray, "h w 3"]:
     Black is 0 and white has length 1; brighter values continue along the same curve.
     """
     linear = np.maximum(image.color, 0)
-    encoded = np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)
+    encoded = np.where(linear <= 0.0031308, linear * 12.92, 1.055 * power(linear, 1 / 2.4) - 0.055)
     return np.asarray(encoded * np.sqrt(WEIGHTS), np.float32)
 
 
@@ -63,9 +64,9 @@ class OverlapSearch:
         centred = np.where(mask[..., None], template - self.middle, np.float32(0))
         planes = fft.rfft2(np.moveaxis(centred, 2, 0), self.padded, workers=1)
         support = fft.rfft2(mask.astype(np.float32), self.padded, workers=1)
-        spectrum = np.conj(support) * self._squares
+        spectrum = complex_product(np.conj(support), self._squares)
         for exemplar_plane, template_plane in zip(self._planes, planes, strict=True):
-            spectrum -= 2 * np.conj(template_plane) * exemplar_plane
+            spectrum -= 2 * complex_product(np.conj(template_plane), exemplar_plane)
         places = tuple(side - size + 1 for side, size in zip(self.shape, mask.shape, strict=True))
         errors = fft.irfft2(spectrum, self.padded, workers=1)[: places[0], : places[1]]
         errors += float((centred.astype(np.float64) ** 2).sum())

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image
 from texloom.stages.declare import InputError, OddSize
+from texloom.stages.functions import log2
 from texloom.stages.masks import nearest_valid
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
@@ -59,7 +60,7 @@ def patch_and_overlap(exemplar: tuple[int, int], params: PatchworkParams) -> tup
     """Height and width of the first patches, and the width of their overlaps, px."""
     if params.patch is not None:
         return params.patch, _overlap(params.patch, params)
-    side = max(_DEFAULT_PATCH, 2 ** int(np.log2(min(exemplar) / 4)))
+    side = max(_DEFAULT_PATCH, 2 ** int(log2(min(exemplar) / 4)))
     while side + 2 * _overlap((side, side), params) > min(exemplar):
         side //= 2
     return (side, side), _overlap((side, side), params)

@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
+from texloom.stages.matrices import eigenvectors, matrix_product, square_sums
+
 _WINDOW = 7  # px, side of the neighbourhoods that are compared
 _DIMENSIONS = 8  # principal components, which hold about nine tenths of the variance
 _SAMPLE = 5000  # neighbourhoods that the components are fitted to, about
@@ -72,7 +74,7 @@ class SimilarPlaces:
         wanted = self.vectors[own[:, 0] * self.stride, own[:, 1] * self.stride]
         numbers = self.tree.query(wanted, k=count + 1, eps=1.0, workers=thread_count())[1]
         # Each place finds itself, not always first if others are equal.
-        others = numbers != (own @ [self.shape[1], 1])[:, None]
+        others = numbers != matrix_product(own, [self.shape[1], 1])[:, None]
         others[others.all(axis=1), -1] = False
         places = np.stack(np.divmod(numbers[others].reshape(-1, count), self.shape[1]), axis=-1) * self.stride
         places = places.astype(np.int32)
@@ -102,8 +104,8 @@ def _projected(features: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "p
 def principal_components(sample: Float64[np.ndarray, "n v"]) -> Float64[np.ndarray, "v d"]:
     """Up to 8 principal components of the rows of ``sample``, in columns."""
     total = sample.sum(axis=0)
-    spread = sample.T @ sample - np.outer(total, total) / len(sample)
-    return np.asarray(np.linalg.eigh(spread)[1][:, ::-1][:, :_DIMENSIONS])
+    spread = square_sums(sample) - np.outer(total, total) / len(sample)
+    return np.asarray(eigenvectors(spread)[1][:, ::-1][:, :_DIMENSIONS])
 
 
 def _rounded(values: np.ndarray) -> Float64[np.ndarray, "..."]:

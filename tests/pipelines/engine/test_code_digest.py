@@ -262,6 +262,72 @@ def test_digests_import_nothing() -> None:
     assert not [name for name in loaded if name.startswith(tuple(f"texloom.stages.{g}." for g in declare.GROUPS))]
 
 
+EVERYTHING = r"""
+import a.b as c
+from .. import d
+from e import (f, g as h)
+
+@decorated(1, *two, **three)
+class C(B, metaclass=M):
+    x: int
+    y: "text" = 0x10
+    def m(self, a, /, b: int = 1, *args: T, c, d=None, **kwargs: U) -> V | None:
+        global n
+        return lambda x, *y, z=1, **w: (yield from x)
+    def none(self): pass
+async def co():
+    async with p as q, r: await s
+    async for t in u: continue
+    else: del v, w[0]
+    return [x async for x in y if z if w], {k: v for k, v in i}, {s for s in t}, (g for g in h)
+for i, *j in (), [], {**k, 'l': None}: break
+while not (m := n): n += 1; n @= 2; n //= ~3
+try: raise E from None
+except (F, G) as error: assert x, 'y'
+except H: raise
+else: pass
+finally: pass
+try: pass
+except* K: nonsense
+match o:
+    case {'p': [1, *_], **rest} | Q(r, s=-1.5): t
+    case None | True | u.v | 'w' | b'x' if y: z
+    case (first, second) as both: ...
+    case _: a if b else c
+def outer():
+    z = 0
+    def inner(): nonlocal z
+w[1:2, ::3, ...] = 1 < 2 <= 3 == 4 != 5 is 6 is not 7 in 8 not in 9
+x = y = u'old' 'joined' "\N{BULLET}\ud800" + b'\x00', 1e999, 10**400, 1_000j, -0.0, True, ...
+f'' ; f'a{b!r}c{d:>{e}.{f}}g{{h}}' 'i' f"{j!s:}{k=}{l = !a:5}" ; f"{m['n']}" f'{{' '' f'}}' ; rf'\d{o}'
+f'''multi {
+    q + 1
+} line''' ; f'{r:%H:%M}{(lambda: 1)()}'
+with (s as t, u): v = not w and x or y; z: int
+print(*a, sep='', **b); c[*d] = e
+"""
+
+
+def test_digests_are_the_same_with_all_versions_of_python(tree: Path) -> None:
+    """The value was found with 3.11, 3.12 and 3.13. Another one means that every store is computed again."""
+    (tree / "work.py").write_text(EVERYTHING)
+    forget()
+    assert code_digests._summary("texloom.stages.work").syntax[:16] == "20bedc5d0dc70578"
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [("f(None)", "f()"), ("f([])", "f(())"), ("{**a}", "{None: a}"), ("1", "True"), ("1", "1.0"), ("'1'", "1"),
+     ("f'{a}b'", "f'{a}' + 'b'"), ("f'{a!r}'", "f'{a!s}'"), ("f'{a:b}'", "f'{a}b'"), ("a[b]", "a[b:]"),
+     ("-1", "~1"), ("[a, b]", "[[a], b]"), ("lambda a, b=c: 1", "lambda *, a, b=c: 1"), ("'a, b'", "'a', 'b'"),
+     ("''", "[]")],
+)  # fmt: skip
+def test_what_differs_has_another_digest(tree: Path, one: str, other: str) -> None:
+    (tree / "work.py").write_text(f"x = {one}")
+    forget()
+    assert digest_after(tree / "work.py", one, other)
+
+
 # -- what is kept between processes
 
 
