@@ -32,8 +32,8 @@ __all__ = ["Event", "plan", "run", "synthesize"]
 
 SEED = 7
 
-Size = int | tuple[int, int]
-"""height and width, px; one number for both"""
+Size = int | tuple[int, int] | str
+"""(height, width), px, or one number for both; a text, as ``"768x512"``, is width x height"""
 Progress = bool | Callable[["Event"], None] | None
 """true shows lines and bars on standard error; a function is called with every `Event`"""
 
@@ -76,7 +76,7 @@ def synthesize(
     image : an array (h, w), (h, w, 3) or (h, w, 4), the path of a picture or of a folder of material maps, or the
         maps as a dict of their names, as ``{"albedo": ..., "normal": ..., "roughness": ...}``. uint8 and uint16 are
         sRGB, floats linear light. Pixels whose alpha is below a half are not used.
-    size : height and width of the result, px, or one number for both; the default is the method's.
+    size : (height, width) of the result, px, or one number for both; the default is the method's.
     method : a flow with a single source, by its name (``texloom flows`` lists them) or its file.
     tileable : whether the result repeats without seams.
     seed : equal seeds give equal results.
@@ -254,8 +254,8 @@ def open_run(flow: str | os.PathLike[str], overrides: Overrides, store: Store) -
     return Run(opened, store)
 
 
-def _texts(params: Mapping[str, Any] | None, **named: Any) -> dict[str, str]:
-    """Values of parameters, those in ``named`` only where they are given, as the command line would have them."""
+def _texts(params: Mapping[str, Any] | None, **named: Any) -> dict[str, str | tuple[Any, ...]]:
+    """Values of parameters as `Overrides` has them, those in ``named`` only where they are given."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, np.generic | np.ndarray):
@@ -264,12 +264,13 @@ def _texts(params: Mapping[str, Any] | None, **named: Any) -> dict[str, str]:
             return os.fspath(value)
         raise InputError(f"--set {name}: a parameter cannot hold a value of type {type(value).__name__}")
 
-    texts = {}
+    texts: dict[str, str | tuple[Any, ...]] = {}
     for name, value in [
         *((name, value) for name, value in named.items() if value is not None),
         *(params or {}).items(),
     ]:
-        texts[name] = json.dumps(value, default=plain)
+        text = json.dumps(value, default=plain)
+        texts[name] = tuple(json.loads(text)) if isinstance(value, tuple) else text
     return texts
 
 

@@ -173,8 +173,8 @@ def test_textures_are_saved_by_extension(rgb: np.ndarray, tmp_path: Path) -> Non
 def test_textures_are_shown_in_notebooks(rgb: np.ndarray) -> None:
     made = texloom.synthesize(rgb, **FAST)
     assert made._repr_png_().startswith(b"\x89PNG")
-    assert "48 x 64 px, quilting, seed 3" in made._repr_html_()
-    assert repr(made) == "<Texture 48x64, albedo, by quilting>"
+    assert "64 x 48 px, quilting, seed 3" in made._repr_html_()
+    assert repr(made) == "<Texture 64 x 48 px, albedo, by quilting>"
 
 
 @pytest.mark.parametrize(
@@ -199,7 +199,7 @@ def test_textures_are_shown_in_notebooks(rgb: np.ndarray) -> None:
         ({"image": "nothing.png"}, "no such file"),
         ({"image": {"albedo": np.zeros((8, 8)), "rough ness?": np.zeros((8, 8))}}, "is not the name of a map"),
         ({"mask": np.zeros((40, 40), np.uint8)}, "^mask: must be boolean"),
-        ({"mask": np.zeros((4, 4), bool)}, "maps albedo, mask: mask.png has 4x4 px, albedo.png 40x40"),
+        ({"mask": np.zeros((4, 4), bool)}, "maps albedo, mask: mask.png has 4 x 4 px, albedo.png 40 x 40 px"),
         ({"mask": np.ones((40, 40), bool)}, "excludes every pixel"),
         ({"seed": -1}, "^seed: must be a whole number"),
     ],
@@ -250,7 +250,7 @@ def test_run_exports_and_gives_outputs(rgb: np.ndarray, tmp_path: Path) -> None:
 def test_run_shares_keys_and_store_with_the_command_line(rgb: np.ndarray, tmp_path: Path) -> None:
     PIL.Image.fromarray(rgb).save(tmp_path / "a.png")
     done = texloom.run("quilting", {"exemplar": "a.png"}, {"texture.block": 16}, size=(48, 64), seed=5, store="s")
-    options = "--source exemplar=a.png --seed 5 --set texture.size=[48,64] --set texture.block=16 --store s --out o"
+    options = "--source exemplar=a.png --seed 5 --set texture.size=64x48 --set texture.block=16 --store s --out o"
     command = [sys.executable, "-m", "texloom", "run", "quilting", "--json", *options.split()]
     report = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
     assert [step["state"] for step in report["steps"]] == ["cached", "cached"]

@@ -291,8 +291,8 @@ def page(gallery: dict[str, Any], times: dict[str, float]) -> str:
                 f"```bash\n{command}\n```\n\nTime: {seconds}.\n\n"
             )
     rows = [
-        f"| `exemplars/{name.rstrip('/')}` | {exemplar['credit']} | {exemplar['size']}x{exemplar['size']} | "
-        f"{exemplar['crop']}x{exemplar['crop']} |\n"
+        f"| `exemplars/{name.rstrip('/')}` | {exemplar['credit']} | {exemplar['size']} x {exemplar['size']} | "
+        f"{exemplar['crop']} x {exemplar['crop']} |\n"
         for name, exemplar in gallery["exemplars"].items()
     ]
     return "".join([*parts, CREDITS, *rows])

@@ -99,7 +99,11 @@ store_option = click.option(
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 report_option = click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout.")
 common_params = (
-    click.option("--size", metavar="N|HxW", help="Height and width of the result, px; short for --set size=..."),
+    click.option(
+        "--size",
+        metavar="N|WIDTHxHEIGHT",
+        help="Size of the result, px: 1024, or 2048x1024 for 2048 wide and 1024 high; short for --set size=...",
+    ),
     click.option("--tileable", is_flag=True, help="The result continues across its borders; --set tileable=true."),
     click.option(
         "--preset",
@@ -156,8 +160,8 @@ delivery_options = (
         help="Colour space of EXR and tx: rec709 (linear), the default, or acescg.",
     ),
     click.option(
-        "--udim", metavar="ROWSxCOLUMNS",
-        help="Cut the maps of a layout into tiles, such as 2x3, with 1001 at the lower left.",
+        "--udim", metavar="COLUMNSxROWS",
+        help="Cut the maps of a layout into tiles, such as 3x2, with 1001 at the lower left.",
     ),
 )  # fmt: skip
 

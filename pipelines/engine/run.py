@@ -36,6 +36,7 @@ from texloom.pipelines.store.run_log import LoggedRun
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
+from texloom.stages.sizes import format_size, size_value
 
 State = Literal["cached", "run", "wait", "refused"]
 
@@ -174,8 +175,10 @@ class Run:
             step = self.flow.steps.get(reference.name) if file.endswith("/") else None
             size = getattr(step.params, "size", None) if step is not None else None
             if isinstance(size, tuple) and (size[0] % rows or size[1] % columns):
-                sides, tiles = f"{size[0]}x{size[1]}", f"{rows}x{columns}"
-                raise InputError(f"--udim: {sides} px cannot be cut into {tiles} equal tiles; change --size")
+                tiles = size_value(self.flow.delivery.udim)
+                raise InputError(
+                    f"--udim: {format_size(size)} cannot be cut into {tiles} equal tiles; change --size"
+                )
 
     def footprint(self) -> Footprint | None:
         """What a large result takes of memory and disk; none where none is large."""

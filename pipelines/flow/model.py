@@ -101,8 +101,9 @@ class Overrides:
 
     sources: Mapping[str, str | Sequence[str]] = dataclasses.field(default_factory=dict)
     """name to a file, folder or pattern, or to several of them"""
-    params: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    """a param of the flow, ``STEP.PARAM`` or ``STEP.PARAM.KEY`` to a YAML text, as on the command line"""
+    params: Mapping[str, str | tuple[Any, ...]] = dataclasses.field(default_factory=dict)
+    """a param of the flow, ``STEP.PARAM`` or ``STEP.PARAM.KEY`` to a YAML text, as on the command line; or to a
+    tuple of Python, where a size is (height, width). Those of a `Flow` are texts"""
     seed: int | None = None
     seeds: int | Sequence[int] | None = None
     """the number of seeds, counted from ``seed`` or the flow's first one; or a list"""

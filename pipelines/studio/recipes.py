@@ -24,6 +24,7 @@ from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages import Described, Method, PlannedStep, Recipe
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
+from texloom.stages.sizes import size_value
 
 METHODS = {
     "self_tuning": "Most materials; structures stay connected",
@@ -82,7 +83,9 @@ def overrides_of(recipe: Recipe, library: Library) -> Overrides:
         mask = library.reference(recipe.mask)
         folder = library.roots.get("attached", library.roots["dropped"])
         sources[first] = file_source(masked(sources[first], mask), folder)
-    params = {name: json.dumps(value) for name, value in _params(recipe, library)}
+    params = {
+        name: value if isinstance(value, tuple) else json.dumps(value) for name, value in _params(recipe, library)
+    }
     delivery = {"layout": recipe.layout} if recipe.layout else {}
     return Overrides(sources=sources, params=params, seed=recipe.seed, delivery=delivery)
 
@@ -90,7 +93,7 @@ def overrides_of(recipe: Recipe, library: Library) -> Overrides:
 def _params(recipe: Recipe, library: Library) -> Iterable[tuple[str, Any]]:
     """The params that are given, by the names of the command line."""
     if recipe.size is not None:
-        yield "size", list(recipe.size)
+        yield "size", recipe.size
     if recipe.tileable:
         yield "tileable", True
     if recipe.preset is not None:
@@ -156,13 +159,18 @@ def file_name(run: Run) -> str:
     return re.sub(r"[^A-Za-z0-9_-]+", "_", f"{picture}_{run.flow.name}").strip("_")
 
 
+def _in_file(name: str, value: Any) -> Any:
+    """A value as a flow file has it."""
+    return size_value(value) if name == "size" else copy.copy(value)  # YAML has no anchors
+
+
 def flow_file(recipe: Recipe, flow: Flow, file: str, library: Library) -> str:
     """The flow file of a recipe, called ``file``; its flow has the name of ours, which is in the provenance."""
     steps: dict[str, Any] = {}
     for name, value in _params(recipe, library):
         for target in flow.params.get(name, (name,)):
             step, _, param = target.partition(".")
-            steps.setdefault(step, {"params": {}})["params"][param] = copy.copy(value)  # YAML has no anchors
+            steps.setdefault(step, {"params": {}})["params"][param] = _in_file(name, value)
     document: dict[str, Any] = {"flow": flow.name, "seed": recipe.seed, "include": recipe.flow}
     if recipe.layout:
         document["delivery"] = {"layout": recipe.layout}

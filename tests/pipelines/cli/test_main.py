@@ -42,7 +42,7 @@ from texloom.stages.declare import InputError, find_stage, stage_names
 from texloom.stages.progress import Progress, report
 
 STEPS = ["tone", "offsets", "lattice", "edges", "structure", "distance", "guidance", "start", "texture", "scores"]
-SMALL = ["--set", "start.size=[64,64]", "--set", "texture.preset=fast"]
+SMALL = ["--set", "start.size=64", "--set", "texture.preset=fast"]
 
 FLOW = """
 flow: contours
@@ -196,11 +196,11 @@ WRONG_PICTURES = {
     "words.png": "is not a picture that can be read",
     "empty.png": "is empty",
     "folder.png": "is a folder",
-    "one.png": "is too small: 1x1 pixels",
-    "nine.png": "9x9 px",
-    "flat.png": "5x300 px",
+    "one.png": "is too small: 1 x 1 px",
+    "nine.png": "9 x 9 px",
+    "flat.png": "300 x 5 px",
     "cut.png": "is a truncated or broken PNG file",
-    "huge.png": "is too large: 50000x50000 pixels",
+    "huge.png": "is too large: 50000 x 50000 px",
     "none.png": "is a truncated or broken PNG file",
     "cut.exr": "is a truncated or broken EXR file",
     "nan.exr": "1 of 1600 values NaN or infinite",
@@ -225,7 +225,7 @@ def test_plan_reports_errors_of_headers(wrong: Path, empty: Path) -> None:
 def test_an_exemplar_smaller_than_a_patch(wrong: Path, empty: Path) -> None:
     small = ["--source", f"exemplar={wrong / 'small.png'}", "--set", "texture.patch_size=16"]
     result = texloom("run", "self_tuning", *SMALL, *small)
-    assert_refused(result, "steps.texture: image: 16x16 px is too small for patches of 16 px")
+    assert_refused(result, "steps.texture: image: 16 x 16 px is too small for patches of 16 px")
     assert list(empty.iterdir()) == []
 
 
@@ -269,7 +269,7 @@ WRONG_COMMANDS = {
     "run self_tuning --set texture.occurrence=1 --set ' texture.occurrence=2'": (
         "'--set': 'texture.occurrence' is given twice: '1' and '2'"
     ),
-    "plan self_tuning --set start.size=[64,64] --set start.size=[64,64]": "'--set': 'start.size' is given twice",
+    "plan self_tuning --set start.size=64 --set start.size=64": "'--set': 'start.size' is given twice",
     "compare quilting --over *.png --set a.b=1 --set a.b=2": "'--set': 'a.b' is given twice",
     "run self_tuning --source exemplar=a.png --source exemplar=b.png": (
         "'--source': 'exemplar' is given twice: 'a.png' and 'b.png'"
@@ -286,10 +286,13 @@ WRONG_COMMANDS = {
     ),
     "run self_tuning --set texture.patch_size=big": "--set texture.patch_size: ",
     "run self_tuning --set texture.preset=best": "'kaspar2015', 'default' or 'fast'",
-    "run self_tuning --set start.size=[0,0]": "--set start.size: ",
-    "run self_tuning --set start.size=[-64,64]": "--set start.size: ",
-    "run self_tuning --size wide": ("--size: must be N or HxW (height x width, px), as 512 or 512x768, got 'wide'"),
-    "run self_tuning --set size=wide": "--set size: must be N or HxW",
+    "run self_tuning --set start.size=0": "--set start.size: ",
+    "run self_tuning --set start.size=[64,96]": (
+        "--set start.size: must be N or WIDTHxHEIGHT, got the list [64, 96]; write 96x64 or 64x96"
+    ),
+    "run self_tuning --size 64,96": "--size: must be N or WIDTHxHEIGHT, got the list [64, 96]; write 96x64 or",
+    "run self_tuning --size wide": ("--size: must be N or WIDTHxHEIGHT, px, as 512 or 768x512, got 'wide'"),
+    "run self_tuning --set size=wide": "--set size: must be N or WIDTHxHEIGHT",
     "run self_tuning --export edges.png=edges.strenght": (
         "--export edges.png: edges.strenght: step 'edges' has no output 'strenght'; did you mean 'strength'?"
     ),
@@ -297,22 +300,27 @@ WRONG_COMMANDS = {
     "run self_tuning --export ../edges.png=edges.strength": "--export ../edges.png: must be a file name of ",
     "run self_tuning --export offsets.png=lattice.generators": "export it as .exr",
     "run self_tuning --set start.size=[64,64,3]": (
-        "--set start.size: list should have at most 2 items, not 3, got [64, 64, 3]; as in [1024, 1024]"
+        "--set start.size: must be N or WIDTHxHEIGHT, as 512 or 768x512, got [64, 64, 3]"
     ),
-    "run inverse_stationary --size 64x": "--size: input should be N or HxW, a valid number, or 'auto', got '64x'",
+    "run inverse_stationary --size 64x": (
+        "--size: input should be N or WIDTHxHEIGHT, a valid number, or 'auto', got '64x'"
+    ),
     "run inverse_stationary --size 1.5": "--size: input should be less than 1, got 1.5",
     "run inverse_stationary --size 0": "--size: input should be greater than or equal to 1, got 0",
     "run per_pixel_control --set compaction=-3": (
         "--set compaction: input should be greater than or equal to 1, got -3"
     ),
     "run per_pixel --size 300 --tileable": (
-        "steps.texture: size: 300x300 px cannot be tileable with 6 levels, which takes multiples of 64; 320x320 can"
+        "steps.texture: size: 300 x 300 px cannot be tileable with 6 levels, which takes multiples of 64; "
+        "320x320 can"
     ),
     "run per_pixel_control texloom:plaster --source control=texloom:plaster_labels "
     "--source target=texloom:plaster_target --size 300 --tileable": (
-        "steps.result: size: 300x300 px cannot be tileable with 3 levels, which takes multiples of 8; 304x304 can"
+        "steps.result: size: 300 x 300 px cannot be tileable with 3 levels, which takes multiples of 8; 304x304 can"
     ),
-    "run self_tuning --set start.size=[64]": "--set start.size: a value is missing; as in [1024, 1024]",
+    "run self_tuning --set start.size=[64]": (
+        "--set start.size: must be N or WIDTHxHEIGHT, as 512 or 768x512, got [64]"
+    ),
     # its own example is a pattern that matches nothing here
     "run joint_compaction": (
         "; give yours, as with --source 'texture=FOLDER/*_texture.png' --source 'control=FOLDER/*_control.png'"
@@ -323,8 +331,8 @@ WRONG_COMMANDS = {
     f"run photo_to_texture --set surface.geometry={ROOT / 'docs/pictures/contours.jpg'}": (
         "--set surface.geometry: "
     ),
-    "run self_tuning --set start.size=[1000000000,10]": "--set start.size: ",
-    "run self_tuning --set start.size=[40000,40000]": "--set start.size",
+    "run self_tuning --set start.size=10x1000000000": "--set start.size: ",
+    "run self_tuning --set start.size=40000": "--set start.size",
     "run self_tuning --set 'start.size=!!python/tuple [64,64]'": "tags (!!python/tuple)",
     "run self_tuning --set 'start.size=[&a 64,*a]'": "aliases (*a) are not allowed",
     "run self_tuning --seed -1": "--seed: must be a whole number",
@@ -567,7 +575,7 @@ def test_a_file_in_place_of_an_items_folder(folder: Path) -> None:
 def test_reports_that_would_replace_what_is_read(folder: Path) -> None:
     Path("pictures").mkdir()
     shutil.move("wall.png", "pictures/wall.png")
-    start = "{stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}"
+    start = "{stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 32, method: pixels}}"
     scores = "{stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image, match: start.match}}"
     for name in ("one.yaml", "two.yaml"):
         Path(name).write_text(

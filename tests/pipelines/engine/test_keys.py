@@ -27,7 +27,7 @@ steps:
     stage: analysis.edges
     inputs: {image: exemplar}
     params: {finest: 2.0, detector: gradient, model: model.yml}
-  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [64, 32]}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 32x64}}
 """
 DIGEST = {"image": "0" * 64}
 DRAWS, DRAWS_NOT = "start", "edges"

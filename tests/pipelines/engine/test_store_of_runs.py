@@ -62,7 +62,7 @@ def age(store: Store, days: float) -> None:
 
 def test_checkpoints_end_with_their_result(tmp_path: Path) -> None:
     flow = write_flow(tmp_path, SYNTHESIS)
-    assert run(flow, texture__preset="fast", start__size="[48, 48]")["texture"] == "ran"
+    assert run(flow, texture__preset="fast", start__size="48")["texture"] == "ran"
     assert list((tmp_path / "artifacts" / "checkpoints").rglob("*.exr")) == []
     assert list((tmp_path / "artifacts" / "checkpoints").glob("*/*")) == []
 

@@ -320,7 +320,7 @@ sources:
   exemplar: exemplar.png
 steps:
   edges: {stage: analysis.edges, inputs: {image: exemplar}}
-  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 32, method: pixels}}
   scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image}}
   all: {stage: evaluation.tabulate, gather: {tables: scores.table}}
 exports:
