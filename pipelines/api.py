@@ -132,6 +132,7 @@ def run(
     preset: str | None = None,
     store: str | os.PathLike[str] | None = None,
     out: str | os.PathLike[str] | None = None,
+    force: bool = False,
     runner: str | None = None,
     workers: int | None = None,
     address: str | None = None,
@@ -154,7 +155,9 @@ def run(
     store : folder of the results; the default is TEXLOOM_STORE, else the folder ``artifacts`` if there is one
         here, else ``store`` in the user's cache folder for texloom. Arrays are filed there too, under ``sources``,
         so that every runner can read them.
-    out : folder of the exports; the default is a new one, STORE/runs/FLOW-TIME.
+    out : folder of the exports, or a picture, as ``result.png``, for the main result alone; the default is the
+        folder PICTURE_FLOW in the working folder, named after the first source, or of a set after its folder.
+    force : whether files there that texloom did not write, or that were changed since, may be replaced.
     runner, workers, address : what computes the steps, see ``texloom run --help``.
     layout, texel_size, color_space, udim : how exports are written, see ``texloom run --help``.
     progress : true shows progress on standard error; a function receives every `Event`.
@@ -176,6 +179,8 @@ def run(
     >>> sorted(done.exports)
     ['scores.json', 'texture.exr', 'texture.png']
     """
+    from texloom.pipelines.engine.destination import placed
+
     options = {"name": runner, "workers": workers, "address": address}
     runners = {option: value for option, value in options.items() if value is not None}
     written = {"layout": layout, "texel_size": texel_size, "color_space": color_space, "udim": udim}
@@ -185,8 +190,8 @@ def run(
         changed = _texts(params, size=size, tileable=tileable, preset=preset)
         overrides = Overrides(references, changed, seed, seeds, runners, delivery=delivery)
         opened = open_run(flow, overrides, opened_store)
-        folder = opened.default_out() if out is None else Path(out).expanduser()
-        return _run(opened, folder, progress)
+        opened, folder = placed(opened, None if out is None else Path(out).expanduser())
+        return _run(opened, folder, progress, force)
 
 
 def plan(
@@ -295,6 +300,7 @@ def _references(sources: Mapping[str, Any], folder: Path) -> Iterator[dict[str, 
         yield references
     except InputError as error:
         text = re.sub(r"^--(\w+)", lambda option: _OPTIONS.get(option[1], option[1]), str(error))
+        text = text.replace(", or --force", ", or force=True")
         written = {
             name: reference
             for name, reference in references.items()
@@ -362,7 +368,7 @@ def _told(tell: Callable[[Event], None]) -> Listener:
     return listener
 
 
-def _run(opened: Run, out: Path, progress: Progress) -> Result:
+def _run(opened: Run, out: Path, progress: Progress, force: bool = False) -> Result:
     from texloom.pipelines.engine.events import Recorder
     from texloom.pipelines.engine.scheduler import execute
     from texloom.pipelines.results import Result
@@ -375,14 +381,14 @@ def _run(opened: Run, out: Path, progress: Progress) -> Result:
     elif callable(progress):
         listener = _told(progress)
     recorder = Recorder(listener)
-    opened.check(out)
+    opened.check(out, force)
     try:
         exports = execute(opened, recorder, out)
     finally:
         if terminal is not None:
             terminal.close()
     if terminal is not None:
-        terminal.summarise(opened.main_scores(), opened.out_folder(out) if exports else None)
+        terminal.summarise(opened.main_scores(), out if exports else None)
     return Result(opened, exports, recorder)
 
 

@@ -72,6 +72,7 @@ def compare(
     seeds: int,
     report: Path | None,
     out: Path | None,
+    force: bool,
     runner: str | None,
     workers: int | None,
     address: str | None,
@@ -87,6 +88,7 @@ def compare(
     Writes comparison.html, with a leaderboard and all pictures at one scale, comparison.csv, the leaderboard,
     comparison.json, all scores, and each result. All results have one size, by default the first flow's.
     """
+    from texloom.pipelines.engine.destination import placed
     from texloom.pipelines.engine.run import Run
     from texloom.pipelines.errors import one_line
     from texloom.pipelines.flow.compare import EXPORTS, comparison_flow
@@ -102,16 +104,16 @@ def compare(
     methods = [*flows, *(f"{name}={folder}" for name, folder in against.items())]
     with named_as_given(params), _named_as_over():
         opened = Run(comparison_flow(methods, overrides, over), Store(store_folder))
-    folder = out if out is not None else opened.default_out()
+    opened, folder = placed(opened, out)
     copies = {} if report is None else {name: report.with_suffix(Path(name).suffix) for name in EXPORTS}
     if report is not None:
         for path in (report, *copies.values()):
             opened.check_file("--report", path)
         if report.suffix.lower() != ".html":
             raise InputError(one_line(f"--report {report}: must be the name of an .html file"))
-    code = execute(opened, folder, as_json, began)
+    code = execute(opened, folder, as_json, began, force)
     for name, path in copies.items():
-        made = opened.out_folder(folder) / name
+        made = folder / name
         if made.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(path, made.read_bytes())

@@ -165,10 +165,17 @@ delivery_options = (
     ),
 )  # fmt: skip
 
+out_option = click.option(
+    "--out", "-o", type=click.Path(path_type=Path), metavar="FOLDER|PICTURE",
+    help="Folder of the exports, or a picture, as result.png, for the main result alone.  "
+    "[default: ./PICTURE_FLOW]",
+)  # fmt: skip
+force_option = click.option(
+    "--force", is_flag=True, help="Replace files in --out that texloom did not write, or that were changed since."
+)
+
 out_options = (
-    click.option(
-        "--out", type=click.Path(path_type=Path), help="Folder of the exports.  [default: STORE/runs/FLOW-TIME]"
-    ),
+    out_option, force_option,
     click.option(
         "--runner", metavar="NAME", shell_complete=complete("runners"),
         help="What computes the steps. local: this process, one item after the other; the default. threads, "

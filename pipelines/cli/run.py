@@ -15,7 +15,9 @@ from texloom.pipelines.cli.exits import Exit, ended_by
 from texloom.pipelines.cli.options import (
     delivery_options,
     flow_options,
+    force_option,
     named_as_given,
+    out_option,
     out_options,
     runner_options,
     with_common_params,
@@ -40,7 +42,9 @@ class WhichFlowError(Exception):
 
 @click.command(short_help="Run a flow and write its exports.")
 @with_options(*flow_options, *delivery_options, *out_options, _item_option)
-def run(flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, **options: Any) -> int:
+def run(
+    flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, force: bool, **options: Any
+) -> int:
     """Run FLOW, one of `texloom flows` or a YAML file, and write its exports.
 
     \b
@@ -58,13 +62,17 @@ def run(flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | 
     long steps go on at the scale where they were.
     """
     began = time.perf_counter()
-    opened = _open(flow, pictures, **options)
-    return execute(opened, out if out is not None else opened.default_out(), as_json, began)
+    from texloom.pipelines.engine.destination import placed
+
+    opened, folder = placed(_open(flow, pictures, **options), out)
+    return execute(opened, folder, as_json, began, force)
 
 
 @click.command(short_help="Show what `run` would compute, and why.")
 @with_options(*flow_options, *delivery_options, *out_options, _item_option)
-def plan(flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, **options: Any) -> int:
+def plan(
+    flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, force: bool, **options: Any
+) -> int:
     """Show what `run` would do with the same options: which steps are cached, which would run, and why.
 
     \b
@@ -73,9 +81,11 @@ def plan(flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path |
 
     Runs nothing and writes nothing. With --out it also says whether the exports can be written there.
     """
-    opened = _open(flow, pictures, **options)
+    from texloom.pipelines.engine.destination import placed
+
+    opened, folder = placed(_open(flow, pictures, **options), out)
     if out is not None:
-        opened.check(out)
+        opened.check(folder, force)
     steps = opened.plan()
     for note in opened.notes:
         complain(note)
@@ -103,12 +113,13 @@ def _print_plan(steps: list[StepPlan]) -> None:
 @click.command(short_help="Print one command line per item of a set, for a render farm.")
 @with_options(
     *flow_options, *delivery_options,
-    click.option("--out", type=click.Path(path_type=Path), help="Folder of the exports, as of `run`."),
+    out_option, force_option,
     click.option("--only", type=click.Choice(["items", "gather"]), help="Print the lines of one kind."),
 )  # fmt: skip
 def commands(
-    flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, only: str | None, **options: Any
-) -> int:
+    flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, force: bool, only: str | None,
+    **options: Any,
+) -> int:  # fmt: skip
     """Print the command lines that together do what `run` would: one per item of a set, and one that gathers.
 
     \b
@@ -117,12 +128,13 @@ def commands(
     The lines of items may run at the same time, on machines that share the store; the last one, if there are steps
     that gather, comes after all of them. A line that is repeated computes nothing twice. All paths are absolute.
     """
+    from texloom.pipelines.engine.destination import placed
     from texloom.pipelines.flow.command_list import command_list
 
-    opened = _open(flow, pictures, **options)
-    folder = out if out is not None else opened.default_out()
-    opened.check(folder)
-    listed = command_list(opened.flow, opened.items, opened.store.root, folder)
+    opened, folder = placed(_open(flow, pictures, **options), out)
+    opened.check(folder, force)
+    target = folder / (opened.flow.picture or "")
+    listed = command_list(opened.flow, opened.items, opened.store.root, target, force)
     if as_json:
         return print_json({**_what(opened), "items": listed.items, "gather": listed.gather})
     for line in listed.lines(only):
@@ -165,7 +177,7 @@ def _open(
         return open_run(flow, overrides, Store(store_folder))
 
 
-def execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
+def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool) -> int:
     """Run what has been opened and say how it went."""
     from texloom.pipelines.engine import scheduler
     from texloom.pipelines.engine.events import Recorder, summary_of
@@ -177,7 +189,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     from texloom.pipelines.terminal import Terminal
     from texloom.stages.declare import InputError
 
-    opened.check(folder)
+    opened.check(folder, force)
     terminal = Terminal(text_stream(as_json))
     recorder = Recorder(terminal)
     exports: dict[str, Path] = {}
@@ -208,12 +220,12 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     if problem is not None:
         complain(f"texloom: {problem}")
     if opened.items and exports:
-        say(opened.out_folder(folder), as_json)
+        say(folder, as_json)
     for name, path in exports.items():
         if "/" not in name.removesuffix("/"):  # not an item's
             say(path, as_json)
     if code == Exit.DONE:
-        terminal.summarise(opened.main_scores(), opened.out_folder(folder) if exports else None)
+        terminal.summarise(opened.main_scores(), folder / (opened.flow.picture or "") if exports else None)
     if as_json:
         print_json(
             {

@@ -180,4 +180,26 @@ class Export:
             note.parent.mkdir(parents=True, exist_ok=True)
             # The temporary file is in a small folder, which the end of each run looks through.
             write_atomically(note, json.dumps(files).encode(), durable=False, folder=store.root)
+        _note_files(store, files)
         return self._states(files)
+
+
+def _note_files(store: Store, files: Mapping[str, str]) -> None:
+    """Note the digests of files that were written, by which `is_noted` knows them."""
+    for digest in {*files.values()}:
+        note = store.exports / digest
+        if not note.exists():
+            with contextlib.suppress(OSError):  # without it a later run asks before it replaces the file
+                write_atomically(note, b"{}", durable=False, folder=store.root)
+
+
+def is_noted(store: Store, file: str | Path) -> bool:
+    """Whether a run with this store wrote what the file holds."""
+    try:
+        note = store.exports / file_digest(Path(file))
+        os.utime(note)  # it was of use today
+    except FileNotFoundError:
+        return False
+    except OSError:  # a store that can only be read
+        return note.exists()
+    return True

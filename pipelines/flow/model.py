@@ -163,6 +163,8 @@ class Flow:
     """how exports are written"""
     item: str | None = None
     """the only item that runs"""
+    picture: str | None = None
+    """the only file that it exports, where the caller names one"""
 
     @property
     def is_set(self) -> bool:

@@ -13,6 +13,7 @@ from typing import Any
 import httpx
 
 from texloom.pipelines.engine import signals
+from texloom.pipelines.engine.destination import placed
 from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, Recorder, StepReport, summary_of
 from texloom.pipelines.engine.prefect.artifacts import show_result, show_scores
 from texloom.pipelines.engine.prefect.task_runners import TaskRunnerExecutor, silence_console
@@ -42,6 +43,8 @@ class _Opened:
     """A run that this process has opened, for the flow run that it starts."""
 
     run: Run
+    folder: Path
+    """of its exports"""
     listener: Listener
     exports: dict[str, Path] = dataclasses.field(default_factory=dict)
 
@@ -53,7 +56,7 @@ def execute_as_flow_run(run: Run, listener: Listener, out: Path) -> dict[str, Pa
     """As `texloom.pipelines.engine.scheduler.execute`, as a flow run under the flow's own name."""
     _require_server()
     silence_console()
-    opened = _Opened(run, listener)
+    opened = _Opened(run, out, listener)
     token = _opened.set(opened)
     try:
         with (
@@ -83,7 +86,7 @@ def parameters_of(run: Run, out: Path) -> dict[str, Any]:
         "export": dict(run.flow.overrides.exports),
         "seed": list(run.flow.seeds),
         "store": str(run.store.root),
-        "out": str(out.absolute()),
+        "out": str((out / (run.flow.picture or "")).absolute()),
         "runner": run.flow.runner.name,
         "workers": run.flow.runner.workers,
         "address": run.flow.runner.address,
@@ -142,6 +145,7 @@ def run_flow(
     workers: int | None = None,
     address: str | None = None,
     delivery: dict[str, str] | None = None,
+    force: bool = False,
 ) -> dict[str, str]:
     """Run a flow file, every step a task. The options are those of ``texloom run``.
 
@@ -150,12 +154,13 @@ def run_flow(
     flow : a flow file, or the name of a flow that ships with texloom; several are compared, as by
         ``texloom compare``.
     source, set, export, seed : what differs from the file.
-    store, out : folders of the artifacts and of this run's exports.
+    store : folder of the artifacts.
+    out : folder of this run's exports, or a picture for the main result alone.
     runner, workers, address : who computes.
     delivery : ``layout``, ``texel_size``, ``color_space`` and ``udim``, those that are given.
+    force : whether files in ``out`` that texloom did not write may be replaced.
     """
     opened = _opened.get()
-    folder = Path(out or "")
     if opened is None:
         options = {"name": runner, "workers": workers, "address": address}
         overrides = Overrides(
@@ -168,11 +173,11 @@ def run_flow(
             delivery=delivery or {},
         )
         found = open_flow(find_flow(flow), overrides) if isinstance(flow, str) else comparison_flow(flow, overrides)
-        opened = _Opened(Run(found, Store(Path(store) if store else default_store())), _ignore)
-        if not out:
-            folder = opened.run.default_out()
-        opened.run.check(folder)
-    run, listener = opened.run, opened.listener
+        store_of_run = Store(Path(store) if store else default_store())
+        run, folder = placed(Run(found, store_of_run), Path(out) if out else None)
+        run.check(folder, force)
+        opened = _Opened(run, folder, _ignore)
+    run, folder, listener = opened.run, opened.folder, opened.listener
     listener(Note(f"flow run {prefect.runtime.flow_run.name}: {prefect.runtime.flow_run.ui_url}"))
 
     def show(event: Event) -> None:

@@ -15,7 +15,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,7 +32,6 @@ from texloom.pipelines import api
 from texloom.pipelines.cli import main as cli
 from texloom.pipelines.cli import run as cli_run
 from texloom.pipelines.engine import keys as fingerprint
-from texloom.pipelines.engine import scheduler
 from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.pipelines.store import codec
 from texloom.stages import declare
@@ -847,31 +845,10 @@ def test_the_store_is_beside_the_flow_only_in_a_project(
     before = {path.name for path in folder.iterdir()}
     report = texloom("run", "flow.yaml", "--json").report
     assert report["store"] == str(store)
-    assert {Path(path).parents[2] for path in report["exports"].values()} == {store}
-    assert {path.name for path in folder.iterdir()} <= before | {"cache"}
+    assert {Path(path).parent for path in report["exports"].values()} == {Path("wall_contours")}
+    assert {path.name for path in folder.iterdir()} <= before | {"cache", "wall_contours"}
     assert {step["state"] for step in texloom("plan", "flow.yaml", "--json").report["steps"]} == {"cached"}
     assert texloom("store", "verify").out == "3 results, 0 broken\n"
-
-
-def test_a_run_that_begins_in_the_same_second_has_its_own_folder(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(time, "strftime", lambda *_: "now")
-    others: list[dict[str, str]] = []
-    execute = scheduler.execute
-
-    def after_another(*arguments: Any) -> dict[str, Path]:
-        if not others:
-            others.append({})
-            others[0] = texloom("run", "flow.yaml", "--set", "edges.finest=3", "--json").report["exports"]
-        return execute(*arguments)
-
-    monkeypatch.setattr(scheduler, "execute", after_another)
-    ours = texloom("run", "flow.yaml", "--json").report["exports"]
-    (theirs,) = others
-    assert ours.keys() == theirs.keys()
-    assert {Path(path).parent for path in ours.values()} == {folder / "artifacts/runs/contours-now-2"}
-    assert {Path(path).parent for path in theirs.values()} == {folder / "artifacts/runs/contours-now"}
 
 
 def test_a_wrong_source_that_no_step_takes_leaves_no_folder(folder: Path) -> None:
@@ -1503,7 +1480,7 @@ def test_the_main_flow_does_not_import_scipy(empty: Path, exemplar: str) -> None
     """With a lattice and without one, kernels compiled. Numba imports the package alone, which takes no time."""
     run = ["run", "self_tuning", exemplar, "--size", "128", "--preset", "fast"]
     loaded_by(run, cwd=empty)
-    loaded = loaded_by([*run, "--store", "another"], cwd=empty)
+    loaded = loaded_by([*run, "--store", "another", "--out", "other"], cwd=empty)
     heavy = {"scipy.fft", "scipy.linalg", "scipy.ndimage", "scipy.special", "numpy.f2py", "skimage.measure"}
     assert not loaded & heavy
     assert "numba" in loaded

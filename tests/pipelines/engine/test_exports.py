@@ -296,7 +296,7 @@ def test_runs_that_begin_at_once_have_a_folder_each(folder: Path, monkeypatch: p
     monkeypatch.setattr(time, "strftime", lambda *_: "now")
     finest = [2.0, 3.0, 4.0, 5.0]
     runs = [open_run(folder / "flow.yaml", edges__finest=str(one)) for one in finest]
-    outs = [one.default_out() for one in runs]
+    outs = [one.new_out() for one in runs]
     assert not (folder / "artifacts" / "runs").exists()
 
     with ThreadPoolExecutor(len(runs)) as threads:

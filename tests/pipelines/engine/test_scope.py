@@ -151,7 +151,7 @@ steps:
     inputs: {image: small.image, control: small.control, target: target}
     params: {patch_size: 32}
 """
-WRAPPED = SYNTHESIS.replace("[96, 96]", "[16, 16]").replace("preset: default", "patch_size: 20, tileable: true")
+WRAPPED = SYNTHESIS.replace("size: 96", "size: 16").replace("preset: default", "patch_size: 20, tileable: true")
 CUT = """
 flow: cut
 sources: {exemplar: exemplar.png}

@@ -203,7 +203,7 @@ def _digest(run: Run) -> str:
 
 
 def test_a_killed_run_goes_on_where_it_was(tmp_path: Path) -> None:
-    path = write_flow(tmp_path, SYNTHESIS.replace("[96, 96]", "[256, 256]"), side=128)
+    path = write_flow(tmp_path, SYNTHESIS.replace("size: 96", "size: 256"), side=128)
     process = start_run(path)
     deadline = time.monotonic() + 120
     while not list((tmp_path / "artifacts" / "checkpoints").glob("*/*/0[2-9]")):
@@ -220,7 +220,7 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path: Path) -> None:
         "start": "cached",
         "texture": "ran",
     }
-    whole = write_flow(tmp_path / "whole", SYNTHESIS.replace("[96, 96]", "[256, 256]"), side=128)
+    whole = write_flow(tmp_path / "whole", SYNTHESIS.replace("size: 96", "size: 256"), side=128)
     execute(open_run(whole))
     assert _digest(open_run(path)) == _digest(open_run(whole))
 
