@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.media.arrays import PathOrArray, Picture, file_source, masked
 from texloom.pipelines.store.location import cache_store, default_store
 from texloom.pipelines.store.store import Store
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
     from texloom.pipelines.engine.events import Listener
     from texloom.pipelines.engine.run import Run, StepPlan
     from texloom.pipelines.flow.model import Flow, Reference
+    from texloom.pipelines.request import RunRequest
     from texloom.pipelines.results import Result, Texture
 
 __all__ = ["Event", "plan", "run", "synthesize"]
@@ -109,8 +109,8 @@ def synthesize(
     opened_store = Store(Path(store or os.environ.get("TEXLOOM_STORE") or cache_store()))
     given = image if mask is None else masked(image, mask)
     with _references({}, opened_store.root):
-        changed = _texts(params, size=size, tileable=tileable or None, preset=preset)
-        flow = load_flow(find_flow(os.fspath(method)), Overrides(params=changed, seed=seed))
+        asked = _request(method, {}, params, size=size, tileable=tileable or None, preset=preset, seed=seed)
+        flow = load_flow(find_flow(asked.flow), asked.overrides)
         source = _only_source(flow, method)
         flow, made = for_texture(flow, method)
     with _references({source: given}, opened_store.root) as references:
@@ -130,6 +130,8 @@ def run(
     seeds: int | range | None = None,
     tileable: bool | None = None,
     preset: str | None = None,
+    exports: Mapping[str, str] | None = None,
+    item: str | None = None,
     store: str | os.PathLike[str] | None = None,
     out: str | os.PathLike[str] | None = None,
     force: bool = False,
@@ -152,6 +154,8 @@ def run(
     size, tileable, preset : the parameters that most flows have; see `synthesize`.
     seed : of the random numbers; the default is the flow's.
     seeds : so many from ``seed`` on, or a range: the flow then runs with each.
+    exports : more files to write, name to ``STEP.OUTPUT``.
+    item : the only item of a set that is wanted, without the steps that gather.
     store : folder of the results; the default is TEXLOOM_STORE, else the folder ``artifacts`` if there is one
         here, else ``store`` in the user's cache folder for texloom. Arrays are filed there too, under ``sources``,
         so that every runner can read them.
@@ -179,18 +183,16 @@ def run(
     >>> sorted(done.exports)
     ['scores.json', 'texture.exr', 'texture.png']
     """
-    from texloom.pipelines.engine.destination import placed
+    from texloom.pipelines.engine.opening import open_request
 
-    options = {"name": runner, "workers": workers, "address": address}
-    runners = {option: value for option, value in options.items() if value is not None}
-    written = {"layout": layout, "texel_size": texel_size, "color_space": color_space, "udim": udim}
-    delivery = {option: text for option, text in written.items() if text is not None}
-    opened_store = Store(store_folder(store))
-    with _references(sources or {}, opened_store.root) as references:
-        changed = _texts(params, size=size, tileable=tileable, preset=preset)
-        overrides = Overrides(references, changed, seed, seeds, runners, delivery=delivery)
-        opened = open_run(flow, overrides, opened_store)
-        opened, folder = placed(opened, None if out is None else Path(out).expanduser())
+    with _references(sources or {}, Store(Path(store or default_store())).root) as references:
+        asked = _request(
+            flow, references, params, size=size, seed=seed, seeds=seeds, tileable=tileable, preset=preset,
+            exports=exports or {}, item=item, store=store, out=None if out is None else Path(out).expanduser(),
+            force=force, runner=runner, workers=workers, address=address, layout=layout, texel_size=texel_size,
+            color_space=color_space, udim=udim,
+        )  # fmt: skip
+        opened, folder = open_request(asked)
         return _run(opened, folder, progress, force)
 
 
@@ -204,6 +206,7 @@ def plan(
     seeds: int | range | None = None,
     tileable: bool | None = None,
     preset: str | None = None,
+    item: str | None = None,
     store: str | os.PathLike[str] | None = None,
 ) -> list[StepPlan]:
     """What `run` would do with the same arguments: which steps are cached, which would run, and why.
@@ -212,7 +215,7 @@ def plan(
 
     Parameters
     ----------
-    flow, sources, params, size, seed, seeds, tileable, preset, store : see `run`.
+    flow, sources, params, size, seed, seeds, tileable, preset, item, store : see `run`.
 
     Returns
     -------
@@ -230,37 +233,38 @@ def plan(
     >>> [(step.name, step.state) for step in texloom.plan("quilting", store="empty")]
     [('texture', 'run'), ('scores', 'wait')]
     """
+    from texloom.pipelines.engine.opening import open_request
+
     with tempfile.TemporaryDirectory() as folder, _references(sources or {}, Path(folder)) as references:
-        changed = _texts(params, size=size, tileable=tileable, preset=preset)
-        return open_run(flow, Overrides(references, changed, seed, seeds), Store(store_folder(store))).plan()
+        asked = _request(
+            flow, references, params, size=size, seed=seed, seeds=seeds, tileable=tileable, preset=preset,
+            item=item, store=store,
+        )  # fmt: skip
+        return open_request(asked)[0].plan()
 
 
 # -- opening a flow
 
 
-def store_folder(given: str | os.PathLike[str] | None) -> Path:
-    """The store's folder as the command line chooses it."""
-    return Path(given) if given else default_store()
+def _request(
+    flow: str | os.PathLike[str], sources: Mapping[str, str], params: Mapping[str, Any] | None, *,
+    size: Size | None, seeds: int | range | None = None, **fields: Any,
+) -> RunRequest:  # fmt: skip
+    """What the arguments of a function ask for."""
+    from texloom.pipelines.request import request
+
+    return request(
+        flow=os.fspath(flow),
+        sources=sources,
+        params=_texts(params),
+        size=size if size is None or isinstance(size, str) else _texts({"size": size})["size"],
+        seeds=tuple(seeds) if isinstance(seeds, range) else seeds,
+        **fields,
+    )
 
 
-def open_run(flow: str | os.PathLike[str], overrides: Overrides, store: Store) -> Run:
-    """The flow with what the caller changes, checked whole; with a contact sheet over several seeds."""
-    from texloom.pipelines.engine.run import Run
-    from texloom.pipelines.flow.contact_sheet import open_flow
-    from texloom.pipelines.flow.loader import find_flow
-
-    opened = open_flow(find_flow(os.fspath(flow)), overrides)
-    if overrides.item is not None:
-        from texloom.pipelines.flow.command_list import only_item
-
-        if not opened.is_set:
-            raise InputError(f"--item {overrides.item}: {opened.name} runs over no set here")
-        opened = only_item(opened, overrides.item)
-    return Run(opened, store)
-
-
-def _texts(params: Mapping[str, Any] | None, **named: Any) -> dict[str, str | tuple[Any, ...]]:
-    """Values of parameters as `Overrides` has them, those in ``named`` only where they are given."""
+def _texts(params: Mapping[str, Any] | None) -> dict[str, str | tuple[Any, ...]]:
+    """Values of parameters as a request has them: texts of JSON, or tuples."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, np.generic | np.ndarray):
@@ -270,10 +274,7 @@ def _texts(params: Mapping[str, Any] | None, **named: Any) -> dict[str, str | tu
         raise InputError(f"--set {name}: a parameter cannot hold a value of type {type(value).__name__}")
 
     texts: dict[str, str | tuple[Any, ...]] = {}
-    for name, value in [
-        *((name, value) for name, value in named.items() if value is not None),
-        *(params or {}).items(),
-    ]:
+    for name, value in (params or {}).items():
         text = json.dumps(value, default=plain)
         texts[name] = tuple(json.loads(text)) if isinstance(value, tuple) else text
     return texts

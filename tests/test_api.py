@@ -243,8 +243,8 @@ def test_run_exports_and_gives_outputs(rgb: np.ndarray, tmp_path: Path) -> None:
         _ = done["textur"]
     assert (tmp_path / "cache" / "texloom" / "store" / "cache").is_dir()
     default = texloom.run("quilting", {"exemplar": rgb}, size=64)
-    assert default.exports["texture.png"].parent.parent == tmp_path / "cache" / "texloom" / "store" / "runs"
-    assert {path.name for path in tmp_path.iterdir()} == {"cache", "made"}
+    assert default.exports["texture.png"].parent == Path("exemplar_quilting")
+    assert {path.name for path in tmp_path.iterdir()} == {"cache", "made", "exemplar_quilting"}
 
 
 def test_run_shares_keys_and_store_with_the_command_line(rgb: np.ndarray, tmp_path: Path) -> None:
@@ -300,7 +300,7 @@ def test_plan_runs_and_writes_nothing(rgb: np.ndarray, tmp_path: Path) -> None:
 @pytest.mark.parametrize("runner", ["threads", "processes"])
 def test_all_runners_take_arrays(rgb: np.ndarray, runner: str) -> None:
     local = texloom.run("quilting", {"exemplar": rgb}, size=48, store="local")
-    done = texloom.run("quilting", {"exemplar": rgb}, size=48, store="other", runner=runner, workers=1)
+    done = texloom.run("quilting", {"exemplar": rgb}, size=48, store="other", out="o", runner=runner, workers=1)
     assert np.array_equal(done["texture"].image, local["texture"].image)
     assert {report.state for report in done.reports} == {"ran"}
 

@@ -13,17 +13,17 @@ import click
 
 from texloom.pipelines.cli.exits import Exit, ended_by
 from texloom.pipelines.cli.options import (
+    FlowCommand,
     delivery_options,
     flow_options,
     force_option,
     named_as_given,
     out_option,
     out_options,
-    runner_options,
-    with_common_params,
     with_options,
 )
 from texloom.pipelines.cli.output import complain, print_json, say, text_stream
+from texloom.pipelines.request_fields import ABOUT
 
 if TYPE_CHECKING:
     from texloom.pipelines.engine.events import StepReport
@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 
 
 _item_option = click.option(
-    "--item", metavar="NAME",
-    help="Run only this item of a set, and no step that gathers, as the lines of `texloom commands` do.",
+    "--item", metavar="NAME", help=ABOUT["item"],
 )  # fmt: skip
 
 
@@ -40,11 +39,9 @@ class WhichFlowError(Exception):
     """No flow is named."""
 
 
-@click.command(short_help="Run a flow and write its exports.")
+@click.command(cls=FlowCommand, short_help="Run a flow and write its exports.")
 @with_options(*flow_options, *delivery_options, *out_options, _item_option)
-def run(
-    flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, force: bool, **options: Any
-) -> int:
+def run(flow: str | None, as_json: bool, out: Path | None, force: bool, **options: Any) -> int:
     """Run FLOW, one of `texloom flows` or a YAML file, and write its exports.
 
     \b
@@ -62,17 +59,13 @@ def run(
     long steps go on at the scale where they were.
     """
     began = time.perf_counter()
-    from texloom.pipelines.engine.destination import placed
-
-    opened, folder = placed(_open(flow, pictures, **options), out)
+    opened, folder = _open(flow, out=out, force=force, **options)
     return execute(opened, folder, as_json, began, force)
 
 
-@click.command(short_help="Show what `run` would compute, and why.")
+@click.command(cls=FlowCommand, short_help="Show what `run` would compute, and why.")
 @with_options(*flow_options, *delivery_options, *out_options, _item_option)
-def plan(
-    flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, force: bool, **options: Any
-) -> int:
+def plan(flow: str | None, as_json: bool, out: Path | None, force: bool, **options: Any) -> int:
     """Show what `run` would do with the same options: which steps are cached, which would run, and why.
 
     \b
@@ -81,9 +74,7 @@ def plan(
 
     Runs nothing and writes nothing. With --out it also says whether the exports can be written there.
     """
-    from texloom.pipelines.engine.destination import placed
-
-    opened, folder = placed(_open(flow, pictures, **options), out)
+    opened, folder = _open(flow, out=out, force=force, **options)
     if out is not None:
         opened.check(folder, force)
     steps = opened.plan()
@@ -110,14 +101,14 @@ def _print_plan(steps: list[StepPlan]) -> None:
         say(f"{name:{width}}  {step.state:6}{reasons}".rstrip())
 
 
-@click.command(short_help="Print one command line per item of a set, for a render farm.")
+@click.command(cls=FlowCommand, short_help="Print one command line per item of a set, for a render farm.")
 @with_options(
     *flow_options, *delivery_options,
     out_option, force_option,
     click.option("--only", type=click.Choice(["items", "gather"]), help="Print the lines of one kind."),
 )  # fmt: skip
 def commands(
-    flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, force: bool, only: str | None,
+    flow: str | None, as_json: bool, out: Path | None, force: bool, only: str | None,
     **options: Any,
 ) -> int:  # fmt: skip
     """Print the command lines that together do what `run` would: one per item of a set, and one that gathers.
@@ -128,10 +119,9 @@ def commands(
     The lines of items may run at the same time, on machines that share the store; the last one, if there are steps
     that gather, comes after all of them. A line that is repeated computes nothing twice. All paths are absolute.
     """
-    from texloom.pipelines.engine.destination import placed
     from texloom.pipelines.flow.command_list import command_list
 
-    opened, folder = placed(_open(flow, pictures, **options), out)
+    opened, folder = _open(flow, out=out, force=force, **options)
     opened.check(folder, force)
     target = folder / (opened.flow.picture or "")
     listed = command_list(opened.flow, opened.items, opened.store.root, target, force)
@@ -142,39 +132,16 @@ def commands(
     return Exit.DONE
 
 
-def _open(
-    flow: str | None,
-    pictures: tuple[str, ...],
-    sources: dict[str, str],
-    params: dict[str, str],
-    exports: dict[str, str],
-    size: str | None,
-    tileable: bool,
-    preset: str | None,
-    seed: int | None,
-    seeds: int | range | None,
-    store_folder: Path,
-    runner: str | None = None,
-    workers: int | None = None,
-    address: str | None = None,
-    item: str | None = None,
-    **delivery: str | None,
-) -> Run:
-    """The flow with what the command line changes, checked whole; with a contact sheet over several seeds."""
-    from texloom.pipelines.api import open_run
-    from texloom.pipelines.flow.model import Overrides
-    from texloom.pipelines.store.store import Store
+def _open(flow: str | None, store_folder: Path, **options: Any) -> tuple[Run, Path]:
+    """The flow with what the command line changes, checked whole, and the folder of its exports."""
+    from texloom.pipelines.engine.opening import open_request
+    from texloom.pipelines.request import request
 
     if flow is None:
         raise WhichFlowError
-    if seed is not None and isinstance(seeds, range):
-        raise click.UsageError("--seed and a range of --seeds say the same; give one of them")
-    changed = with_common_params(params, size, tileable, preset)
-    written = {name: text for name, text in delivery.items() if text is not None}
-    chosen = runner_options(name=runner, workers=workers, address=address)
-    overrides = Overrides(sources, changed, seed, seeds, chosen, pictures, exports, written, item)
-    with named_as_given(params):
-        return open_run(flow, overrides, Store(store_folder))
+    asked = request(flow=flow, store=store_folder, **options)
+    with named_as_given(asked.params):
+        return open_request(asked)
 
 
 def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool) -> int:

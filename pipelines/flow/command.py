@@ -20,7 +20,7 @@ def command_of(flow: Flow, item: Item | None = None) -> str:
     """
     is_comparison = flow.compared or flow.against
     words = _compared(flow) if is_comparison else ["run", _flow_word(flow.path), *_pictures(flow, item)]
-    for name, text in flow.overrides.params.items():
+    for name, text in flow.overrides.texts.items():
         words += param_words(name, text)
     words += [word for file, name in flow.overrides.exports.items() for word in ("--export", f"{file}={name}")]
     words += delivery_words(flow.overrides.delivery)

@@ -58,7 +58,7 @@ def _run(flow: Flow) -> list[str]:
     words += [absolute(picture, here) for picture in overrides.pictures]
     for name, given in overrides.sources.items():
         words += ["--source", f"{name}={absolute(given if isinstance(given, str) else given[0], here)}"]
-    for name, text in overrides.params.items():
+    for name, text in overrides.texts.items():
         words += param_words(name, _located(flow, name, text))
     words += [word for file, taken in overrides.exports.items() for word in ("--export", f"{file}={taken}")]
     words += delivery_words(overrides.delivery)

@@ -118,6 +118,11 @@ class Overrides:
     item: str | None = None
     """the only item of a set that is wanted"""
 
+    @property
+    def texts(self) -> dict[str, str]:
+        """The params, where all are texts, as in a `Flow`."""
+        return {name: str(text) for name, text in self.params.items()}
+
 
 @dataclasses.dataclass(frozen=True)
 class Flow:

@@ -11,7 +11,8 @@ from typing import Any, get_args
 
 import yaml
 
-from texloom.pipelines.api import for_texture, open_run
+from texloom.pipelines.api import for_texture
+from texloom.pipelines.engine.opening import open_run
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.flow.command import command_of
@@ -19,6 +20,7 @@ from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Flow, Overrides, Reference
 from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.pipelines.media.arrays import file_source, masked
+from texloom.pipelines.request import request
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages import Described, Method, PlannedStep, Recipe
@@ -86,8 +88,10 @@ def overrides_of(recipe: Recipe, library: Library) -> Overrides:
     params = {
         name: value if isinstance(value, tuple) else json.dumps(value) for name, value in _params(recipe, library)
     }
-    delivery = {"layout": recipe.layout} if recipe.layout else {}
-    return Overrides(sources=sources, params=params, seed=recipe.seed, delivery=delivery)
+    asked = request(
+        flow=recipe.flow, sources=sources, params=params, seed=recipe.seed, layout=recipe.layout or None
+    )
+    return asked.overrides
 
 
 def _params(recipe: Recipe, library: Library) -> Iterable[tuple[str, Any]]:

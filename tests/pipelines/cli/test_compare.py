@@ -42,7 +42,7 @@ def test_a_report_is_a_page_a_table_and_a_spreadsheet(folder: Path) -> None:
     options = ["pixels.yaml", "blocks.yaml", "--over", "pictures/*.png", "--out", "out"]
     assert texloom("compare", *options, "--report", "one/page.html").code == 0
     shutil.rmtree(folder / "store")
-    assert texloom("compare", *options, "--store", "elsewhere", "--report", "two/page.html").code == 0
+    assert texloom("compare", *options, "--store", "elsewhere", "--force", "--report", "two/page.html").code == 0
     names = ["page.csv", "page.html", "page.json"]
     assert sorted(path.name for path in (folder / "one").iterdir()) == names
     for name in names:

@@ -452,7 +452,7 @@ def test_wrong_flows(empty: Path, tmp_path: Path, change: str) -> None:
 @pytest.mark.parametrize("option", ["--store", "--out"])
 def test_folders_below_a_file(folder: Path, option: str) -> None:
     before = tree(folder)
-    for place in ("wall.png", "wall.png/inside", "wall.png/far/inside"):
+    for place in ("flow.yaml", "flow.yaml/inside", "flow.yaml/far/inside"):
         result = texloom("run", "flow.yaml", *("--store", "store", "--out", "out"), option, place)
         assert_refused(result, "is not a folder")
         assert result.err.startswith(f"texloom: {option} ")
@@ -825,13 +825,6 @@ def test_names_of_files_are_printed_as_one_line(folder: Path) -> None:
         assert (result.out + result.err).replace("\n", "").isprintable()
         assert "\nb" not in result.out + result.err
     assert r"a\nb\x1b[31m" in results[-1].out
-
-
-def test_exports_go_to_the_store_by_default(folder: Path) -> None:
-    exports = texloom("run", "flow.yaml", "--store", "elsewhere", "--json").report["exports"]
-    assert {Path(path).parent.parent for path in exports.values()} == {folder / "elsewhere" / "runs"}
-    assert {Path(path).parent.name.split("-")[0] for path in exports.values()} == {"contours"}
-    assert not list((folder / "artifacts").iterdir())
 
 
 @pytest.mark.parametrize("is_project", [False, True])
