@@ -20,6 +20,7 @@ from texloom.pipelines.media.sources import open_source
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, find_stage
 from texloom.stages.kernels.core.threads import thread_count
+from texloom.stages.sizes import format_size
 
 METHODS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("quilting", {}),
@@ -81,7 +82,7 @@ def main() -> None:
         print(f"Lattice methods are skipped: {error}")
     for method, params in methods:
         seconds(method, image, {"size": (64, 64), **params}, 1)
-    print(f"{options.exemplar}, {image.height}x{image.width} px to {options.side}, {thread_count()} threads\n")
+    print(f"{options.exemplar}, {format_size(image)} to {options.side}, {thread_count()} threads\n")
     print(f"{'method':20}{'s':>8}{'CPU s':>10}{'relative':>14}")
     first = 0.0
     for method, params in methods:

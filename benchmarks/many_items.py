@@ -2,7 +2,7 @@
 
     python -m benchmarks.many_items --items 1000 10000
 
-makes so many crops of 80x80 px, runs two quick steps over them, and prints wall time, CPU time and peak memory of
+makes so many crops of 80 x 80 px, runs two quick steps over them, and prints wall time, CPU time and peak memory of
 each command, its CPU time per item, and the number and size of the store's files. Each command is a process of its
 own; its start-up is the time of the same command over one item. The cold run, where the system permits it, has no
 files in memory.

@@ -41,7 +41,7 @@ from texloom.pipelines.yaml import read_document
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, find_stage
 from texloom.stages.kernels.core.threads import thread_count
-from texloom.stages.sizes import Size
+from texloom.stages.sizes import Size, format_size, size_value
 
 os.environ.pop("PREFECT_API_URL", None)
 
@@ -93,7 +93,7 @@ def texloom_command(
     file.write_text(f"flow: {loaded.name}\ninclude: {include}\nexports: {{{out.name}: {picture}}}\n")
     store = work / "store"
     shutil.rmtree(store, ignore_errors=True)
-    options = ["--source", f"{source}={exemplar}", "--size", f"{size[0]}x{size[1]}", "--seed", str(seed)]
+    options = ["--source", f"{source}={exemplar}", "--size", size_value(size), "--seed", str(seed)]
     return [
         *(sys.executable, "-m", "texloom", "run", str(file), *options),
         *("--out", str(out.parent), "--store", str(store)),
@@ -164,7 +164,9 @@ def main() -> None:
     parser.add_argument(
         "--flows", nargs="*", default=["self_tuning"], metavar="NAME", help="(default: %(default)s)"
     )
-    parser.add_argument("--size", default="512", metavar="N|HxW", help="of the results, px (default: %(default)s)")
+    parser.add_argument(
+        "--size", default="512", metavar="N|WIDTHxHEIGHT", help="of the results, px (default: %(default)s)"
+    )
     parser.add_argument("--seed", type=int, default=7, help="(default: %(default)s)")
     parser.add_argument("--timeout", type=float, default=600, help="seconds for one picture (default: %(default)s)")
     parser.add_argument("--keep", type=Path, metavar="FOLDER", help="where the pictures stay, by tool")
@@ -202,7 +204,7 @@ def compare(options: argparse.Namespace) -> None:
                 results[name].append(made)
                 print(f"{exemplar.name:24}{name:24}{made.wall:8.2f} s  {made.problem}", flush=True)
     machine = f"{os.cpu_count()} cores, {thread_count()} threads"
-    print(f"\n{len(exemplars)} exemplars to {size[0]}x{size[1]} px, {machine}\n")
+    print(f"\n{len(exemplars)} exemplars to {format_size(size)}, {machine}\n")
     print("\n".join(lines(results)))
 
 

@@ -73,7 +73,7 @@ def main() -> None:
         canvas.picture()
 
     first = median(whole, options.repeats)
-    show("512x512 px under another control map", first, first[0])
+    show("512 x 512 px under another control map", first, first[0])
 
     frames = median(frame, options.repeats)
     show("the same, and no pixels fetched", frames, first[0])
@@ -88,13 +88,13 @@ def main() -> None:
         for area in large.paint(value, *(int(side) for side in places[number])):
             large.picture(area)
 
-    show(f"a dab of {DAB} px on 1024x1024 px", median(dab, options.repeats), first[0])
+    show(f"a dab of {DAB} px on 1024 x 1024 px", median(dab, options.repeats), first[0])
     show(
         f"analysis of {options.side}x{options.side} px",
         median(lambda _: appearance_stack(image, AppearanceStackParams()), 2),
         first[0],
     )
-    print(f"\n{1 / frames[0]:.0f} frames of 512x512 px a second")
+    print(f"\n{1 / frames[0]:.0f} frames of 512 x 512 px a second")
 
 
 def gpu_name() -> str:

@@ -56,7 +56,7 @@ def photo_session(side: int) -> None:
         ("Jacobians in the reduced photograph", 0.03, session.coarse),
         ("preview of a patch from the front", 0.06, partial(session.preview, "left")),
         ("Jacobians of the photograph", 0.5, session.distortion),
-        ("texture of 128x128 px", 1.0, session.texture),
+        ("texture of 128 x 128 px", 1.0, session.texture),
     ):
         line(name, target, partial(after_a_move, work))
 

@@ -1,10 +1,10 @@
 """How soon the studio answers: ``python -m benchmarks.studio [--minutes 60]``.
 
 Prints the weight of the page; the times from a request to the first and the last picture of a preview, also in
-other tabs, of dragged vertices, of dabs on a canvas of 1024x1024 px, of a moved patch on a photograph, and of tiles
-of a large layer and of an endless texture, as they arrive at the page; the memory of all processes while somebody
-paints; and, with Playwright and a Chromium, the frames of the page while a control point is dragged. On a machine
-with other work, times of the processor say more than those of the clock.
+other tabs, of dragged vertices, of dabs on a canvas of 1024 x 1024 px, of a moved patch on a photograph, and of
+tiles of a large layer and of an endless texture, as they arrive at the page; the memory of all processes while
+somebody paints; and, with Playwright and a Chromium, the frames of the page while a control point is dragged. On a
+machine with other work, times of the processor say more than those of the clock.
 """
 
 from __future__ import annotations

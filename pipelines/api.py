@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.media.arrays import PathOrArray, Picture, file_source, masked
 from texloom.pipelines.store.location import cache_store, default_store
 from texloom.pipelines.store.store import Store
@@ -26,14 +25,15 @@ if TYPE_CHECKING:
     from texloom.pipelines.engine.events import Listener
     from texloom.pipelines.engine.run import Run, StepPlan
     from texloom.pipelines.flow.model import Flow, Reference
+    from texloom.pipelines.request import RunRequest
     from texloom.pipelines.results import Result, Texture
 
 __all__ = ["Event", "plan", "run", "synthesize"]
 
 SEED = 7
 
-Size = int | tuple[int, int]
-"""height and width, px; one number for both"""
+Size = int | tuple[int, int] | str
+"""(height, width), px, or one number for both; a text, as ``"768x512"``, is width x height"""
 Progress = bool | Callable[["Event"], None] | None
 """true shows lines and bars on standard error; a function is called with every `Event`"""
 
@@ -75,9 +75,8 @@ def synthesize(
     ----------
     image : an array (h, w), (h, w, 3) or (h, w, 4), the path of a picture or of a folder of material maps, or the
         maps as a dict of their names, as ``{"albedo": ..., "normal": ..., "roughness": ...}``. uint8 and uint16 are
-        sRGB, floats linear light. Pixels whose alpha is below a half, or that a NumPy mask
-        covers, are not used.
-    size : height and width of the result, px, or one number for both; the default is the method's.
+        sRGB, floats linear light. Pixels whose alpha is below a half, or that a NumPy mask covers, are not used.
+    size : (height, width) of the result, px, or one number for both; the default is the method's.
     method : a flow with a single source, by its name (``texloom flows`` lists them) or its file.
     tileable : whether the result repeats without seams.
     seed : equal seeds give equal results.
@@ -111,8 +110,8 @@ def synthesize(
     opened_store = Store(Path(store or os.environ.get("TEXLOOM_STORE") or cache_store()))
     given = image if mask is None else masked(image, mask)
     with _references({}, opened_store.root):
-        changed = _texts(params, size=size, tileable=tileable or None, preset=preset)
-        flow = load_flow(find_flow(os.fspath(method)), Overrides(params=changed, seed=seed))
+        asked = _request(method, {}, params, size=size, tileable=tileable or None, preset=preset, seed=seed)
+        flow = load_flow(find_flow(asked.flow), asked.overrides)
         source = _only_source(flow, method)
         flow, made = for_texture(flow, method)
     with _references({source: given}, opened_store.root, opened_store) as references:
@@ -132,8 +131,11 @@ def run(
     seeds: int | range | None = None,
     tileable: bool | None = None,
     preset: str | None = None,
+    exports: Mapping[str, str] | None = None,
+    item: str | None = None,
     store: str | os.PathLike[str] | None = None,
     out: str | os.PathLike[str] | None = None,
+    force: bool = False,
     runner: str | None = None,
     workers: int | None = None,
     address: str | None = None,
@@ -153,10 +155,14 @@ def run(
     size, tileable, preset : the parameters that most flows have; see `synthesize`.
     seed : of the random numbers; the default is the flow's.
     seeds : so many from ``seed`` on, or a range: the flow then runs with each.
+    exports : more files to write, name to ``STEP.OUTPUT``.
+    item : the only item of a set that is wanted, without the steps that gather.
     store : folder of the results; the default is TEXLOOM_STORE, else the folder ``artifacts`` if there is one here
         that is empty or a store, else ``store`` in the user's cache folder for texloom. Arrays are filed there too,
         under ``sources``, so that every runner can read them.
-    out : folder of the exports; the default is a new one, STORE/runs/FLOW-TIME.
+    out : folder of the exports, or a picture, as ``result.png``, for the main result alone; the default is the
+        folder PICTURE_FLOW in the working folder, named after the first source, or of a set after its folder.
+    force : whether files there that texloom did not write, or that were changed since, may be replaced.
     runner, workers, address : what computes the steps, see ``texloom run --help``.
     layout, texel_size, color_space, udim : how exports are written, see ``texloom run --help``.
     progress : true shows progress on standard error; a function receives every `Event`.
@@ -178,17 +184,18 @@ def run(
     >>> sorted(done.exports)
     ['scores.json', 'texture.exr', 'texture.png']
     """
-    options = {"name": runner, "workers": workers, "address": address}
-    runners = {option: value for option, value in options.items() if value is not None}
-    written = {"layout": layout, "texel_size": texel_size, "color_space": color_space, "udim": udim}
-    delivery = {option: text for option, text in written.items() if text is not None}
-    opened_store = Store(store_folder(store))
+    from texloom.pipelines.engine.opening import open_request
+
+    opened_store = Store(Path(store or default_store()))
     with _references(sources or {}, opened_store.root, opened_store) as references:
-        changed = _texts(params, size=size, tileable=tileable, preset=preset)
-        overrides = Overrides(references, changed, seed, seeds, runners, delivery=delivery)
-        opened = open_run(flow, overrides, opened_store)
-        folder = opened.default_out() if out is None else Path(out).expanduser()
-        return _run(opened, folder, progress, _masked_notes(sources or {}, opened.flow))
+        asked = _request(
+            flow, references, params, size=size, seed=seed, seeds=seeds, tileable=tileable, preset=preset,
+            exports=exports or {}, item=item, store=store, out=None if out is None else Path(out).expanduser(),
+            force=force, runner=runner, workers=workers, address=address, layout=layout, texel_size=texel_size,
+            color_space=color_space, udim=udim,
+        )  # fmt: skip
+        opened, folder = open_request(asked)
+        return _run(opened, folder, progress, _masked_notes(sources or {}, opened.flow), force)
 
 
 def plan(
@@ -201,6 +208,7 @@ def plan(
     seeds: int | range | None = None,
     tileable: bool | None = None,
     preset: str | None = None,
+    item: str | None = None,
     store: str | os.PathLike[str] | None = None,
 ) -> list[StepPlan]:
     """What `run` would do with the same arguments: which steps are cached, which would run, and why.
@@ -209,7 +217,7 @@ def plan(
 
     Parameters
     ----------
-    flow, sources, params, size, seed, seeds, tileable, preset, store : see `run`.
+    flow, sources, params, size, seed, seeds, tileable, preset, item, store : see `run`.
 
     Returns
     -------
@@ -227,9 +235,14 @@ def plan(
     >>> [(step.name, step.state) for step in texloom.plan("quilting", store="empty")]
     [('texture', 'run'), ('scores', 'wait')]
     """
+    from texloom.pipelines.engine.opening import open_request
+
     with tempfile.TemporaryDirectory() as folder, _references(sources or {}, Path(folder)) as references:
-        changed = _texts(params, size=size, tileable=tileable, preset=preset)
-        opened = open_run(flow, Overrides(references, changed, seed, seeds), Store(store_folder(store)))
+        asked = _request(
+            flow, references, params, size=size, seed=seed, seeds=seeds, tileable=tileable, preset=preset,
+            item=item, store=store,
+        )  # fmt: skip
+        opened = open_request(asked)[0]
         _masked_notes(sources or {}, opened.flow)
         return opened.plan()
 
@@ -237,29 +250,25 @@ def plan(
 # -- opening a flow
 
 
-def store_folder(given: str | os.PathLike[str] | None) -> Path:
-    """The store's folder as the command line chooses it."""
-    return Path(given) if given else default_store()
+def _request(
+    flow: str | os.PathLike[str], sources: Mapping[str, str], params: Mapping[str, Any] | None, *,
+    size: Size | None, seeds: int | range | None = None, **fields: Any,
+) -> RunRequest:  # fmt: skip
+    """What the arguments of a function ask for."""
+    from texloom.pipelines.request import request
+
+    return request(
+        flow=os.fspath(flow),
+        sources=sources,
+        params=_texts(params),
+        size=size if size is None or isinstance(size, str) else _texts({"size": size})["size"],
+        seeds=tuple(seeds) if isinstance(seeds, range) else seeds,
+        **fields,
+    )
 
 
-def open_run(flow: str | os.PathLike[str], overrides: Overrides, store: Store) -> Run:
-    """The flow with what the caller changes, checked whole; with a contact sheet over several seeds."""
-    from texloom.pipelines.engine.run import Run
-    from texloom.pipelines.flow.contact_sheet import open_flow
-    from texloom.pipelines.flow.loader import find_flow
-
-    opened = open_flow(find_flow(os.fspath(flow)), overrides)
-    if overrides.item is not None:
-        from texloom.pipelines.flow.command_list import only_item
-
-        if not opened.is_set:
-            raise InputError(f"--item {overrides.item}: {opened.name} runs over no set here")
-        opened = only_item(opened, overrides.item)
-    return Run(opened, store)
-
-
-def _texts(params: Mapping[str, Any] | None, **named: Any) -> dict[str, str]:
-    """Values of parameters, those in ``named`` only where they are given, as the command line would have them."""
+def _texts(params: Mapping[str, Any] | None) -> dict[str, str | tuple[Any, ...]]:
+    """Values of parameters as a request has them: texts of JSON, or tuples."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, np.generic | np.ndarray):
@@ -268,12 +277,10 @@ def _texts(params: Mapping[str, Any] | None, **named: Any) -> dict[str, str]:
             return os.fspath(value)
         raise InputError(f"--set {name}: a parameter cannot hold a value of type {type(value).__name__}")
 
-    texts = {}
-    for name, value in [
-        *((name, value) for name, value in named.items() if value is not None),
-        *(params or {}).items(),
-    ]:
-        texts[name] = json.dumps(value, default=plain)
+    texts: dict[str, str | tuple[Any, ...]] = {}
+    for name, value in (params or {}).items():
+        text = json.dumps(value, default=plain)
+        texts[name] = tuple(json.loads(text)) if isinstance(value, tuple) else text
     return texts
 
 
@@ -300,6 +307,7 @@ def _references(sources: Mapping[str, Any], folder: Path, store: Store | None = 
         yield references
     except InputError as error:
         text = re.sub(r"^--(\w+)", lambda option: _OPTIONS.get(option[1], option[1]), str(error))
+        text = text.replace(", or --force", ", or force=True")
         written = {
             name: reference
             for name, reference in references.items()
@@ -380,7 +388,7 @@ def _told(tell: Callable[[Event], None]) -> Listener:
     return listener
 
 
-def _run(opened: Run, out: Path, progress: Progress, notes: Sequence[str] = ()) -> Result:
+def _run(opened: Run, out: Path, progress: Progress, notes: Sequence[str] = (), force: bool = False) -> Result:
     from texloom.pipelines.engine.events import Note, Recorder
     from texloom.pipelines.engine.scheduler import execute
     from texloom.pipelines.results import Result
@@ -393,7 +401,7 @@ def _run(opened: Run, out: Path, progress: Progress, notes: Sequence[str] = ()) 
     elif callable(progress):
         listener = _told(progress)
     recorder = Recorder(listener)
-    opened.check(out)
+    opened.check(out, force)
     for note in notes:
         recorder(Note(note))
     try:
@@ -402,7 +410,7 @@ def _run(opened: Run, out: Path, progress: Progress, notes: Sequence[str] = ()) 
         if terminal is not None:
             terminal.close()
     if terminal is not None:
-        terminal.summarise(opened.main_scores(), opened.out_folder(out) if exports else None)
+        terminal.summarise(opened.main_scores(), out if exports else None)
     return Result(opened, exports, recorder)
 
 

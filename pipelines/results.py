@@ -23,6 +23,7 @@ from texloom.pipelines.store.store import Artifact, Store
 from texloom.pipelines.store.types import Hint
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
+from texloom.stages.sizes import format_size
 
 if TYPE_CHECKING:
     from texloom.pipelines.engine.events import Recorder, StepReport
@@ -207,7 +208,7 @@ class Texture:
         return png(self._linear.srgb)
 
     def _repr_html_(self) -> str:
-        title = f"{self._linear.height} x {self._linear.width} px, {self._method}, seed {self._flow.seeds[0]}"
+        title = f"{format_size(self._linear)}, {self._method}, seed {self._flow.seeds[0]}"
         content = base64.b64encode(self._repr_png_()).decode()
         return (
             f'<figure style="margin:0"><img style="max-width:100%" src="data:image/png;base64,{content}">'
@@ -216,7 +217,7 @@ class Texture:
 
     def __repr__(self) -> str:
         maps = ", ".join(self.maps)
-        return f"<Texture {self._linear.height}x{self._linear.width}, {maps}, by {self._method}>"
+        return f"<Texture {format_size(self._linear)}, {maps}, by {self._method}>"
 
 
 def main_image(flow: Flow, method: str | os.PathLike[str]) -> Reference:

@@ -23,6 +23,7 @@ from texloom.pipelines.engine.events import (
 )
 from texloom.pipelines.errors import one_line
 from texloom.stages.progress import Progress
+from texloom.stages.sizes import format_size
 
 _PLAIN_SECONDS = 10.0  # between two lines where there is no terminal
 _MIN_DONE = 0.01  # of a step, from which the time left is known; before that, kernels may have been compiled
@@ -243,7 +244,7 @@ def header(started: RunStarted) -> str:
     if started.items:
         words.append(f"{started.items} item{'' if started.items == 1 else 's'}")
     if started.size is not None:
-        words.append("{}x{} px".format(*started.size))
+        words.append(format_size(started.size))
     first, last = started.seeds[0], started.seeds[-1]
     words.append(f"seed {first}" if len(started.seeds) == 1 else f"{len(started.seeds)} seeds, {first} to {last}")
     return f"{started.flow}: {'; '.join([*words, f'store {_short_path(started.store)}'])}"

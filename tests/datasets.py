@@ -1,6 +1,6 @@
 """A whole data set compacted by one command while its workers are killed, and a second run of the finished set.
 
-``python -m tests.datasets`` compacts 1,000 textures of 256x256 px with their control maps, one of which is broken,
+``python -m tests.datasets`` compacts 1,000 textures of 256 x 256 px with control maps, one of which is broken,
 by worker processes and by a local Dask cluster of two workers, kills a worker ten times each, and prints what
 went wrong. Without kills it also prints the share of the time that was spent outside stages.
 """

@@ -179,7 +179,7 @@ def wall(shape: tuple[int, int], period: float, degrees: float, rng: np.random.G
 def soiled_wall(rng: np.random.Generator) -> tuple[Image, Image, np.ndarray]:
     """Bricks under smooth dirt, put together of two crops that are out of step; the dirt; where pixels come from.
 
-    Bricks are 16x24 px with joints of 3 px, every other course by half a brick to the side; see `WALL`.
+    Bricks are 24 x 16 px with joints of 3 px, every other course by half a brick to the side; see `WALL`.
     """
     down, across = np.indices((96, 200))
     course = down // 16

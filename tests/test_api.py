@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import json
 import os
 import subprocess
@@ -197,8 +198,8 @@ def test_textures_are_saved_by_extension(rgb: np.ndarray, tmp_path: Path) -> Non
 def test_textures_are_shown_in_notebooks(rgb: np.ndarray) -> None:
     made = texloom.synthesize(rgb, **FAST)
     assert made._repr_png_().startswith(b"\x89PNG")
-    assert "48 x 64 px, quilting, seed 3" in made._repr_html_()
-    assert repr(made) == "<Texture 48x64, albedo, by quilting>"
+    assert "64 x 48 px, quilting, seed 3" in made._repr_html_()
+    assert repr(made) == "<Texture 64 x 48 px, albedo, by quilting>"
 
 
 @pytest.mark.parametrize(
@@ -223,7 +224,7 @@ def test_textures_are_shown_in_notebooks(rgb: np.ndarray) -> None:
         ({"image": "nothing.png"}, "no such file"),
         ({"image": {"albedo": np.zeros((8, 8)), "rough ness?": np.zeros((8, 8))}}, "is not the name of a map"),
         ({"mask": np.zeros((40, 40), np.uint8)}, "^mask: must be boolean"),
-        ({"mask": np.zeros((4, 4), bool)}, "maps albedo, mask: mask.png has 4x4 px, albedo.png 40x40"),
+        ({"mask": np.zeros((4, 4), bool)}, "maps albedo, mask: mask.png has 4 x 4 px, albedo.png 40 x 40 px"),
         ({"mask": np.ones((40, 40), bool)}, "excludes every pixel"),
         ({"seed": -1}, "^seed: must be a whole number"),
     ],
@@ -267,14 +268,14 @@ def test_run_exports_and_gives_outputs(rgb: np.ndarray, tmp_path: Path) -> None:
         _ = done["textur"]
     assert (tmp_path / "cache" / "texloom" / "store" / "cache").is_dir()
     default = texloom.run("quilting", {"exemplar": rgb}, size=64)
-    assert default.exports["texture.png"].parent.parent == tmp_path / "cache" / "texloom" / "store" / "runs"
-    assert {path.name for path in tmp_path.iterdir()} == {"cache", "made"}
+    assert default.exports["texture.png"].parent == Path("exemplar_quilting")
+    assert {path.name for path in tmp_path.iterdir()} == {"cache", "made", "exemplar_quilting"}
 
 
 def test_run_shares_keys_and_store_with_the_command_line(rgb: np.ndarray, tmp_path: Path) -> None:
     PIL.Image.fromarray(rgb).save(tmp_path / "a.png")
     done = texloom.run("quilting", {"exemplar": "a.png"}, {"texture.block": 16}, size=(48, 64), seed=5, store="s")
-    options = "--source exemplar=a.png --seed 5 --set texture.size=[48,64] --set texture.block=16 --store s --out o"
+    options = "--source exemplar=a.png --seed 5 --set texture.size=64x48 --set texture.block=16 --store s --out o"
     command = [sys.executable, "-m", "texloom", "run", "quilting", "--json", *options.split()]
     report = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
     assert [step["state"] for step in report["steps"]] == ["cached", "cached"]
@@ -324,7 +325,7 @@ def test_plan_runs_and_writes_nothing(rgb: np.ndarray, tmp_path: Path) -> None:
 @pytest.mark.parametrize("runner", ["threads", "processes"])
 def test_all_runners_take_arrays(rgb: np.ndarray, runner: str) -> None:
     local = texloom.run("quilting", {"exemplar": rgb}, size=48, store="local")
-    done = texloom.run("quilting", {"exemplar": rgb}, size=48, store="other", runner=runner, workers=1)
+    done = texloom.run("quilting", {"exemplar": rgb}, size=48, store="other", out="o", runner=runner, workers=1)
     assert np.array_equal(done["texture"].image, local["texture"].image)
     assert {report.state for report in done.reports} == {"ran"}
 
@@ -391,6 +392,11 @@ def test_import_is_light() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=os.sep)
     assert done.stdout.strip() == "[]"
+
+
+def test_the_version_is_that_of_the_distribution() -> None:
+    assert texloom.__version__ == importlib.metadata.version("texloom")
+    assert "__version__" in dir(texloom)
 
 
 def test_public_names_are_there() -> None:

@@ -105,9 +105,9 @@ def test_unknown_stages_are_refused() -> None:
 
 def test_checks_run_on_direct_calls(rgb: np.ndarray) -> None:
     """Of the friendly function and of the stage's own; once a call."""
-    with pytest.raises(InputError, match=r"^quilting: image: 4x4 px is too small"):
+    with pytest.raises(InputError, match=r"^quilting: image: 4 x 4 px is too small"):
         texloom.stages.quilting(rgb[:4, :4])
-    with pytest.raises(InputError, match=r"^image: 4x4 px is too small"):
+    with pytest.raises(InputError, match=r"^image: 4 x 4 px is too small"):
         quilting(Image.of(rgb[:4, :4]), QuiltingParams(), np.random.default_rng(1))
 
 

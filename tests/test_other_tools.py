@@ -58,7 +58,7 @@ def test_a_picture_is_scored_and_timed(exemplar: Path, tmp_path: Path) -> None:
     small = measured(
         lambda one, out: filled(command, one, out, SIZE, 0), exemplar, tmp_path / "o" / "a.png", (99, 99), 60
     )
-    assert "the result must have at least 99x99 px" in small.problem
+    assert "the result must have at least 99 x 99 px" in small.problem
 
 
 @pytest.mark.parametrize(

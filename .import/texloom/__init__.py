@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from texloom.stages.interactive.lattice_session import LatticeSession as LatticeSession
     from texloom.stages.interactive.photo_session import PhotoSession as PhotoSession
 
+    __version__: str
+
 # A clone without symbolic links has text files in place of the links to the repository's folders.
 _HERE = os.path.dirname(os.path.abspath(__file__))
 if not os.path.isdir(f"{_HERE}/stages"):
@@ -52,6 +54,10 @@ __all__ = [
 if not TYPE_CHECKING:
 
     def __getattr__(name):
+        if name == "__version__":
+            from importlib.metadata import version
+
+            return version("texloom")
         if name not in _PUBLIC:
             raise AttributeError(f"module 'texloom' has no attribute '{name}'")
         from importlib import import_module
@@ -62,4 +68,4 @@ if not TYPE_CHECKING:
         return value
 
     def __dir__():
-        return sorted({*globals(), *_PUBLIC})
+        return sorted({*globals(), *_PUBLIC, "__version__"})

@@ -258,7 +258,8 @@ HEAD = """\
 # Gallery
 
 Every flow that ships with texloom, with the command that made its pictures. `--out FOLDER` chooses where results
-are written, here `runs/FLOW`. `texloom flows NAME` lists the sources, parameters, steps and exports of a flow.
+are written, here `runs/FLOW`; by default a folder of the picture's and the flow's name.
+`texloom flows NAME` lists the sources, parameters, steps and exports of a flow.
 
 Times are processor seconds of one core for the whole command, start-up included, with compiled kernels and an empty
 store. By default all cores are used. A second run takes what has not changed from the store.
@@ -291,8 +292,8 @@ def page(gallery: dict[str, Any], times: dict[str, float]) -> str:
                 f"```bash\n{command}\n```\n\nTime: {seconds}.\n\n"
             )
     rows = [
-        f"| `exemplars/{name.rstrip('/')}` | {exemplar['credit']} | {exemplar['size']}x{exemplar['size']} | "
-        f"{exemplar['crop']}x{exemplar['crop']} |\n"
+        f"| `exemplars/{name.rstrip('/')}` | {exemplar['credit']} | {exemplar['size']} x {exemplar['size']} | "
+        f"{exemplar['crop']} x {exemplar['crop']} |\n"
         for name, exemplar in gallery["exemplars"].items()
     ]
     return "".join([*parts, CREDITS, *rows])

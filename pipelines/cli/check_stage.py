@@ -249,7 +249,7 @@ class _Subject:
         grey = exemplar()
         flat = Image(np.full((_SIDE, _SIDE, 3), 0.5, np.float32), ("R", "G", "B"))
         cases = {
-            "2x2 px": exemplar(2),
+            "2 x 2 px": exemplar(2),
             "one row": Image(grey.pixels[:1].copy(), grey.channels),
             "a constant picture": flat,
             "a grey picture": Image(grey.pixels[..., :1].copy(), ("Y",)),

@@ -11,6 +11,7 @@ from pathlib import Path
 import click
 
 from texloom.pipelines.cli.options import (
+    FlowCommand,
     assignments,
     common_params,
     complete,
@@ -18,15 +19,13 @@ from texloom.pipelines.cli.options import (
     named_as_given,
     out_options,
     report_option,
-    runner_options,
     store_option,
-    with_common_params,
     with_options,
 )
 from texloom.pipelines.cli.run import execute
 
 
-@click.command(short_help="Run several flows on the same exemplars and say which is better.")
+@click.command(cls=FlowCommand, short_help="Run several flows on the same exemplars and say which is better.")
 @click.argument("flows", nargs=-1, metavar="FLOW...", shell_complete=complete("flow_names"))
 @click.option(
     "--over",
@@ -66,12 +65,13 @@ def compare(
     against: dict[str, str],
     params: dict[str, str],
     size: str | None,
-    tileable: bool,
+    tileable: bool | None,
     preset: str | None,
     seed: int | None,
     seeds: int,
     report: Path | None,
     out: Path | None,
+    force: bool,
     runner: str | None,
     workers: int | None,
     address: str | None,
@@ -87,31 +87,33 @@ def compare(
     Writes comparison.html, with a leaderboard and all pictures at one scale, comparison.csv, the leaderboard,
     comparison.json, all scores, and each result. All results have one size, by default the first flow's.
     """
+    from texloom.pipelines.engine.destination import placed
     from texloom.pipelines.engine.run import Run
     from texloom.pipelines.errors import one_line
     from texloom.pipelines.flow.compare import EXPORTS, comparison_flow
-    from texloom.pipelines.flow.model import Overrides
+    from texloom.pipelines.request import request
     from texloom.pipelines.store.atomic import write_atomically
     from texloom.pipelines.store.store import Store
     from texloom.stages.declare import InputError
 
     began = time.perf_counter()
-    chosen = runner_options(name=runner, workers=workers, address=address)
-    changed = with_common_params(params, size, tileable, preset)
-    overrides = Overrides(params=changed, seed=seed, seeds=seeds, runner=chosen)
+    overrides = request(
+        flow="comparison", params=params, size=size, tileable=tileable, preset=preset, seed=seed, seeds=seeds,
+        runner=runner, workers=workers, address=address,
+    ).overrides  # fmt: skip
     methods = [*flows, *(f"{name}={folder}" for name, folder in against.items())]
     with named_as_given(params), _named_as_over():
         opened = Run(comparison_flow(methods, overrides, over), Store(store_folder))
-    folder = out if out is not None else opened.default_out()
+    opened, folder = placed(opened, out)
     copies = {} if report is None else {name: report.with_suffix(Path(name).suffix) for name in EXPORTS}
     if report is not None:
         for path in (report, *copies.values()):
             opened.check_file("--report", path)
         if report.suffix.lower() != ".html":
             raise InputError(one_line(f"--report {report}: must be the name of an .html file"))
-    code = execute(opened, folder, as_json, began)
+    code = execute(opened, folder, as_json, began, force)
     for name, path in copies.items():
-        made = opened.out_folder(folder) / name
+        made = folder / name
         if made.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(path, made.read_bytes())

@@ -24,8 +24,6 @@ from texloom.stages.sizes import SIDES
 
 _WORDS = {bool: "true | false", types.NoneType: "null", str: "text", Path: "file", Document: "file"}
 
-_SIZE = "N | HxW | "  # before the type of a height and width
-
 
 def catalogue() -> dict[str, str]:
     """Stage name to summary; of plug-ins with their origin, or why they cannot be imported."""
@@ -132,7 +130,7 @@ def _params(stage: Stage) -> dict[str, Any]:
     for name, field in stage.params.model_fields.items():
         constraints = [_constraint(part) for part in field.metadata if _constraint(part)]
         found[name] = {
-            "type": _SIZE * (SIDES in field.metadata) + _worded(field.annotation),
+            "type": _worded(field.annotation, SIDES in field.metadata),
             "default": "required"
             if name in required
             else defaults.get(name, pydantic_core.to_jsonable_python(field.get_default())),
@@ -142,16 +140,18 @@ def _params(stage: Stage) -> dict[str, Any]:
     return found
 
 
-def _worded(kind: Any) -> str:
+def _worded(kind: Any, is_size: bool = False) -> str:
     """A param's type as a user writes its value in YAML, with the limits of parts."""
     origin, parts = typing.get_origin(kind), typing.get_args(kind)
     if origin is Annotated:
         limits = [_constraint(part) for known in parts[1:] for part in getattr(known, "metadata", [known])]
-        return _SIZE * (SIDES in parts) + " ".join([_worded(parts[0]), *filter(None, limits)])
+        return " ".join([_worded(parts[0], SIDES in parts), *filter(None, limits)])
     if origin is Literal:
         return " | ".join(map(str, parts))
     if origin in (types.UnionType, typing.Union):
-        return " | ".join(map(_worded, parts))
+        return " | ".join(_worded(part, is_size) for part in parts)
+    if origin is tuple and is_size:
+        return f"N | WIDTHxHEIGHT {_worded(parts[0]).removeprefix('int').lstrip()}".rstrip()
     if origin in (tuple, list):
         return f"[{', '.join('...' if part is Ellipsis else _worded(part) for part in parts)}]"
     return _WORDS.get(kind, getattr(kind, "__name__", str(kind)))

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, TextIO
 from urllib.error import URLError
 
+import texloom
 from texloom.pipelines.byte_size import format_byte_size
 
 _LIBRARIES = ("numpy", "numba", "scipy", "opencv-contrib-python-headless", "scikit-image", "OpenEXR", "prefect")
@@ -31,7 +32,7 @@ def examine(store: Path) -> dict[str, Any]:
     from texloom.pipelines.memory import memory_limit
 
     return {
-        "texloom": {"version": importlib.metadata.version("texloom"), "folder": str(Path(__file__).parents[2])},
+        "texloom": {"version": texloom.__version__, "folder": str(Path(__file__).parents[2])},
         "python": {"version": platform.python_version(), "program": sys.executable, "system": platform.platform()},
         "libraries": {name: importlib.metadata.version(name) for name in _LIBRARIES},
         "processors": _processors(),

@@ -129,7 +129,7 @@ def texloom() -> None:
     \b
     texloom flows                                        what it can make, and from what
     texloom run self_tuning                              the main method on an exemplar that ships
-    texloom run self_tuning mine.png --size 1024x1536 --tileable --out mine
+    texloom run self_tuning mine.png --size 1536x1024 --tileable --out mine
     texloom plan self_tuning mine.png --preset fast      what that would compute again, and why
     """
 

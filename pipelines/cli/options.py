@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import click
+
+from texloom.pipelines.request_fields import ABOUT
 
 _MOST_SEEDS = 1000
 
@@ -39,7 +41,7 @@ def assignments(_context: click.Context, option: click.Parameter, values: tuple[
     return found
 
 
-def _seeds(_context: click.Context, _option: click.Parameter, value: str | None) -> int | range | None:
+def _seeds(_context: click.Context, _option: click.Parameter, value: str | None) -> int | tuple[int, ...] | None:
     if value is None:
         return None
     found = re.fullmatch(r"(\d{1,18})(?:-(\d{1,18}))?", value)
@@ -51,7 +53,26 @@ def _seeds(_context: click.Context, _option: click.Parameter, value: str | None)
         raise click.BadParameter(f"{value}: the first seed is larger than the last")
     if not 1 <= len(seeds) <= _MOST_SEEDS:
         raise click.BadParameter(f"{value}: must be from 1 to {_MOST_SEEDS} seeds")
-    return len(seeds) if last is None else seeds
+    return len(seeds) if last is None else tuple(seeds)
+
+
+def _tileable(_context: click.Context, _option: click.Parameter, value: str | None) -> bool | None:
+    """Whether the result is tileable; what follows a bare ``--tileable`` is no value, see `FlowCommand`."""
+    if value in ("x", "y"):
+        raise click.BadParameter(f"{value!r}: results that are tileable along one axis cannot be made yet")
+    if value not in (None, "both", "off"):
+        raise click.BadParameter(f"{value!r} is neither 'both', which may be left out, nor 'off'")
+    return None if value is None else value == "both"
+
+
+class FlowCommand(click.Command):
+    """A command whose ``--tileable`` has a value after ``=`` alone, as a picture may follow it."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """See click."""
+        end = args.index("--") if "--" in args else len(args)
+        options = ["--tileable=both" if word == "--tileable" else word for word in args[:end]]
+        return super().parse_args(ctx, [*options, *args[end:]])
 
 
 def _set_memory(context: click.Context, _option: click.Parameter, value: str | None) -> None:
@@ -92,20 +113,23 @@ store_option = click.option(
     envvar="TEXLOOM_STORE",
     type=click.Path(path_type=Path),
     callback=_store_folder,
-    help="Folder of the results; also TEXLOOM_STORE.  [default: artifacts, if there is such a folder here, empty "
-    "or a store, else one in the user's cache folder]",
+    help=ABOUT["store"],
 )
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 report_option = click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout.")
 common_params = (
-    click.option("--size", metavar="N|HxW", help="Height and width of the result, px; short for --set size=..."),
-    click.option("--tileable", is_flag=True, help="The result continues across its borders; --set tileable=true."),
+    click.option(
+        "--size",
+        metavar="N|WIDTHxHEIGHT",
+        help=ABOUT["size"],
+    ),
+    click.option("--tileable", metavar="[=both|off]", callback=_tileable, help=ABOUT["tileable"]),
     click.option(
         "--preset",
         metavar="NAME",
         shell_complete=complete("presets"),
-        help="Values for many params at once; short for --set preset=NAME.",
+        help=ABOUT["preset"],
     ),
 )
 """short options for params that most flows declare"""
@@ -115,25 +139,23 @@ flow_options = (
     click.option(
         "--source", "sources", multiple=True, metavar="NAME=PATH", callback=assignments,
         shell_complete=complete("sources"),
-        help="Take another picture as a source of the flow: PNG, JPEG, TIFF, EXR ..., or one that ships, such "
-        "as texloom:bricks or skimage:gravel.",
+        help=ABOUT["sources"],
     ),
     click.option(
         "--set", "params", multiple=True, metavar="PARAM=VALUE", callback=assignments,
         shell_complete=complete("params"),
-        help="Change a param of the flow, see `texloom flows NAME`, or of a step, such as texture.patch_size=12; "
-        "lists are written a,b,c or none, entries of a mapping texture.weights.height=0.",
+        help=ABOUT["params"],
     ),
     click.option(
         "--export", "exports", multiple=True, metavar="NAME.EXT=STEP.OUTPUT", callback=assignments,
         shell_complete=complete("exports"),
-        help="Also write another file, such as edges.png=edges.strength; `texloom stages STAGE` lists outputs.",
+        help=ABOUT["exports"],
     ),
     *common_params,
-    click.option("--seed", type=int, help="Random seed; the same seed gives the same bits."),
+    click.option("--seed", type=int, help=ABOUT["seed"]),
     click.option(
         "--seeds", metavar="N|A-B", callback=_seeds,
-        help="Run with N seeds from --seed on, or with those from A to B, and make a contact sheet.",
+        help=ABOUT["seeds"],
     ),
     memory_option,
     store_option,
@@ -143,42 +165,41 @@ flow_options = (
 delivery_options = (
     click.option(
         "--layout", metavar="NAME", shell_complete=complete("layouts"),
-        help="Write material sets with the file names, packed channels, normals and bits of a program: unreal, "
-        "unity, blender, gltf, arnold, substance.",
+        help=ABOUT["layout"],
     ),
     click.option(
         "--texel-size", metavar="LENGTH",
-        help="Side of a pixel, such as 0.5mm: the size of the result in MaterialX, USD, glTF, EXR and tx, and the "
-        "depth of its displacement.",
+        help=ABOUT["texel_size"],
     ),
     click.option(
         "--color-space", metavar="NAME", shell_complete=complete("color_spaces"),
-        help="Colour space of EXR and tx: rec709 (linear), the default, or acescg.",
+        help=ABOUT["color_space"],
     ),
     click.option(
-        "--udim", metavar="ROWSxCOLUMNS",
-        help="Cut the maps of a layout into tiles, such as 2x3, with 1001 at the lower left.",
+        "--udim", metavar="COLUMNSxROWS",
+        help=ABOUT["udim"],
     ),
 )  # fmt: skip
 
+out_option = click.option(
+    "--out", "-o", type=click.Path(path_type=Path), metavar="FOLDER|PICTURE",
+    help=ABOUT["out"],
+)  # fmt: skip
+force_option = click.option("--force", is_flag=True, help=ABOUT["force"])
+
 out_options = (
-    click.option(
-        "--out", type=click.Path(path_type=Path), help="Folder of the exports.  [default: STORE/runs/FLOW-TIME]"
-    ),
+    out_option, force_option,
     click.option(
         "--runner", metavar="NAME", shell_complete=complete("runners"),
-        help="What computes the steps. local: this process, one item after the other; the default. threads, "
-        "processes: several steps at a time on this machine. dask: the workers of a cluster. With "
-        "PREFECT_API_URL set, the server there shows the run.",
+        help=ABOUT["runner"],
     ),
     click.option(
         "--workers", type=int, metavar="N",
-        help="How many steps at a time, for threads, processes and dask; they share the processors.  "
-        "[default: what processors and memory allow]",
+        help=ABOUT["workers"],
     ),
     click.option(
         "--address", metavar="tcp://HOST:PORT",
-        help="Address of the scheduler of a running Dask cluster; without it, --runner dask starts one here.",
+        help=ABOUT["address"],
     ),
 )  # fmt: skip
 
@@ -195,7 +216,7 @@ def with_options(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]],
 
 
 @contextlib.contextmanager
-def named_as_given(params: dict[str, str]) -> Iterator[None]:
+def named_as_given(params: Mapping[str, Any]) -> Iterator[None]:
     """Errors of params that are not among those of ``--set`` name the short option."""
     from texloom.stages.declare import InputError
 
@@ -206,20 +227,3 @@ def named_as_given(params: dict[str, str]) -> Iterator[None]:
         if option is None or option[1] in params:
             raise
         raise InputError(str(error).replace("--set ", "--", 1)) from None
-
-
-def with_common_params(
-    params: dict[str, str], size: str | None, tileable: bool, preset: str | None
-) -> dict[str, str]:
-    """The params of ``--set`` and of `common_params`."""
-    given = {"size": size, "tileable": "true" if tileable else None, "preset": preset}
-    common = {name: value for name, value in given.items() if value is not None}
-    twice = next((name for name in common if name in params), None)
-    if twice is not None:
-        raise click.UsageError(f"--{twice} and --set {twice}=... say the same; give one of them")
-    return params | common
-
-
-def runner_options(**options: Any) -> dict[str, Any]:
-    """What the command line says of the runner."""
-    return {name: value for name, value in options.items() if value is not None}

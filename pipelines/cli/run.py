@@ -13,15 +13,17 @@ import click
 
 from texloom.pipelines.cli.exits import Exit, ended_by
 from texloom.pipelines.cli.options import (
+    FlowCommand,
     delivery_options,
     flow_options,
+    force_option,
     named_as_given,
+    out_option,
     out_options,
-    runner_options,
-    with_common_params,
     with_options,
 )
 from texloom.pipelines.cli.output import complain, print_json, say, text_stream
+from texloom.pipelines.request_fields import ABOUT
 
 if TYPE_CHECKING:
     from texloom.pipelines.engine.events import StepReport
@@ -29,8 +31,7 @@ if TYPE_CHECKING:
 
 
 _item_option = click.option(
-    "--item", metavar="NAME",
-    help="Run only this item of a set, and no step that gathers, as the lines of `texloom commands` do.",
+    "--item", metavar="NAME", help=ABOUT["item"],
 )  # fmt: skip
 
 
@@ -38,9 +39,9 @@ class WhichFlowError(Exception):
     """No flow is named."""
 
 
-@click.command(short_help="Run a flow and write its exports.")
+@click.command(cls=FlowCommand, short_help="Run a flow and write its exports.")
 @with_options(*flow_options, *delivery_options, *out_options, _item_option)
-def run(flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, **options: Any) -> int:
+def run(flow: str | None, as_json: bool, out: Path | None, force: bool, **options: Any) -> int:
     """Run FLOW, one of `texloom flows` or a YAML file, and write its exports.
 
     \b
@@ -58,13 +59,13 @@ def run(flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | 
     long steps go on at the scale where they were.
     """
     began = time.perf_counter()
-    opened = _open(flow, pictures, **options)
-    return execute(opened, out if out is not None else opened.default_out(), as_json, began)
+    opened, folder = _open(flow, out=out, force=force, **options)
+    return execute(opened, folder, as_json, began, force)
 
 
-@click.command(short_help="Show what `run` would compute, and why.")
+@click.command(cls=FlowCommand, short_help="Show what `run` would compute, and why.")
 @with_options(*flow_options, *delivery_options, *out_options, _item_option)
-def plan(flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, **options: Any) -> int:
+def plan(flow: str | None, as_json: bool, out: Path | None, force: bool, **options: Any) -> int:
     """Show what `run` would do with the same options: which steps are cached, which would run, and why.
 
     \b
@@ -73,9 +74,9 @@ def plan(flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path |
 
     Runs nothing and writes nothing. With --out it also says whether the exports can be written there.
     """
-    opened = _open(flow, pictures, **options)
+    opened, folder = _open(flow, out=out, force=force, **options)
     if out is not None:
-        opened.check(out)
+        opened.check(folder, force)
     steps = opened.plan()
     for note in opened.notes:
         complain(note)
@@ -100,15 +101,16 @@ def _print_plan(steps: list[StepPlan]) -> None:
         say(f"{name:{width}}  {step.state:6}{reasons}".rstrip())
 
 
-@click.command(short_help="Print one command line per item of a set, for a render farm.")
+@click.command(cls=FlowCommand, short_help="Print one command line per item of a set, for a render farm.")
 @with_options(
     *flow_options, *delivery_options,
-    click.option("--out", type=click.Path(path_type=Path), help="Folder of the exports, as of `run`."),
+    out_option, force_option,
     click.option("--only", type=click.Choice(["items", "gather"]), help="Print the lines of one kind."),
 )  # fmt: skip
 def commands(
-    flow: str | None, pictures: tuple[str, ...], as_json: bool, out: Path | None, only: str | None, **options: Any
-) -> int:
+    flow: str | None, as_json: bool, out: Path | None, force: bool, only: str | None,
+    **options: Any,
+) -> int:  # fmt: skip
     """Print the command lines that together do what `run` would: one per item of a set, and one that gathers.
 
     \b
@@ -119,10 +121,10 @@ def commands(
     """
     from texloom.pipelines.flow.command_list import command_list
 
-    opened = _open(flow, pictures, **options)
-    folder = out if out is not None else opened.default_out()
-    opened.check(folder)
-    listed = command_list(opened.flow, opened.items, opened.store.root, folder)
+    opened, folder = _open(flow, out=out, force=force, **options)
+    opened.check(folder, force)
+    target = folder / (opened.flow.picture or "")
+    listed = command_list(opened.flow, opened.items, opened.store.root, target, force)
     if as_json:
         return print_json({**_what(opened), "items": listed.items, "gather": listed.gather})
     for line in listed.lines(only):
@@ -130,42 +132,19 @@ def commands(
     return Exit.DONE
 
 
-def _open(
-    flow: str | None,
-    pictures: tuple[str, ...],
-    sources: dict[str, str],
-    params: dict[str, str],
-    exports: dict[str, str],
-    size: str | None,
-    tileable: bool,
-    preset: str | None,
-    seed: int | None,
-    seeds: int | range | None,
-    store_folder: Path,
-    runner: str | None = None,
-    workers: int | None = None,
-    address: str | None = None,
-    item: str | None = None,
-    **delivery: str | None,
-) -> Run:
-    """The flow with what the command line changes, checked whole; with a contact sheet over several seeds."""
-    from texloom.pipelines.api import open_run
-    from texloom.pipelines.flow.model import Overrides
-    from texloom.pipelines.store.store import Store
+def _open(flow: str | None, store_folder: Path, **options: Any) -> tuple[Run, Path]:
+    """The flow with what the command line changes, checked whole, and the folder of its exports."""
+    from texloom.pipelines.engine.opening import open_request
+    from texloom.pipelines.request import request
 
     if flow is None:
         raise WhichFlowError
-    if seed is not None and isinstance(seeds, range):
-        raise click.UsageError("--seed and a range of --seeds say the same; give one of them")
-    changed = with_common_params(params, size, tileable, preset)
-    written = {name: text for name, text in delivery.items() if text is not None}
-    chosen = runner_options(name=runner, workers=workers, address=address)
-    overrides = Overrides(sources, changed, seed, seeds, chosen, pictures, exports, written, item)
-    with named_as_given(params):
-        return open_run(flow, overrides, Store(store_folder))
+    asked = request(flow=flow, store=store_folder, **options)
+    with named_as_given(asked.params):
+        return open_request(asked)
 
 
-def execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
+def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool) -> int:
     """Run what has been opened and say how it went."""
     from texloom.pipelines.engine import scheduler
     from texloom.pipelines.engine.events import Recorder, summary_of
@@ -177,7 +156,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     from texloom.pipelines.terminal import Terminal
     from texloom.stages.declare import InputError
 
-    opened.check(folder)
+    opened.check(folder, force)
     terminal = Terminal(text_stream(as_json))
     recorder = Recorder(terminal)
     exports: dict[str, Path] = {}
@@ -208,12 +187,12 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float) -> int:
     if problem is not None:
         complain(f"texloom: {problem}")
     if opened.items and exports:
-        say(opened.out_folder(folder), as_json)
+        say(folder, as_json)
     for name, path in exports.items():
         if "/" not in name.removesuffix("/"):  # not an item's
             say(path, as_json)
     if code == Exit.DONE:
-        terminal.summarise(opened.main_scores(), opened.out_folder(folder) if exports else None)
+        terminal.summarise(opened.main_scores(), folder / (opened.flow.picture or "") if exports else None)
     if as_json:
         print_json(
             {

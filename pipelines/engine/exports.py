@@ -191,4 +191,18 @@ class Export:
         # end of each run looks through.
         with contextlib.suppress(OSError), store.inside() as root, root.child("exports", create=True) as folder:
             folder.write(self.key, json.dumps(files).encode(), beside=root)
+            for digest in {*files.values()}:  # by which `is_noted` knows the files
+                folder.write(digest, b"{}", beside=root)
         return self._states(files)
+
+
+def is_noted(store: Store, file: str | Path) -> bool:
+    """Whether a run with this store wrote what the file holds."""
+    try:
+        note = store.exports / file_digest(Path(file))
+        os.utime(note, follow_symlinks=False)  # it was of use today
+    except FileNotFoundError:
+        return False
+    except OSError:  # a store that can only be read
+        return note.exists()
+    return True

@@ -32,7 +32,7 @@ _OF_EXEMPLAR: Mapping[str, int] = {
     "synthesis.quilting": 65,
 }
 """bytes that a stage takes at least for a pixel of an exemplar of three channels: the growth of the largest memory
-from 1024x1024 to 2048x2048 px, of quilting to 4096x4096 px"""
+from 1024x1024 to 2048 x 2048 px, of quilting to 4096 x 4096 px"""
 _OF_ANY_EXEMPLAR = 24  # of others: the exemplar and a copy of it
 _OF_RESULT: Mapping[str, int] = {"synthesis.graph_cut": 70, "synthesis.patch_based": 45, "synthesis.quilting": 45}
 _OF_ANY_RESULT = 40  # bytes a pixel, as above, of a step that has all of the result in memory

@@ -16,7 +16,7 @@ from typing import Any, Literal, NoReturn
 from texloom.pipelines.byte_size import format_byte_size
 from texloom.pipelines.engine import user_cache
 from texloom.pipelines.engine.code_digest import code_digest
-from texloom.pipelines.engine.exports import Export, States
+from texloom.pipelines.engine.exports import Export, States, is_noted
 from texloom.pipelines.engine.footprint import Footprint, footprint
 from texloom.pipelines.engine.input_files import FilesRead
 from texloom.pipelines.engine.keys import KeyParts, canonical_json, fixed_parts, key_parts
@@ -31,13 +31,14 @@ from texloom.pipelines.media.known_files import KnownFiles
 from texloom.pipelines.media.writers.registry import writer_of
 from texloom.pipelines.store import run_log, usage
 from texloom.pipelines.store.atomic import check_folder, free_space, make_new_folder, remove_abandoned, too_long
-from texloom.pipelines.store.history import History
+from texloom.pipelines.store.history import History, file_state
 from texloom.pipelines.store.location import passed_over
 from texloom.pipelines.store.ownership import keeps_no_key
 from texloom.pipelines.store.run_log import LoggedRun
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
+from texloom.stages.sizes import format_size, size_value
 
 State = Literal["cached", "run", "wait", "refused"]
 
@@ -105,7 +106,7 @@ class Run:
         self.scopes: dict[str, Scope | None] = {}
         """item to where its steps find what they take; none if its files are refused"""
         self._fixed: dict[str, tuple[str, Mapping[str, Any]]] = {}
-        self._default_out: Path | None = None
+        self._new_out: Path | None = None
         self._made_out: Path | None = None
 
     @property
@@ -131,19 +132,19 @@ class Run:
                 known.append(Scope(self.flow, self.items[0], self.shared))
         return known
 
-    def default_out(self) -> Path:
-        """A name for a new folder of exports, made when the first of them is written; see `out_folder`."""
+    def new_out(self) -> Path:
+        """A name for a new folder of exports in the store, made when the first is written; see `out_folder`."""
         name = f"{self.flow.name}-{time.strftime('%Y%m%d-%H%M%S')}"
-        self._default_out, self._made_out = self.store.root / "runs" / name, None
-        return self._default_out
+        self._new_out, self._made_out = self.store.root / "runs" / name, None
+        return self._new_out
 
     def out_folder(self, out: Path) -> Path:
-        """Where the exports for ``out`` are: elsewhere if it came from `default_out` and another run was first."""
-        return self._made_out if out == self._default_out and self._made_out is not None else out
+        """Where the exports for ``out`` are: elsewhere if it came from `new_out` and another run was first."""
+        return self._made_out if out == self._new_out and self._made_out is not None else out
 
     def _ready_out(self, out: Path, reference: Reference, scope: Scope) -> Path:
         """`out_folder`, which no other run gets if it is the default one; ``reference`` is about to be written."""
-        if out == self._default_out and self._made_out is None:
+        if out == self._new_out and self._made_out is None:
             self.store.hold()
             if reference.output is None:
                 scope.decoded(scope.source(reference.name))  # a broken source is found before anything is written
@@ -151,10 +152,11 @@ class Run:
             self._made_out = make_new_folder(out)
         return self.out_folder(out)
 
-    def check(self, out: Path) -> None:
+    def check(self, out: Path, force: bool = False) -> None:
         """`InputError` where it is known before a run with exports into the folder ``out`` that it would fail.
 
-        Exports must be writable and replace nothing that the run reads. Nothing is written.
+        Exports must be writable and replace nothing that the run reads, and unless ``force`` nothing but what the
+        store's notes of exports know. Nothing is written.
         """
         require_installed(self.flow.runner)
         check_environment()
@@ -165,11 +167,10 @@ class Run:
             is_folder, writer = file.endswith("/"), writer_of(file)
             is_set = self._scope_of(reference) == "item"
             for name in [f"{item.name}/{file}" for item in self.items] if is_set else [file]:
-                problem = self._problem_with(f"{out}/{name}", is_folder)
+                problem = self._problem_with(f"{out}/{name}", is_folder, force)
                 if problem is None and writer is not None and writer.companions:
-                    problem = self._problem_with(
-                        f"{out}/{name.removesuffix(writer.suffix)}{writer.companions}", True
-                    )
+                    companions = f"{out}/{name.removesuffix(writer.suffix)}{writer.companions}"
+                    problem = self._problem_with(companions, True, force)
                 if problem is not None:
                     raise InputError(one_line(f"--out {out}: {problem}"))
         self._check_tiles()
@@ -183,8 +184,10 @@ class Run:
             step = self.flow.steps.get(reference.name) if file.endswith("/") else None
             size = getattr(step.params, "size", None) if step is not None else None
             if isinstance(size, tuple) and (size[0] % rows or size[1] % columns):
-                sides, tiles = f"{size[0]}x{size[1]}", f"{rows}x{columns}"
-                raise InputError(f"--udim: {sides} px cannot be cut into {tiles} equal tiles; change --size")
+                tiles = size_value(self.flow.delivery.udim)
+                raise InputError(
+                    f"--udim: {format_size(size)} cannot be cut into {tiles} equal tiles; change --size"
+                )
 
     def footprint(self) -> Footprint | None:
         """What a large result takes of memory and disk; none where none is large."""
@@ -211,7 +214,7 @@ class Run:
             if any(step.state != "cached" for step in self.plan()):
                 raise
 
-    def _problem_with(self, path: str, is_folder: bool) -> str | None:
+    def _problem_with(self, path: str, is_folder: bool, force: bool) -> str | None:
         """Why an export cannot be written to ``path``, which is text, as there are thousands."""
         if (problem := too_long(path)) is not None:
             return problem
@@ -224,7 +227,29 @@ class Run:
         if stat.S_ISDIR(there.st_mode) != is_folder:
             return f"{Path(path)} is {'not ' if is_folder else ''}a folder"
         what = self.files_read.in_folder(Path(path)) if is_folder else self.files_read.at(path)
-        return None if what is None else f"{Path(path)} would replace {what}; give another folder"
+        if what is not None:
+            return f"{Path(path)} would replace {what}; give another folder"
+        foreign = None if force else self._foreign(path, is_folder)
+        if foreign is None:
+            return None
+        return f"{Path(foreign)} was not written by texloom, or was changed since; give another place, or --force"
+
+    def _foreign(self, path: str, is_folder: bool) -> str | None:
+        """A file at ``path``, or a picture in that folder, that the store does not know as an export."""
+        path = path.rstrip("/")
+        known = self._known_states.get(path, {}).get("files", {})
+        files = sorted(map(str, Path(path).rglob("*.*"))) if is_folder else [path]
+        for file in files:
+            of_file = known.get(file[len(path) + 1 :] if is_folder else "")
+            is_left = of_file is not None and of_file == file_state(file)
+            if not is_left and os.path.isfile(file) and not is_noted(self.store, file):  # noqa: PTH113
+                return file
+        return None
+
+    @cached_property
+    def _known_states(self) -> Mapping[str, Any]:
+        """Path to the state of an export of a large set, as the last run left it."""
+        return self.history().exports if self._known_files is not None else {}
 
     def check_file(self, option: str, path: Path) -> None:
         """`InputError` where the file ``path`` cannot be written or would replace what the run reads."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,7 +20,7 @@ def command_of(flow: Flow, item: Item | None = None) -> str:
     """
     is_comparison = flow.compared or flow.against
     words = _compared(flow) if is_comparison else ["run", _flow_word(flow.path), *_pictures(flow, item)]
-    for name, text in flow.overrides.params.items():
+    for name, text in flow.overrides.texts.items():
         words += param_words(name, text)
     words += [word for file, name in flow.overrides.exports.items() for word in ("--export", f"{file}={name}")]
     words += delivery_words(flow.overrides.delivery)
@@ -73,24 +73,18 @@ def _short(path: str) -> str:
 
 def param_words(name: str, text: str) -> list[str]:
     """The option that gives a param a value."""
-    if name == "size":
-        return ["--size", _size(text)]
-    if name.endswith(".size"):
-        return ["--set", f"{name}={_size(text)}"]
-    if name == "preset":
-        return ["--preset", text.strip('"')]
+    text = _plain(text)
+    if name in ("size", "preset"):
+        return [f"--{name}", text]
     if name == "tileable" and text == "true":
         return ["--tileable"]
     return ["--set", f"{name}={text}"]
 
 
-def _size(text: str) -> str:
-    """A size of two sides as ``HxW``, which needs no quotes."""
-    try:
-        sides = json.loads(text)
-    except ValueError:
-        return text
-    return "x".join(map(str, sides)) if isinstance(sides, list) else str(sides)
+def _plain(text: str) -> str:
+    """A word without the quotes that JSON has around it, where YAML needs none."""
+    word = text[1:-1]
+    return word if text == f'"{word}"' and re.fullmatch(r"[A-Za-z_]\w*|\d+x\d+", word) else text
 
 
 def _seed_words(flow: Flow, item: Item | None) -> list[str]:

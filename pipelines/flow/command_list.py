@@ -41,9 +41,9 @@ class CommandList:
         return lines
 
 
-def command_list(flow: Flow, items: Sequence[Item], store: Path, out: Path) -> CommandList:
+def command_list(flow: Flow, items: Sequence[Item], store: Path, out: Path, force: bool) -> CommandList:
     """The commands that make what ``texloom run`` would; all paths in them are absolute."""
-    whole = [*_run(flow), "--store", str(store.absolute()), "--out", str(out.absolute())]
+    whole = [*_run(flow), "--store", str(store.absolute()), "--out", str(out.absolute()), *["--force"] * force]
     if not items:
         return CommandList({flow.name: whole}, None)
     gathers = any(step.scope == "final" for step in flow.steps.values())
@@ -58,7 +58,7 @@ def _run(flow: Flow) -> list[str]:
     words += [absolute(picture, here) for picture in overrides.pictures]
     for name, given in overrides.sources.items():
         words += ["--source", f"{name}={absolute(given if isinstance(given, str) else given[0], here)}"]
-    for name, text in overrides.params.items():
+    for name, text in overrides.texts.items():
         words += param_words(name, _located(flow, name, text))
     words += [word for file, taken in overrides.exports.items() for word in ("--export", f"{file}={taken}")]
     words += delivery_words(overrides.delivery)

@@ -16,6 +16,7 @@ from texloom.pipelines.flow.schema import NAME, REQUIRED
 from texloom.pipelines.flow.shipped import plugin_flows, shipped_flows
 from texloom.pipelines.media.material_set import pictures_in
 from texloom.stages.declare import InputError
+from texloom.stages.sizes import format_size, size_value
 
 EXPORTS = {
     "comparison.html": "page.page",
@@ -184,7 +185,7 @@ def _with_one_size(methods: Sequence[_Method], overrides: Overrides) -> Override
     if _SIZE in overrides.params or not sizes or not all(_SIZE in method.flow.params for method in methods):
         return overrides
     height, width = sizes[0]
-    return dataclasses.replace(overrides, params={_SIZE: f"{height}x{width}", **overrides.params})
+    return dataclasses.replace(overrides, params={_SIZE: size_value((height, width)), **overrides.params})
 
 
 def _sizes(flow: Flow) -> dict[str, tuple[int, int]]:
@@ -198,7 +199,7 @@ def _check_sizes(flow: Flow) -> None:
     """Results of different sizes cannot be compared."""
     sizes = _sizes(flow)
     if len(set(sizes.values())) > 1:
-        each = ", ".join(f"{target} {height}x{width}" for target, (height, width) in sizes.items())
+        each = ", ".join(f"{target} {format_size((height, width))}" for target, (height, width) in sizes.items())
         raise refused(f"compare: all results must have one size, got {each}; give it with --size")
 
 

@@ -62,7 +62,10 @@ def check_flow(document: Any, path: Path, overrides: Overrides = _NOTHING_CHANGE
     """Check a flow that has been read or made; relative paths in it start at the folder of ``path``."""
     if overrides.seed is not None and isinstance(document, dict):
         document = {**document, "seed": _seed(overrides.seed)}
-    values = {target: parse_yaml(text, f"--set {target}") for target, text in overrides.params.items()}
+    values = {
+        target: given if isinstance(given, tuple) else parse_yaml(given, f"--set {target}")
+        for target, given in overrides.params.items()
+    }
     draft = compose(document, path, values)
     delivery = _delivery(draft, overrides)
     if "texel_size" in draft.params and delivery.texel_size is not None:
@@ -194,9 +197,10 @@ class _Checker:
             for file, entry in draft.exports.items()
             if isinstance(entry.value, FolderPart) and entry.value.if_maps
         )
+        overrides = dataclasses.replace(self.overrides, params=step_params.texts(self.overrides.params))
         return Flow(
             draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, surfaces, self.meshes,
-            of_maps, own, tuple(draft.included), flow_params, missing, left_out, self.overrides, delivery=delivery,
+            of_maps, own, tuple(draft.included), flow_params, missing, left_out, overrides, delivery=delivery,
         )  # fmt: skip
 
     def _seeds(self) -> tuple[int, ...]:

@@ -101,8 +101,9 @@ class Overrides:
 
     sources: Mapping[str, str | Sequence[str]] = dataclasses.field(default_factory=dict)
     """name to a file, folder or pattern, or to several of them"""
-    params: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    """a param of the flow, ``STEP.PARAM`` or ``STEP.PARAM.KEY`` to a YAML text, as on the command line"""
+    params: Mapping[str, str | tuple[Any, ...]] = dataclasses.field(default_factory=dict)
+    """a param of the flow, ``STEP.PARAM`` or ``STEP.PARAM.KEY`` to a YAML text, as on the command line; or to a
+    tuple of Python, where a size is (height, width). Those of a `Flow` are texts"""
     seed: int | None = None
     seeds: int | Sequence[int] | None = None
     """the number of seeds, counted from ``seed`` or the flow's first one; or a list"""
@@ -116,6 +117,11 @@ class Overrides:
     """options of `texloom.pipelines.media.delivery.parse_delivery`"""
     item: str | None = None
     """the only item of a set that is wanted"""
+
+    @property
+    def texts(self) -> dict[str, str]:
+        """The params, where all are texts, as in a `Flow`."""
+        return {name: str(text) for name, text in self.params.items()}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,6 +168,8 @@ class Flow:
     """how exports are written"""
     item: str | None = None
     """the only item that runs"""
+    picture: str | None = None
+    """the only file that it exports, where the caller names one"""
 
     @property
     def is_set(self) -> bool:

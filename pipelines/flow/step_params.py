@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import stat
 import types
@@ -18,7 +19,7 @@ from texloom.pipelines.flow.compose import is_structural
 from texloom.pipelines.flow.draft import Draft
 from texloom.pipelines.yaml import parse_yaml, read_document
 from texloom.stages.declare import Document, InputError, InputFile, Params, Stage
-from texloom.stages.sizes import SIDES
+from texloom.stages.sizes import SIDES, size_value, takes_sides
 
 
 class StepParams:
@@ -71,6 +72,18 @@ class StepParams:
     def given(self, values: Mapping[str, Any]) -> set[tuple[str, str]]:
         """The steps and params that the command line sets."""
         return {(name, rest.partition(".")[0]) for target in values for name, rest in self._targets(target)}
+
+    def texts(self, given: Mapping[str, str | tuple[Any, ...]]) -> dict[str, str]:
+        """Params that have passed `checked`, as the command line would have them."""
+
+        def text(target: str, value: str | tuple[Any, ...]) -> str:
+            if isinstance(value, str):
+                return value
+            fields = [(self.stages[step].params.model_fields.get(param)) for step, param in self._targets(target)]
+            is_size = any(field is not None and is_size_field(field) for field in fields)
+            return size_value(value) if is_size else json.dumps(value)
+
+        return {target: text(target, value) for target, value in given.items()}
 
     def _targets(self, name: str) -> list[tuple[str, str]]:
         """The steps and params, with a key of a mapping if one is named, that ``--set NAME`` changes."""
@@ -149,6 +162,11 @@ def _params_of(model: type[Params], kind: Any) -> tuple[str, ...]:
     return tuple(name for name, one in hints.items() if one == kind or kind in typing.get_args(one))
 
 
+def is_size_field(field: Any) -> bool:
+    """Whether a param of a stage is a size, or may be one."""
+    return SIDES in field.metadata or takes_sides(field.annotation)
+
+
 def _is_mapping(model: type[Params], param: str) -> bool:
     """Whether a param's values are mappings."""
     return any((typing.get_origin(kind) or kind) is dict for kind in _kinds(typing.get_type_hints(model)[param]))
@@ -163,7 +181,7 @@ def _kinds(kind: Any) -> list[Any]:
 
 def _listed(value: Any, model: type[Params], param: str, where: str) -> Any:
     """A value of the command line; ``a,b,c`` as a list where the param is one, and ``none`` as an empty list."""
-    if param not in model.model_fields or isinstance(value, list | dict | None):
+    if param not in model.model_fields or isinstance(value, list | tuple | dict | None):
         return value
     lists = [
         kind for kind in _kinds(typing.get_type_hints(model)[param]) if typing.get_origin(kind) in (tuple, list)
@@ -217,8 +235,8 @@ def _explained(errors: Sequence[Any], model: type[Params]) -> str:
         *others, last = kinds
         message = f"input should be {', '.join([*others, f'or {last}' if others else last])}"
     field = model.model_fields.get(str(error["loc"][0])) if error["loc"] else None
-    if field is not None and SIDES in field.metadata:
-        message = message.replace("a valid tuple", "N or HxW")
+    if field is not None and is_size_field(field):
+        message = message.replace("a valid tuple", "N or WIDTHxHEIGHT")
     for term, plain in (("tuple", "list"), ("dictionary", "mapping"), (" after validation", "")):
         message = message.replace(term, plain)
     if error["type"] == "missing" and len(error["loc"]) > 1:
@@ -230,6 +248,8 @@ def _explained(errors: Sequence[Any], model: type[Params]) -> str:
 def _form(error: Any, field: Any) -> str:
     """An example of a list, where the value is none."""
     if error["type"] not in ("tuple_type", "list_type", "missing", "too_long", "too_short") or field is None:
+        return ""
+    if is_size_field(field):
         return ""
     return f"; as in {list(field.default)}" if isinstance(field.default, tuple | list) and field.default else ""
 

@@ -27,6 +27,7 @@ from texloom.pipelines.store import exr
 from texloom.pipelines.store.capture import capture_output
 from texloom.stages.color import linear_from_codes
 from texloom.stages.frames import stack_channels
+from texloom.stages.sizes import format_size
 
 _FORMATS = {
     b"\x89PNG\r\n\x1a\n": "PNG",
@@ -136,11 +137,13 @@ def _guarded(kind: str, prints: bool = True) -> Iterator[None]:
 
 def _check_size(height: int, width: int) -> None:
     if height < 1 or width < 1:
-        raise Refusal(f"has no pixels: {height}x{width}")
+        raise Refusal(f"has no pixels: {format_size((height, width))}")
     if height < 2 or width < 2:
-        raise Refusal(f"is too small: {height}x{width} pixels, at least 2x2")
+        raise Refusal(f"is too small: {format_size((height, width))}, at least 2 x 2 px")
     if max(height, width) > _SIDE or height * width > _PIXELS:
-        raise Refusal(f"is too large: {height}x{width} pixels, at most {_SIDE} a side and {_PIXELS} in all")
+        raise Refusal(
+            f"is too large: {format_size((height, width))}, at most {_SIDE} px a side and {_PIXELS} in all"
+        )
 
 
 def _check_finite(pixels: Float32[np.ndarray, "h w c"], channels: tuple[str, ...]) -> None:

@@ -82,7 +82,7 @@ def parse_delivery(options: Mapping[str, str], fail: Fail = _of_option) -> Deliv
 
     Parameters
     ----------
-    options : ``layout``, ``texel_size`` as ``0.5mm``, ``color_space`` and ``udim`` as ``2x3`` (rows x columns),
+    options : ``layout``, ``texel_size`` as ``0.5mm``, ``color_space`` and ``udim`` as ``3x2`` (columns x rows),
         those that are given.
     """
     layout, color_space = options.get("layout"), options.get("color_space", "rec709")
@@ -106,10 +106,10 @@ def _length(text: str, fail: Fail) -> float:
 
 
 def _tiles(text: str, fail: Fail) -> tuple[int, int]:
-    found = re.fullmatch(r"(\d{1,3})x(\d{1,2})", text)
-    rows, columns = (int(found[1]), int(found[2])) if found else (0, 0)
+    found = re.fullmatch(r"(\d{1,2})x(\d{1,3})", text)
+    columns, rows = (int(found[1]), int(found[2])) if found else (0, 0)
     if not (1 <= rows <= _MAX_ROWS and 1 <= columns <= _MAX_COLUMNS):
         raise fail(
-            "udim", f"must be ROWSxCOLUMNS as 2x3, at most {_MAX_ROWS} and {_MAX_COLUMNS}, got {shown(text)}"
+            "udim", f"must be COLUMNSxROWS as 3x2, at most {_MAX_COLUMNS} and {_MAX_ROWS}, got {shown(text)}"
         )
     return rows, columns

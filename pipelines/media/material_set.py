@@ -37,6 +37,7 @@ from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
 from texloom.stages.masks import HALF, USABLE
 from texloom.stages.normals import NORMAL, rounding, unit
+from texloom.stages.sizes import format_size
 
 _VERSION = 1  # raised when the same files are read to other values
 ROLES: Mapping[str, tuple[str, ...]] = {
@@ -154,9 +155,7 @@ def open_set(reference: str) -> tuple[tuple[Map, ...], tuple[str, ...]]:
     for one in maps:
         if (one.height, one.width) == (first.height, first.width):
             continue
-        sizes = (
-            f"{_file_name(one)} has {one.height}x{one.width} px, {_file_name(first)} {first.height}x{first.width}"
-        )
+        sizes = f"{_file_name(one)} has {format_size(one)}, {_file_name(first)} {format_size(first)}"
         if not settings.get("resample"):
             raise Refusal(f"{sizes}; bring them to one size, or list them in a YAML file with 'resample: true'")
         sides = (first.height, first.width, one.height, one.width)

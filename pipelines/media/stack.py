@@ -18,6 +18,7 @@ from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.media.material_set import Map, is_picture, pictures_in
 from texloom.stages.arrays import Image
 from texloom.stages.frames import stack_channels
+from texloom.stages.sizes import format_size
 
 SCHEME = "stack:"
 """begins the reference of a source that is a frame stack"""
@@ -72,13 +73,14 @@ def open_stack(reference: str) -> tuple[Map, ...]:
         frames.append(_frame(file, seen))
     first = frames[0]
     for one in frames:
-        for what, ours, theirs in (
-            ("px", f"{one.height}x{one.width}", f"{first.height}x{first.width}"),
-            ("as channels", " ".join(one.channels), " ".join(first.channels)),
+        of_one, of_first = " ".join(one.channels), " ".join(first.channels)
+        for is_alike, ours, theirs in (
+            ((one.height, one.width) == (first.height, first.width), format_size(one), format_size(first)),
+            (of_one == of_first, f"{of_one} as channels", of_first),
         ):
-            if ours != theirs:
+            if not is_alike:
                 names = Path(one.reference).name, Path(first.reference).name
-                raise Refusal(f"all frames must be alike: {names[0]} has {ours} {what}, {names[1]} {theirs}")
+                raise Refusal(f"all frames must be alike: {names[0]} has {ours}, {names[1]} {theirs}")
     return tuple(frames)
 
 

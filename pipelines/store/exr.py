@@ -21,6 +21,7 @@ from texloom.pipelines.memory import check_memory
 from texloom.pipelines.store import chunks
 from texloom.stages.kernels.core.threads import thread_count
 from texloom.stages.scratch import release
+from texloom.stages.sizes import format_size
 
 Planes = dict[str, np.ndarray]
 """2-D arrays of one size, by channel"""
@@ -272,7 +273,7 @@ def load(path: Path, pixels: bool = True, largest: int | None = None) -> tuple[d
     for header in headers:
         height, width = data_size(header)
         if largest is not None and height * width > largest:
-            raise ValueError(f"{height}x{width} px are more than {largest} px")
+            raise ValueError(f"{format_size((height, width))} are more than {largest} px")
     needed = sum(4 * math.prod(data_size(header)) * len(header["channels"]) for header in headers)
     if pixels and largest is not None and (problem := check_memory(needed)):
         raise ValueError(problem)

@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 import pydantic
 from pydantic import Field
 
+from texloom.stages.sizes import SIDES
+
 Side = Annotated[int, Field(ge=2, le=32768)]
 """px"""
 CanvasSide = Annotated[int, Field(ge=2, le=2048)]
@@ -42,8 +44,8 @@ class Method(Message):
 
     flow: str
     about: str
-    size: tuple[int, int]
-    """default height and width, px"""
+    size: Annotated[tuple[int, int], SIDES]
+    """the default one, ``WIDTHxHEIGHT``, px"""
     can_tile: bool
     presets: tuple[str, ...]
     uniformity: str
@@ -85,8 +87,8 @@ class Recipe(Message):
     """name to the id of a picture"""
     mask: str | None = None
     """id of a picture, black where the first source must not be used"""
-    size: tuple[Side, Side] | None = None
-    """height and width, px"""
+    size: Annotated[tuple[Side, Side], SIDES] | None = None
+    """``WIDTHxHEIGHT``, px"""
     tileable: bool | None = None
     seed: int = Field(7, ge=0, lt=2**53)
     preset: str | None = Field(None, max_length=64)
@@ -307,7 +309,8 @@ class PaintOpenRequest(Message):
     """id of a picture"""
     control: str
     """id of its control map, a grey picture; empty: its brightness"""
-    size: tuple[CanvasSide, CanvasSide]
+    size: Annotated[tuple[CanvasSide, CanvasSide], SIDES]
+    """``WIDTHxHEIGHT``, px"""
     seed: int = Field(7, ge=0, lt=2**53)
 
 

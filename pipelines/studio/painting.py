@@ -29,6 +29,7 @@ from texloom.stages.analysis.appearance_stack import AppearanceStack
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
 from texloom.stages.interactive.canvas import Canvas, Rect
+from texloom.stages.sizes import format_size
 from texloom.stages.synthesis.per_pixel import ArrangementParams
 
 FLOW = "per_pixel_control"
@@ -112,7 +113,7 @@ _STACK = ("appearance", "basis", "candidates", "toroidal")
 def _values(map_: bytes, size: tuple[int, int], planes: int) -> np.ndarray:
     """A part of a map: 0..1 for the codes 0..255."""
     if len(map_) != size[0] * size[1]:
-        raise InputError(f"{len(map_)} bytes are no map of {size[0]}x{size[1]} px")
+        raise InputError(f"{len(map_)} bytes are no map of {format_size(size)}")
     codes = np.frombuffer(map_, np.uint8).reshape(*size, 1)
     return np.repeat(codes.astype(np.float32) / np.float32(255), planes, axis=2)
 

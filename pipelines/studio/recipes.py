@@ -11,7 +11,8 @@ from typing import Any, get_args
 
 import yaml
 
-from texloom.pipelines.api import for_texture, open_run
+from texloom.pipelines.api import for_texture
+from texloom.pipelines.engine.opening import open_run
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.flow.command import command_of
@@ -19,11 +20,13 @@ from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Flow, Overrides, Reference
 from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.pipelines.media.arrays import file_source, masked
+from texloom.pipelines.request import request
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages import Described, Method, PlannedStep, Recipe
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
+from texloom.stages.sizes import size_value
 
 METHODS = {
     "self_tuning": "Most materials; structures stay connected",
@@ -82,15 +85,19 @@ def overrides_of(recipe: Recipe, library: Library) -> Overrides:
         mask = library.reference(recipe.mask)
         folder = library.roots.get("attached") or library.dropped()
         sources[first] = file_source(masked(sources[first], mask), folder)
-    params = {name: json.dumps(value) for name, value in _params(recipe, library)}
-    delivery = {"layout": recipe.layout} if recipe.layout else {}
-    return Overrides(sources=sources, params=params, seed=recipe.seed, delivery=delivery)
+    params = {
+        name: value if isinstance(value, tuple) else json.dumps(value) for name, value in _params(recipe, library)
+    }
+    asked = request(
+        flow=recipe.flow, sources=sources, params=params, seed=recipe.seed, layout=recipe.layout or None
+    )
+    return asked.overrides
 
 
 def _params(recipe: Recipe, library: Library) -> Iterable[tuple[str, Any]]:
     """The params that are given, by the names of the command line."""
     if recipe.size is not None:
-        yield "size", list(recipe.size)
+        yield "size", recipe.size
     if recipe.tileable:
         yield "tileable", True
     if recipe.preset is not None:
@@ -156,13 +163,18 @@ def file_name(run: Run) -> str:
     return re.sub(r"[^A-Za-z0-9_-]+", "_", f"{picture}_{run.flow.name}").strip("_")
 
 
+def _in_file(name: str, value: Any) -> Any:
+    """A value as a flow file has it."""
+    return size_value(value) if name == "size" else copy.copy(value)  # YAML has no anchors
+
+
 def flow_file(recipe: Recipe, flow: Flow, file: str, library: Library) -> str:
     """The flow file of a recipe, called ``file``; its flow has the name of ours, which is in the provenance."""
     steps: dict[str, Any] = {}
     for name, value in _params(recipe, library):
         for target in flow.params.get(name, (name,)):
             step, _, param = target.partition(".")
-            steps.setdefault(step, {"params": {}})["params"][param] = copy.copy(value)  # YAML has no anchors
+            steps.setdefault(step, {"params": {}})["params"][param] = _in_file(name, value)
     document: dict[str, Any] = {"flow": flow.name, "seed": recipe.seed, "include": recipe.flow}
     if recipe.layout:
         document["delivery"] = {"layout": recipe.layout}

@@ -24,7 +24,7 @@ _KNOWN = 2.0  # seconds of a step after which the time that is left can be told
 def run(work: RunWork, places: Places, check: Callable[[], None], send: Callable[..., None]) -> None:
     """Run a recipe and export what its flow exports."""
     opened = open_recipe(work.recipe, library_of(places), Store(Path(places.store)))
-    out = opened.default_out()
+    out = opened.new_out()
     opened.check(out)
     told = shown = began = 0.0
 

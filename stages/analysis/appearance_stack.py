@@ -15,6 +15,7 @@ from texloom.stages.common.sizes import check_side
 from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.functions import log2
 from texloom.stages.progress import Progress, report
+from texloom.stages.sizes import format_size
 
 MIN_SIDE = 16
 """minimum of an exemplar's shorter side, px"""
@@ -66,9 +67,7 @@ def check_image(params: AppearanceStackParams, known: Mapping[str, Any]) -> None
     if (image := known.get("image")) is not None:
         check_side(image, MIN_SIDE)
         if image.height * image.width > _MAX_PIXELS:
-            raise InputError(
-                f"image: {image.height}x{image.width} px is too large; the maximum is {_MAX_PIXELS} px"
-            )
+            raise InputError(f"image: {format_size(image)} is too large; the maximum is {_MAX_PIXELS} px")
 
 
 def level_count(shape: tuple[int, int], coarsest: int) -> int:

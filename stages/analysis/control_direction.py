@@ -22,7 +22,7 @@ from texloom.stages.common.pyramid import resize
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.filters import gaussian_blur
 from texloom.stages.functions import cos, sin
-from texloom.stages.sizes import Size
+from texloom.stages.sizes import Size, format_size
 
 _DETAIL = 3.0  # px; standard deviation of the blur before gradients are taken, wider than the steps of 8 bit
 _NOISE = 0.05  # regularisation of the confidence, as a share of the mean squared gradient
@@ -67,7 +67,7 @@ def check_map(params: ControlDirectionParams, known: Mapping[str, Any]) -> None:
     elif image is not None:
         check_aspect(control, "control", (image.height, image.width), "image")
     elif min(control.height, control.width) < 2:
-        raise InputError(f"control: {control.height}x{control.width} px have no directions; the minimum is 2x2 px")
+        raise InputError(f"control: {format_size(control)} have no directions; the minimum is 2 x 2 px")
 
 
 @stage(version=1, check=check_map)

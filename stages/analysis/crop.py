@@ -9,7 +9,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, Outline, Params, stage
-from texloom.stages.sizes import SIDES
+from texloom.stages.sizes import SIDES, format_size
 
 _Pixels = Annotated[int, Field(ge=1)]
 _Position = Annotated[int, Field(ge=0)]
@@ -19,7 +19,7 @@ class CropParams(Params):
     """Size and position of the part."""
 
     size: Annotated[tuple[_Pixels, _Pixels], SIDES] = (256, 256)
-    """height and width of the part, px"""
+    """size of the part, px: 256, or 512x256 for 512 wide and 256 high"""
     at: tuple[_Position, _Position] | None = None
     """row and column of its upper left pixel; null: the central part"""
 
@@ -42,7 +42,7 @@ def check_part(params: CropParams, known: Mapping[str, Any]) -> None:
     if min(top, left) < 0 or top + height > image.height or left + width > image.width:
         position = "" if params.at is None else f" from row {top}, column {left}"
         raise InputError(
-            f"size: {height}x{width} px{position} is not inside the image of {image.height}x{image.width} px"
+            f"size: {format_size((height, width))}{position} is not inside the image of {format_size(image)}"
         )
 
 

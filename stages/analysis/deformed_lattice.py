@@ -18,6 +18,7 @@ from texloom.stages.common import lattice_cells
 from texloom.stages.declare import InputError, InputFile, Params, stage
 from texloom.stages.masks import valid_pixels
 from texloom.stages.matrices import determinant, inverse_of, least_squares, matrix_product, solve_symmetric
+from texloom.stages.sizes import format_size
 
 _MAX_GENERATOR = 48.0  # px; the exemplar is reduced so that no generator is longer while vertices are tracked
 _SEEDS = 3  # a side: cells of the exemplar that are tried as the first template
@@ -95,8 +96,7 @@ def check_lattice(vertices: Vertices, shape: tuple[int, int] | None) -> None:
         if outside.size:
             row, column = vertices.places[outside[0]]
             raise InputError(
-                f"vertices.{outside[0]}: ({row:g}, {column:g}) is far outside the exemplar's "
-                f"{shape[0]}x{shape[1]} px"
+                f"vertices.{outside[0]}: ({row:g}, {column:g}) is far outside the exemplar's {format_size(shape)}"
             )
     generators, _ = _regular_fit(vertices)
     if abs(determinant(generators)) < 4:

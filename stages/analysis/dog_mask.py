@@ -12,6 +12,7 @@ from texloom.stages.arrays import Image, Mask, ScalarMap
 from texloom.stages.color import lab_from_linear
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.filters import gaussian_blur
+from texloom.stages.sizes import format_size
 
 _MAX_CLASSES = 8
 
@@ -61,7 +62,7 @@ def check_seeds(params: DogMaskParams, known: Mapping[str, Any]) -> None:
         raise InputError(f"only: {params.only}; there are {1 + len(params.seeds)} classes, from 0")
     for place in (place for seeds in params.seeds for place in seeds):
         if image is not None and (place[0] >= image.height or place[1] >= image.width):
-            raise InputError(f"seeds: {list(place)} is outside the image of {image.height}x{image.width} px")
+            raise InputError(f"seeds: {list(place)} is outside the image of {format_size(image)}")
 
 
 @stage(version=1, check=check_seeds)

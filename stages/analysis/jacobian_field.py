@@ -25,6 +25,7 @@ from texloom.stages.common.orientation import streaks
 from texloom.stages.common.sizes import check_same_size
 from texloom.stages.declare import Document, InputError, Outline, Params, stage
 from texloom.stages.functions import arctan2, power
+from texloom.stages.sizes import format_size
 
 _MIN_WINDOW = 7  # px; side of a square that must fit into the region
 
@@ -186,7 +187,7 @@ def _check_region(geometry: Geometry, shape: tuple[int, int], file: Path) -> Non
     if not cv2.erode(
         np.pad(inside, 1).astype(np.uint8), np.ones((_MIN_WINDOW, _MIN_WINDOW), np.uint8), borderValue=0
     ).any():
-        raise InputError(f"{where}: does not contain a square of {_MIN_WINDOW}x{_MIN_WINDOW} px")
+        raise InputError(f"{where}: does not contain a square of {format_size((_MIN_WINDOW, _MIN_WINDOW))}")
 
 
 def _grid(image: Image, geometry: Geometry, region: Mask) -> Image:

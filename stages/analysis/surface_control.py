@@ -17,6 +17,7 @@ from texloom.stages.common.surface.vertex_graph import VertexGraph
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.functions import arctan2, cos, sin
 from texloom.stages.matrices import length_of, matrix_product
+from texloom.stages.sizes import format_size
 
 _SIDE = 512  # px; of the pictures in which it is seen what hides a vertex
 _BIAS = 2.0  # px of these pictures by which a vertex may lie behind what is seen
@@ -160,7 +161,7 @@ def _drawn(mesh: Mesh, values: Float64[np.ndarray, "*corners"], size: tuple[int,
     draw(corners, np.arange(len(pixels)), 0, 0, owner, depth)
     rows, columns = np.nonzero(owner >= 0)
     if not rows.size:
-        raise InputError(f"size: no pixel of {size[0]}x{size[1]} is on the surface; take a larger size")
+        raise InputError(f"size: no pixel of {format_size(size)} is on the surface; take a larger size")
     shares = shares_at(pixels, owner[rows, columns], np.stack([rows, columns], axis=1))
     picture = np.zeros(size)
     picture[rows, columns] = np.einsum("nk,nk->n", shares, values.reshape(-1, 3)[owner[rows, columns]])

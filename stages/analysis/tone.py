@@ -115,7 +115,7 @@ def tone(image: Image, params: ToneParams) -> Tone:
     Raises
     ------
     InputError
-        the exemplar is smaller than 10x10 px, or all its pixels are excluded.
+        the exemplar is smaller than 10 x 10 px, or all its pixels are excluded.
 
     References
     ----------

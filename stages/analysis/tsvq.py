@@ -16,6 +16,7 @@ from texloom.stages.common.sizes import check_row_length
 from texloom.stages.declare import InputError, OddSize, Params, stage
 from texloom.stages.kernels.core.threads import run_all, run_spans
 from texloom.stages.progress import Progress, report
+from texloom.stages.sizes import format_size
 
 _PIECES = 16  # of work for threads; the tree does not depend on it
 _GROWTH = 0.9  # of the work; the rest assigns neighbourhoods to leaves
@@ -97,7 +98,8 @@ def tsvq(features: Float32[np.ndarray, "h w c"], params: TsvqParams, rectangles:
     height, width, channels = features.shape
     if size > min(height, width):
         raise InputError(
-            f"tsvq: neighbourhood={size} px does not fit in a texture of {height}x{width} px; lower neighbourhood"
+            f"tsvq: neighbourhood={size} px does not fit in a texture of {format_size((height, width))}; "
+            "lower neighbourhood"
         )
     check_row_length("tsvq", channels, size)
     pixels = fixed_point(features)

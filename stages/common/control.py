@@ -28,6 +28,7 @@ from texloom.stages.declare import InputError
 from texloom.stages.frames import frame_count, name_in_frame
 from texloom.stages.functions import power
 from texloom.stages.matrices import eigenvectors, matrix_product
+from texloom.stages.sizes import format_size
 
 _LIGHT = ("R", "G", "B", "Y")
 _MIN_RANGE = 1e-6  # of a plane that is not constant, as a share of its largest value
@@ -68,10 +69,7 @@ def check_aspect(control: Sized, name: str, size: tuple[int, int], of: str) -> N
         sides to within a pixel of the map.
     """
     if abs(control.height * size[1] - control.width * size[0]) > max(size):
-        raise InputError(
-            f"{name}: {control.height}x{control.width} px has another aspect ratio than {of}, "
-            f"{size[0]}x{size[1]} px"
-        )
+        raise InputError(f"{name}: {format_size(control)} has another aspect ratio than {of}, {format_size(size)}")
 
 
 def _matching_channels(target: Sized, control: Sized) -> list[str]:

@@ -5,6 +5,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from texloom.stages.common.pyramid import MAX_ROW_VALUES
 from texloom.stages.declare import Check, InputError
+from texloom.stages.sizes import format_size
 
 
 @runtime_checkable
@@ -28,7 +29,7 @@ def check_side(image: Sized, min_side: int) -> None:
     """`InputError` where an exemplar is less than ``min_side`` px high or wide."""
     if min(image.height, image.width) < min_side:
         raise InputError(
-            f"image: {image.height}x{image.width} px is too small; the minimum is {min_side}x{min_side} px"
+            f"image: {format_size(image)} is too small; the minimum is {format_size((min_side, min_side))}"
         )
 
 
@@ -40,10 +41,7 @@ def check_same_size(part: Sized | None, name: str, whole: Sized | None, of: str)
     name, of : names of ``part`` and ``whole`` in the message.
     """
     if part is not None and whole is not None and (part.height, part.width) != (whole.height, whole.width):
-        raise InputError(
-            f"{name}: {part.height}x{part.width} px; must have the size of the {of}, "
-            f"{whole.height}x{whole.width} px"
-        )
+        raise InputError(f"{name}: {format_size(part)}; must have the size of the {of}, {format_size(whole)}")
 
 
 def same_size(part: str, whole: str, of: str) -> Check:
@@ -64,7 +62,7 @@ def check_patch(image: Sized, patch_size: int) -> None:
     """`InputError` where an exemplar does not contain more than one patch in each direction."""
     if min(image.height, image.width) <= patch_size:
         raise InputError(
-            f"image: {image.height}x{image.width} px is too small for patches of {patch_size} px; "
+            f"image: {format_size(image)} is too small for patches of {patch_size} px; "
             "lower patch_size or give a larger exemplar"
         )
 

@@ -16,6 +16,7 @@ from texloom.stages.common.neighbourhoods import Rectangles, inside_of
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._pages.plots import size_curve
 from texloom.stages.progress import part
+from texloom.stages.sizes import format_size
 from texloom.stages.synthesis.compact import CompactParams, compact
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
@@ -55,7 +56,7 @@ def check_sizes(params: EnergyCurveParams, known: Mapping[str, Any]) -> None:
     if texture is not None and params.least >= min(texture.height, texture.width):
         raise InputError(
             f"energy_curve: least={params.least} px is not below the shorter side of texture, "
-            f"{texture.height}x{texture.width} px"
+            f"{format_size(texture)}"
         )
 
 

@@ -8,14 +8,15 @@ import numpy as np
 
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.sizes import Size
+from texloom.stages.sizes import Size, format_size
 
 
 class ExternalResultParams(Params):
     """Size and kind of the result."""
 
     size: Size | None = None
-    """height and width of the result, px: a larger picture is cropped to its centre; null: all of the picture"""
+    """size of the result, px, as 512 or 768x512 (width x height): a larger picture is cropped to its centre; null:
+    all of the picture"""
     tileable: bool = False
     """whether the picture is meant to wrap around; then it is not cropped"""
 
@@ -38,12 +39,12 @@ def check_size(params: ExternalResultParams, known: Mapping[str, Any]) -> None:
     height, width = params.size
     if params.tileable and (image.height, image.width) != params.size:
         raise InputError(
-            f"image: {image.height}x{image.width} px; a tileable result must have {height}x{width} px, as a part "
+            f"image: {format_size(image)}; a tileable result must have {format_size((height, width))}, as a part "
             "of it would not wrap around"
         )
     if image.height < height or image.width < width:
         raise InputError(
-            f"image: {image.height}x{image.width} px; the result must have at least {height}x{width} px"
+            f"image: {format_size(image)}; the result must have at least {format_size((height, width))}"
         )
 
 

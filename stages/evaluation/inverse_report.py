@@ -17,6 +17,7 @@ from texloom.stages.evaluation._pages.gathered import (
     require_length,
     seconds_by_step,
 )
+from texloom.stages.sizes import format_size
 
 
 class InverseReportParams(Params):
@@ -99,7 +100,7 @@ def inverse_report(
 
 def _size(images: Mapping[str, Sequence[Image | None]], label: str, index: int) -> str:
     image = images[label][index] if label in images else None
-    return "–" if image is None else f"{image.height}×{image.width}"
+    return "–" if image is None else format_size(image)
 
 
 def _lowest(lines: Scores, methods: Sequence[str]) -> str | None:

@@ -27,6 +27,7 @@ from texloom.stages.evaluation._measures.task import Task
 from texloom.stages.kernels.core.threads import run_all
 from texloom.stages.masks import fill_excluded
 from texloom.stages.scratch import bands, empty
+from texloom.stages.sizes import format_size
 
 
 class MetricsParams(Params):
@@ -283,9 +284,9 @@ def _check(
             raise InputError(f"{name} has colours that are not finite numbers")
     if match is not None:
         if match.shape[:2] != image.pixels.shape[:2]:
-            raise InputError(f"match is {match.shape[:2]}, the result {image.pixels.shape[:2]}")
+            raise InputError(f"match is {format_size(match.shape)}, the result {format_size(image)}")
         if any((match[band] >= (exemplar.height, exemplar.width)).any() for band in bands(len(match), match)):
-            raise InputError(f"match points outside the exemplar of {exemplar.height}x{exemplar.width}")
+            raise InputError(f"match points outside the exemplar of {format_size(exemplar)}")
     for name, mask in (("keep", keep), ("copies", copies)):
         if mask is not None and mask.shape != image.pixels.shape[:2]:
-            raise InputError(f"{name} is {mask.shape}, the result {image.pixels.shape[:2]}")
+            raise InputError(f"{name} is {format_size(mask.shape)}, the result {format_size(image)}")

@@ -17,6 +17,7 @@ from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._pages import page, plots
 from texloom.stages.kernels.core.threads import run_all
 from texloom.stages.normals import NORMAL
+from texloom.stages.sizes import format_size
 
 
 class ReportParams(Params):
@@ -97,11 +98,9 @@ def report(
     size = (exemplar.height, exemplar.width)
     for name, plane in (("distance", distance), ("structure", structure), ("occurrence", occurrence)):
         if plane is not None and plane.shape != size:
-            raise InputError(f"{name} is {plane.shape[0]}x{plane.shape[1]} px, the exemplar {size[0]}x{size[1]}")
+            raise InputError(f"{name} is {format_size(plane.shape)}, the exemplar {format_size(size)}")
     if joints is not None and joints.shape != image.shape[:2]:
-        raise InputError(
-            f"joints is {joints.shape[0]}x{joints.shape[1]} px, the result {image.height}x{image.width}"
-        )
+        raise InputError(f"joints is {format_size(joints.shape)}, the result {format_size(image)}")
     largest = params.largest
     tables = [_measures("Scores", table), *([_measures("Regularity", regularity)] if regularity else [])]
     seams = (table.get("measures") or {}).get("seams") or {}

@@ -6,6 +6,7 @@ import numpy as np
 
 from texloom.stages.arrays import Correspondence, Image
 from texloom.stages.declare import stage
+from texloom.stages.sizes import format_size
 
 _PLAIN = 0.35  # share of the exemplar's lightness in the key
 
@@ -38,7 +39,7 @@ def source_positions(image: Image, match: Correspondence) -> SourcePositions:
     [Eisenacher2008]_ Figure 18, whose map separates foreground and background; blue is ours.
     """
     if (match >= (image.height, image.width)).any():
-        raise ValueError(f"match points outside an exemplar of {image.height}x{image.width} px")
+        raise ValueError(f"match points outside an exemplar of {format_size(image)}")
     down = np.linspace(0, 1, image.height, dtype=np.float32)[:, None]
     across = np.linspace(0, 1, image.width, dtype=np.float32)[None]
     colors = np.stack(np.broadcast_arrays(1 - down, down, across), axis=2)

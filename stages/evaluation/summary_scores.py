@@ -12,6 +12,7 @@ from texloom.stages.color import lab_from_linear
 from texloom.stages.common.patch_distance import blurred
 from texloom.stages.declare import InputError, OddSize, Params, stage
 from texloom.stages.evaluation._measures.table import Figures, table
+from texloom.stages.sizes import format_size
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 
 _WHAT = {
@@ -103,10 +104,7 @@ def summary_scores(
         measured[name] = Figures(terms.energy(params.alpha), 0.0, worst, more).line()
     if reconstruction is not None:
         if (reconstruction.height, reconstruction.width) != shape:
-            raise InputError(
-                f"reconstruction: {reconstruction.height}x{reconstruction.width} px; the texture has "
-                f"{shape[0]}x{shape[1]} px"
-            )
+            raise InputError(f"reconstruction: {format_size(reconstruction)}; the texture has {format_size(shape)}")
         measured["reconstruction"] = _difference(texture, reconstruction, params.blur).line()
     axes = {name: "likeness" if name == "reconstruction" else "energy" for name in measured}
     return SummaryScores(table({name: (axes[name], _WHAT[name]) for name in measured}, measured))

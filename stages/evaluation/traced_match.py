@@ -8,6 +8,7 @@ from jaxtyping import UInt32
 
 from texloom.stages.arrays import Channels, Correspondence
 from texloom.stages.declare import InputError, stage
+from texloom.stages.sizes import format_size
 
 _Former = Annotated[UInt32[np.ndarray, "rows columns 2"], Channels(("row", "column"))]
 
@@ -36,5 +37,5 @@ def traced_match(match: Correspondence, former: _Former | None = None) -> Traced
     if former is None:
         return TracedMatch(match)
     if (match >= former.shape[:2]).any():
-        raise InputError(f"match: points outside of the {former.shape[0]}x{former.shape[1]} px of former")
+        raise InputError(f"match: points outside of the {format_size(former.shape)} of former")
     return TracedMatch(np.ascontiguousarray(former[match[..., 0], match[..., 1]]))

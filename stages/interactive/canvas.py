@@ -13,6 +13,7 @@ from texloom.stages.common.per_pixel.device import Device, levels_on, target_on
 from texloom.stages.common.per_pixel.levels import Rect
 from texloom.stages.common.per_pixel.target import normalised
 from texloom.stages.declare import InputError
+from texloom.stages.sizes import format_size
 from texloom.stages.synthesis.per_pixel import ArrangementParams, check_divisible, prepare, style_of
 
 __all__ = ["Canvas", "Rect"]
@@ -74,7 +75,7 @@ class Canvas:
         check_aspect(control, "control", (image.height, image.width), "image")
         check_control(control, "control")
         if min(size) < 1:
-            raise InputError(f"size: {size[0]}x{size[1]} px has no pixel")
+            raise InputError(f"size: {format_size(size)} has no pixel")
         params = params or ArrangementParams()
         stack = stack or appearance_stack(image, AppearanceStackParams())
         tables, scale = prepare(image, stack, control, None, params.control_weight, linear=True)
@@ -156,7 +157,8 @@ class Canvas:
             raise ValueError(f"values of shape {values.shape}, not (h, w, {self.planes})")
         if min(top, left) < 0 or top + values.shape[0] > height or left + values.shape[1] > width:
             raise ValueError(
-                f"values of shape {values.shape} at row {top}, column {left} on a canvas of {height}x{width}"
+                f"values of shape {values.shape} at row {top}, column {left} "
+                f"on a canvas of {format_size((height, width))}"
             )
         if not np.isfinite(values).all():
             raise ValueError("a value is not finite")

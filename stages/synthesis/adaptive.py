@@ -49,15 +49,15 @@ def adaptive(
     Raises
     ------
     InputError
-        the exemplar is smaller than 16x16 px or than a patch with its overlaps, or holds values that are not
+        the exemplar is smaller than 16 x 16 px or than a patch with its overlaps, or holds values that are not
         finite; its mask leaves no whole patch with its overlaps; ``weights`` names a map that it lacks; ``layout``
         has another size than the result, or a block that is larger than the exemplar.
 
     Notes
     -----
     The paper's claim that structure is preserved better than by hybrid synthesis is not confirmed: of bricks,
-    fieldstone, gravel and scales at 256x256 px, the mean structure score of two seeds at ``k`` = 0.5 is higher than
-    that of `hybrid` for fieldstone alone (0.71 against 0.69), and lower by 0.03 to 0.08 for the others.
+    fieldstone, gravel and scales at 256 x 256 px, the mean structure score of two seeds at ``k`` = 0.5 is higher
+    than that of `hybrid` for fieldstone alone (0.71 against 0.69), and lower by 0.03 to 0.08 for the others.
 
     References
     ----------

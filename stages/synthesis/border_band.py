@@ -9,6 +9,7 @@ from pydantic import Field
 
 from texloom.stages.arrays import Image, Mask
 from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.sizes import format_size
 
 
 class BorderBandParams(Params):
@@ -39,7 +40,7 @@ def check_width(params: BorderBandParams, known: Mapping[str, Any]) -> None:
     width = _width(image.height, image.width, params)
     if min(image.height, image.width) < 4 * width:
         raise InputError(
-            f"image: {image.height}x{image.width} px is too small for bands of {width} px along its borders, which "
+            f"image: {format_size(image)} is too small for bands of {width} px along its borders, which "
             f"take {4 * width} px; give a larger picture or a narrower width"
         )
 

@@ -15,7 +15,7 @@ from texloom.stages.functions import cos, sin
 from texloom.stages.masks import USABLE, fill_excluded, without_usable
 from texloom.stages.matrices import inverse_of, matrix_product
 from texloom.stages.normals import NORMAL
-from texloom.stages.sizes import Size
+from texloom.stages.sizes import Size, format_size
 
 _MAX_PIECES = 1024
 
@@ -81,7 +81,7 @@ def check_pieces(params: CollageParams, known: Mapping[str, Any]) -> None:
         low, high = piece.corners.min(axis=0), piece.corners.max(axis=0)
         if image is not None and ((high < 0).any() or (low > (image.height - 1, image.width - 1)).any()):
             where = f"{params.pieces.file}: pieces.{index}" if params.pieces else ""
-            raise InputError(f"pieces: {where}: lies outside the exemplar of {image.height}x{image.width} px")
+            raise InputError(f"pieces: {where}: lies outside the exemplar of {format_size(image)}")
 
 
 def outlines(params: CollageParams, known: Mapping[str, Any]) -> dict[str, Outline]:

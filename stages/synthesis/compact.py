@@ -18,7 +18,7 @@ from texloom.stages.common.pyramid import halved_size, resize
 from texloom.stages.common.sizes import check_row_length
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.progress import Progress, report
-from texloom.stages.sizes import SIDES
+from texloom.stages.sizes import SIDES, format_size
 from texloom.stages.synthesis._compaction.start import QUICK, crop, starts
 from texloom.stages.synthesis._compaction.summary import Copied, level_count, outlines, size_check, square_of_share
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
@@ -40,9 +40,9 @@ class CompactParams(Params):
     """Size of the compaction, weights of the energy, and effort."""
 
     size: Annotated[tuple[_Side, _Side] | Annotated[float, Field(gt=0, lt=1)] | Literal["auto"], SIDES] = "auto"
-    """height and width of the compaction, px; a number below 1: that share of the texture's pixels, in a square;
-    `auto`: a quarter as many pixels as the texture's neighbourhoods have clusters, in the texture's aspect ratio,
-    square for an atlas"""
+    """size of the compaction, px, as 128 or 256x128 (width x height); a number below 1: that share of the texture's
+    pixels, in a square; `auto`: a quarter as many pixels as the texture's neighbourhoods have clusters, in the
+    texture's aspect ratio, square for an atlas"""
     solver: Literal["improved", "basic"] = "improved"
     """`improved`: pixels are copied, matches found by k-coherence and clusters; `basic`, for comparison: pixels are
     means, matches found by exhaustive search; the image is then copied from the best matches"""
@@ -166,7 +166,7 @@ def compact(
     if features.shape[:2] != shape or leaf.shape != expected or candidates.shape[:2] != expected:
         raise ValueError(
             f"features {features.shape}, leaf {leaf.shape} and candidates {candidates.shape} "
-            f"do not belong to a texture of {shape[0]}x{shape[1]} px"
+            f"do not belong to a texture of {format_size(shape)}"
         )
     check_row_length("compact", features.shape[2], neighbourhood)
     compactor = _Compactor(texture, features, Tree(nodes, leaf, candidates), rectangles, params)
@@ -225,7 +225,7 @@ class _Compactor:
             size = square_of_share(size, int(self.inside.sum()), largest)
         if min(size) < self.neighbourhood:
             raise InputError(
-                f"compact: size={size[0]}x{size[1]} px does not hold a neighbourhood of {self.neighbourhood} px"
+                f"compact: size: {format_size(size)} does not hold a neighbourhood of {self.neighbourhood} px"
             )
         return size
 

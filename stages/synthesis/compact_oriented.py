@@ -41,7 +41,7 @@ class CompactOrientedParams(Params):
     """Size of the compaction, weights and effort; fields of the same names as in `compact` mean the same."""
 
     size: Annotated[tuple[int, int], SIDES] = (96, 96)
-    """height and width of the compaction, px"""
+    """size of the compaction, px, as 96 or 128x96 (width x height)"""
     neighbourhood: OddSize = 7
     """side of the neighbourhoods that are compared, px"""
     alpha: float = Field(0.01, ge=1e-6, le=100)

@@ -17,6 +17,7 @@ from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.masks import valid_pixels
 from texloom.stages.normals import NORMAL, with_unit_normals
 from texloom.stages.scratch import bands, empty, release
+from texloom.stages.sizes import format_size
 
 _LARGEST = 4096**2  # pixels of a result that is integrated as a whole
 _SIDE = 2048  # px; of the parts of larger ones
@@ -100,12 +101,12 @@ def gradient_domain(
     transforms, here cosine transforms unless the result wraps. With ``keep``, conjugate gradients solve it.
     """
     if match.shape[:2] != (image.height, image.width):
-        raise ValueError(f"match of shape {match.shape} for an image of {image.height}x{image.width} px")
+        raise ValueError(f"match of shape {match.shape} for an image of {format_size(image)}")
     size = (exemplar.height, exemplar.width)
     if any((match[band] >= size).any() for band in bands(image.height, match)):
-        raise ValueError(f"match points beyond the exemplar of {size[0]}x{size[1]} px")
+        raise ValueError(f"match points beyond the exemplar of {format_size(size)}")
     if keep is not None and keep.shape != (image.height, image.width):
-        raise ValueError(f"keep of shape {keep.shape} for an image of {image.height}x{image.width} px")
+        raise ValueError(f"keep of shape {keep.shape} for an image of {format_size(image)}")
     if image.height * image.width <= _LARGEST:
         return GradientDomain(Image(_integrated(exemplar, image, match, params, tileable, keep), image.channels))
     pixels = empty(image.pixels.shape, np.float32)

@@ -286,7 +286,7 @@ def graph_cut(image: Image, params: GraphCutParams, rng: np.random.Generator) ->
     Raises
     ------
     InputError
-        the exemplar is smaller than 16x16 px, or holds values that are not finite; its mask leaves no window of 4
+        the exemplar is smaller than 16 x 16 px, or holds values that are not finite; its mask leaves no window of 4
         px; ``weights`` names a map that it lacks.
 
     References

@@ -43,7 +43,7 @@ def hybrid(image: Image, params: HybridParams, rng: np.random.Generator, layout:
     Raises
     ------
     InputError
-        the exemplar is smaller than 16x16 px or than a patch with its overlaps, or holds values that are not
+        the exemplar is smaller than 16 x 16 px or than a patch with its overlaps, or holds values that are not
         finite; its mask leaves no whole patch with its overlaps; ``weights`` names a map that it lacks; ``layout``
         has another size than the result, or a block that is larger than the exemplar.
 

@@ -472,7 +472,7 @@ def initialise(
     Raises
     ------
     InputError
-        the exemplar is smaller than 10x10 px; neither ``size`` nor a guide tells the result's.
+        the exemplar is smaller than 10 x 10 px; neither ``size`` nor a guide tells the result's.
 
     References
     ----------

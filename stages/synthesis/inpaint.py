@@ -10,6 +10,7 @@ from pydantic import Field
 from texloom.stages.arrays import Correspondence, Image, Mask
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.masks import count_excluded, fill_excluded, valid_pixels, without_usable
+from texloom.stages.sizes import format_size
 from texloom.stages.synthesis._seams.block_filling import BlockFilling
 from texloom.stages.synthesis._seams.overlap import compared
 
@@ -47,7 +48,7 @@ def check_picture(params: InpaintParams, known: Mapping[str, Any]) -> None:
     block = _block(image.height, image.width, params)
     if min(image.height, image.width) < 2 * block:
         raise InputError(
-            f"image: {image.height}x{image.width} px is too small for blocks of {block} px; "
+            f"image: {format_size(image)} is too small for blocks of {block} px; "
             "give a larger image or a smaller block"
         )
 
@@ -79,7 +80,7 @@ def inpaint(image: Image, keep: Mask, params: InpaintParams) -> Inpainted:
     """
     shape = (image.height, image.width)
     if keep.shape != shape:
-        raise ValueError(f"keep of shape {keep.shape} for an image of {image.height}x{image.width} px")
+        raise ValueError(f"keep of shape {keep.shape} for an image of {format_size(image)}")
     unmasked_pixels = valid_pixels(image)
     usable = np.ones(shape, bool) if unmasked_pixels is None else unmasked_pixels
     filled_pixels = usable | keep

@@ -15,7 +15,7 @@ from texloom.stages.declare import InputError, stage
 from texloom.stages.matrices import inverse_of, matrix_product
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
-from texloom.stages.sizes import Size
+from texloom.stages.sizes import Size, format_size
 from texloom.stages.synthesis._lattice.output_lattice import OutputLattice
 from texloom.stages.synthesis._lattice.tiles import Shape, Window, best_shape, course_shape, whole
 from texloom.stages.synthesis._seams.cuts import Strips, laid_over
@@ -155,8 +155,8 @@ def _tile_set(
         height, width = tile_source.valid.shape
         masked = " that its mask leaves" if tile_source.masked else ""
         raise InputError(
-            f"image: {height}x{width} px show no whole cell of the lattice{masked}, whose generators are "
-            f"{' and '.join(f'({row:.0f}, {column:.0f})' for row, column in generators)} px"
+            f"image: {format_size((height, width))} show no whole cell of the lattice{masked}, whose generators "
+            f"are {' and '.join(f'({row:.0f}, {column:.0f})' for row, column in generators)} px"
         )
     most = _MAX_COURSE_TILES if courses else _MAX_TILES
     limit = int(np.clip(_MAX_VALUES // (features.shape[2] * len(window.offsets)), 1, most))
@@ -216,7 +216,9 @@ class _Tiling:
         self.low, self.box = low, (int(high[0] - low[0]), int(high[1] - low[1]))
         height, width = params.size
         if params.tileable and (self.box[0] > height or self.box[1] > width):
-            raise InputError(f"size: {height}x{width} px is smaller than a tile, {self.box[0]}x{self.box[1]} px")
+            raise InputError(
+                f"size: {format_size((height, width))} is smaller than a tile, {format_size(self.box)}"
+            )
         # Tiles may extend by a whole tile beyond the result.
         self.margin = (0, 0) if params.tileable else self.box
         self.canvas = (height + 2 * self.margin[0], width + 2 * self.margin[1])
@@ -365,8 +367,8 @@ def near_regular(
     Raises
     ------
     InputError
-        the exemplar has no lattice, shows no whole cell of it, is smaller than 8x8 px or holds values that are not
-        finite; ``weights`` names a map that it lacks; a tileable result is smaller than a tile.
+        the exemplar has no lattice, shows no whole cell of it, is smaller than 8 x 8 px or holds values that are
+        not finite; ``weights`` names a map that it lacks; a tileable result is smaller than a tile.
     ValueError
         ``source`` does not have the exemplar's size.
 

@@ -23,6 +23,7 @@ from texloom.stages.declare import InputError, stage
 from texloom.stages.functions import log2
 from texloom.stages.matrices import matrix_product
 from texloom.stages.normals import turned
+from texloom.stages.sizes import format_size
 from texloom.stages.synthesis._kcoherence.known_control import extrapolated, notes_on_target
 from texloom.stages.synthesis._surface.levels import SurfaceLevels
 from texloom.stages.synthesis.per_pixel import ArrangementParams, flat, prepare, style_of
@@ -137,7 +138,7 @@ def on_surface(
     count = texels[0].flat.size
     covered = _marked(places[:count], size)
     if not covered.any():
-        raise InputError(f"size: no pixel of {height}x{width} is on the surface; take a larger size")
+        raise InputError(f"size: no pixel of {format_size((height, width))} is on the surface; take a larger size")
     jacobian = np.zeros((*size, 4), np.float32)
     inside = _inside(places[:count], size)
     jacobian[tuple(places[:count][inside].T)] = texels[0].jacobian[0, inside]

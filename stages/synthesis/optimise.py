@@ -18,7 +18,7 @@ from texloom.stages.common.pyramid import resize, scale_sizes, scaled
 from texloom.stages.declare import Params, stage
 from texloom.stages.masks import fill_excluded, valid_pixels, without_usable
 from texloom.stages.scratch import bands
-from texloom.stages.sizes import Size
+from texloom.stages.sizes import Size, format_size
 from texloom.stages.synthesis._patchmatch import correspondence
 from texloom.stages.synthesis._patchmatch.allowed import Allowed, allowed_at_scales
 from texloom.stages.synthesis._patchmatch.border import Border
@@ -485,15 +485,15 @@ def _check_inputs(
 ) -> None:
     height, width = start.shape[:2]
     if guidance is not None and guidance.shape != (image.height, image.width):
-        raise ValueError(f"guidance of shape {guidance.shape} for an exemplar of {image.height}x{image.width} px")
+        raise ValueError(f"guidance of shape {guidance.shape} for an exemplar of {format_size(image)}")
     check_start(image, start)
     if keep is not None and keep.shape != (height, width):
-        raise ValueError(f"keep of shape {keep.shape} for a start of {height}x{width} px")
+        raise ValueError(f"keep of shape {keep.shape} for a start of {format_size((height, width))}")
     if guiding is not None and guiding.shape != (height, width):
-        raise ValueError(f"guiding of shape {guiding.shape} for a start of {height}x{width} px")
+        raise ValueError(f"guiding of shape {guiding.shape} for a start of {format_size((height, width))}")
     if given is not None:
         if (given.height, given.width) != (height, width):
-            raise ValueError(f"given of {given.height}x{given.width} px for a start of {height}x{width} px")
+            raise ValueError(f"given of {format_size(given)} for a start of {format_size((height, width))}")
         channels = without_usable(image).channels
         if given.channels != channels:
             raise ValueError(f"given has the channels {given.channels}, the exemplar {channels}")
@@ -513,7 +513,7 @@ def _guides(
     if exemplar_guide.shape[:2] != (image.height, image.width) or exemplar_guide.shape[2] != target_guide.shape[2]:
         raise ValueError(
             f"guides of shapes {exemplar_guide.shape} and {target_guide.shape} for an exemplar of "
-            f"{image.height}x{image.width} px"
+            f"{format_size(image)}"
         )
     return Guides(border.around(exemplar_guide), resize_target(target_guide, start.shape[0], start.shape[1]))
 

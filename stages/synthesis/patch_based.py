@@ -11,6 +11,7 @@ from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, stage
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
+from texloom.stages.sizes import format_size
 from texloom.stages.synthesis._seams.boundaries import Boundaries, zone_mask
 from texloom.stages.synthesis._seams.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
 
@@ -66,7 +67,7 @@ def check_sides(params: PatchBasedParams, known: Mapping[str, Any]) -> None:
         shape = (image.height, image.width)
         patch, zone = _sides(shape, params)
         if patch > min(shape):
-            raise InputError(f"patch: {patch} px does not fit into an exemplar of {shape[0]}x{shape[1]} px")
+            raise InputError(f"patch: {patch} px does not fit into an exemplar of {format_size(shape)}")
         if 2 * zone > patch:
             raise InputError(f"zone: {zone} px is more than half a patch, {patch} px")
 

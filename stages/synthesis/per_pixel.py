@@ -29,7 +29,7 @@ from texloom.stages.common.per_pixel.tables import CONTROLS, Tables, make_tables
 from texloom.stages.declare import InputError, Outline, Params, stage
 from texloom.stages.functions import log2
 from texloom.stages.normals import NORMAL, turned, with_unit_normals
-from texloom.stages.sizes import Size
+from texloom.stages.sizes import Size, format_size, size_value
 from texloom.stages.synthesis._kcoherence.comparable_control import comparable
 from texloom.stages.synthesis._kcoherence.known_control import notes_on_target
 
@@ -126,7 +126,7 @@ def _tables(
     """The exemplar's tables, with its control."""
     levels, height, width = stack.appearance.shape[:3]
     if (height, width) != (image.height, image.width):
-        raise ValueError(f"analysis of {height}x{width} px for an image of {image.height}x{image.width} px")
+        raise ValueError(f"analysis of {format_size((height, width))} for an image of {format_size(image)}")
     planes = None if own is None else blurred_levels(own, levels, stack.toroidal)
     return make_tables(stack.appearance, stack.basis, stack.candidates, stack.toroidal, planes, weight, jacobian)
 
@@ -445,6 +445,6 @@ def check_divisible(size: tuple[int, int], levels: int) -> None:
     if size[0] % unit or size[1] % unit:
         near = [max(unit, round(side / unit) * unit) for side in size]
         raise InputError(
-            f"size: {size[0]}x{size[1]} px cannot be tileable with {levels} levels, which takes multiples of "
-            f"{unit}; {near[0]}x{near[1]} can"
+            f"size: {format_size(size)} cannot be tileable with {levels} levels, which takes multiples of "
+            f"{unit}; {size_value(near)} can"
         )

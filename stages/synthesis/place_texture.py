@@ -13,6 +13,7 @@ from texloom.stages.common.screened_poisson import neighbours, screened_poisson_
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.filters import gaussian_blur
 from texloom.stages.functions import exp, log
+from texloom.stages.sizes import format_size
 
 _RING = 24  # px around the hole whose contrast is taken over
 _MAX_GAIN = 1.25  # of contrast
@@ -91,13 +92,11 @@ def place_texture(
     top, left = (0, 0) if corner is None else (int(part) for part in corner)
     for name, sides in (("target_jacobian", target_jacobian.shape), ("hole", hole.shape)):
         if sides[:2] != (height, width):
-            raise ValueError(f"{name} of shape {sides} for a result of {height}x{width} px")
+            raise ValueError(f"{name} of shape {sides} for a result of {format_size((height, width))}")
     if jacobian.shape[:2] != (exemplar.height, exemplar.width):
-        raise ValueError(
-            f"jacobian of shape {jacobian.shape} for an exemplar of {exemplar.height}x{exemplar.width} px"
-        )
+        raise ValueError(f"jacobian of shape {jacobian.shape} for an exemplar of {format_size(exemplar)}")
     if top + height > photo.height or left + width > photo.width:
-        raise ValueError(f"result of {height}x{width} px at {top}, {left} goes beyond the photograph")
+        raise ValueError(f"result of {format_size((height, width))} at {top}, {left} goes beyond the photograph")
     if not hole.any():
         raise InputError("hole: no pixel is marked for replacement; add hole: [polygon, ...] to the patch file")
     usable = np.ones(jacobian.shape[:2], np.bool_) if known is None else known

@@ -17,6 +17,7 @@ from texloom.stages.common.control import check_finite, from_painted, painted_va
 from texloom.stages.common.neighbourhoods import inside_of
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.matrices import row_product
+from texloom.stages.sizes import format_size
 from texloom.stages.synthesis.inverse.level import Level, Matching, Tree
 
 _LOG = logging.getLogger(__name__)
@@ -63,9 +64,7 @@ def check_edit(params: Any, known: Mapping[str, Any]) -> None:  # noqa: ARG001
     if compaction is not None and edited is not None:
         sizes = (compaction.height, compaction.width), (edited.height, edited.width)
         if sizes[0] != sizes[1]:
-            raise InputError(
-                f"edited: {sizes[1][0]}x{sizes[1][1]} px; the compaction has {sizes[0][0]}x{sizes[0][1]} px"
-            )
+            raise InputError(f"edited: {format_size(sizes[1])}; the compaction has {format_size(sizes[0])}")
     if texture is not None and edited is not None and not set(texture.channels) & set(edited.channels):
         raise InputError(
             f"edited: channels {' '.join(edited.channels)}; none is one of the texture's, "

@@ -12,7 +12,7 @@ from pydantic import Field
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, stage
 from texloom.stages.progress import Progress, report
-from texloom.stages.sizes import Size
+from texloom.stages.sizes import Size, format_size
 from texloom.stages.synthesis._seams.cuts import Strips, enclosed
 from texloom.stages.synthesis._seams.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
 from texloom.stages.synthesis._seams.overlap import OverlapSearch, ReducedSearch, good_enough
@@ -59,7 +59,7 @@ def check_block(params: QuiltingParams, known: Mapping[str, Any]) -> None:
     check_exemplar(params, known, _MIN_SIDE)
     image = known.get("image")
     if image is not None and params.block is not None and params.block > min(image.height, image.width):
-        raise InputError(f"block: {params.block} px is more than the image has, {image.height}x{image.width} px")
+        raise InputError(f"block: {params.block} px is more than the image has, {format_size(image)}")
 
 
 def _edges(length: int, block: int, overlap: int, tileable: bool) -> list[int]:
@@ -239,8 +239,8 @@ def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> 
     Raises
     ------
     InputError
-        the exemplar is smaller than 8x8 px or than a block, or holds values that are not finite; its mask leaves no
-        whole block; ``weights`` names a map that it lacks.
+        the exemplar is smaller than 8 x 8 px or than a block, or holds values that are not finite; its mask leaves
+        no whole block; ``weights`` names a map that it lacks.
 
     References
     ----------

@@ -23,7 +23,7 @@ from texloom.stages.common.control import (
 from texloom.stages.common.pyramid import MAX_ROW_VALUES, scale_sizes, scaled
 from texloom.stages.common.sizes import check_patch
 from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.sizes import Size
+from texloom.stages.sizes import Size, format_size
 from texloom.stages.synthesis._kcoherence.correlation import correlation
 from texloom.stages.synthesis._kcoherence.known_control import notes_on_target
 from texloom.stages.synthesis._kcoherence.solvers import (
@@ -145,7 +145,7 @@ def check_sizes(params: ReconstructParams, known: Mapping[str, Any]) -> None:
         check_aspect(target, "target", size, "size")
         if min(size) <= params.patch_size:
             raise InputError(
-                f"target: a result of {size[0]}x{size[1]} px does not hold more than one patch of "
+                f"target: a result of {format_size(size)} does not hold more than one patch of "
                 f"{params.patch_size} px"
             )
 

@@ -16,6 +16,7 @@ from texloom.stages.common.patch_distance import SIDE, Places
 from texloom.stages.declare import InputError, Outline, stage
 from texloom.stages.masks import fill_excluded, valid_pixels
 from texloom.stages.progress import Progress, part, report
+from texloom.stages.sizes import format_size
 from texloom.stages.synthesis._patchmatch.windows import windows
 from texloom.stages.synthesis._seams.cuts import Strips, enclosed
 from texloom.stages.synthesis.revise import ReviseParams, Revision, exemplar_like
@@ -315,10 +316,10 @@ def refine(
     True
     """
     if match.shape[:2] != (image.height, image.width):
-        raise ValueError(f"match of shape {match.shape} for a texture of {image.height}x{image.width} px")
+        raise ValueError(f"match of shape {match.shape} for a texture of {format_size(image)}")
     source = exemplar_like(exemplar, image)
     if (match >= (source.height, source.width)).any():
-        raise ValueError(f"match points beyond the exemplar of {source.height}x{source.width} px")
+        raise ValueError(f"match points beyond the exemplar of {format_size(source)}")
     table: dict[str, Any] = {"before": 0.0, "after": 0.0, "places": []}
     unchanged = Refined(image, match, params.tileable, np.zeros(match.shape[:2], bool), table)
     if not params.rounds:

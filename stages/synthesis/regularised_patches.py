@@ -81,8 +81,8 @@ def regularised_patches(
     Raises
     ------
     InputError
-        there is no lattice; the exemplar shows no whole cell of it, is smaller than 8x8 px or holds values that are
-        not finite; ``weights`` names a map that it lacks; a tileable result is smaller than a cell.
+        there is no lattice; the exemplar shows no whole cell of it, is smaller than 8 x 8 px or holds values that
+        are not finite; ``weights`` names a map that it lacks; a tileable result is smaller than a cell.
 
     References
     ----------

@@ -21,6 +21,7 @@ from texloom.stages.masks import (
 )
 from texloom.stages.matrices import matrix_product
 from texloom.stages.progress import part
+from texloom.stages.sizes import format_size
 from texloom.stages.synthesis._patchmatch.inputs import check_patches
 from texloom.stages.synthesis._patchmatch.lattice_phase import LatticePhase
 from texloom.stages.synthesis._patchmatch.tracing import continued, trace
@@ -78,7 +79,7 @@ def check_sources(params: ReviseParams, known: Mapping[str, Any]) -> None:
         _common_channels(texture.channels, exemplar.channels)
         if min(texture.height, texture.width) < 2 * params.patch_size:
             raise InputError(
-                f"texture: {texture.height}x{texture.width} px is too small for patches of {params.patch_size} px; "
+                f"texture: {format_size(texture)} is too small for patches of {params.patch_size} px; "
                 f"the minimum is {2 * params.patch_size} px"
             )
     if isinstance(region, Image):
@@ -386,7 +387,7 @@ def revise(
     """
     marked = marked_pixels(region)
     if match is not None and match.shape[:2] != marked.shape:
-        raise ValueError(f"match of shape {match.shape} for a texture of {texture.height}x{texture.width} px")
+        raise ValueError(f"match of shape {match.shape} for a texture of {format_size(texture)}")
     source = exemplar_like(exemplar, texture)
     revision = Revision(source, guidance, weight, generators, params)
     pixels = texture.pixels.copy()

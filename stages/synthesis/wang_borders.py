@@ -58,7 +58,7 @@ class WangBordersParams(WangParams):
     colors: Literal[1, 2, 3] = 2
     """number of colours in each direction: a complete set has 1, 16 or 81 tiles"""
     variants: Annotated[tuple[Repeats, Repeats], SIDES] = (1, 1)
-    """rows and columns in which the complete set is repeated, with the same borders and other interiors"""
+    """how often the complete set is repeated, columns x rows as 4x2, with the same borders and other interiors"""
     tile: int | None = Field(None, ge=24, le=2048)
     """side of a tile, px; null: half the exemplar's shorter side, between 64 and 256. With a lattice, the nearest
     side that contains whole cells"""

@@ -13,6 +13,7 @@ from texloom.stages.arrays import Image
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common import appearance
 from texloom.stages.declare import InputError, find_stage
+from texloom.stages.sizes import format_size
 
 
 @pytest.fixture
@@ -164,7 +165,7 @@ def test_sizes_that_cannot_be_are_refused_before_anything_runs(shape: tuple[int,
     check = find_stage("analysis.appearance_stack").check
     assert check is not None
     image = SimpleNamespace(height=shape[0], width=shape[1], channels=("Y",))
-    with pytest.raises(InputError, match=f"image: {shape[0]}x{shape[1]} px is"):
+    with pytest.raises(InputError, match=f"image: {format_size(shape)} is"):
         check(params(), {"image": image})
 
 

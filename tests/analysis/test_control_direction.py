@@ -96,9 +96,9 @@ def test_a_field_has_the_size_of_the_texture_or_the_wanted_one() -> None:
     assert larger.jacobian.shape == (120, 120, 4)
     assert larger.picture.pixels.shape == (120, 120, 3)
     assert off(larger.angle, directions(control).angle[0, 0]).max() < 2
-    with pytest.raises(InputError, match=r"control: 96x96 px has another aspect ratio than size, 100x50 px"):
+    with pytest.raises(InputError, match=r"control: 96 x 96 px has another aspect ratio than size, 50 x 100 px"):
         directions(control, size=(100, 50))
-    with pytest.raises(InputError, match=r"control: 96x96 px has another aspect ratio than image, 30x60 px"):
+    with pytest.raises(InputError, match=r"control: 96 x 96 px has another aspect ratio than image, 60 x 30 px"):
         directions(control, picture(np.zeros((30, 60))))
 
 
@@ -111,7 +111,7 @@ def test_a_value_that_is_not_finite_is_refused() -> None:
 
 def test_a_single_row_is_refused() -> None:
     assert directions(np.array([[0.0, 1.0], [0.0, 1.0]])).angle.shape == (2, 2)
-    with pytest.raises(InputError, match=r"control: 1x5 px have no directions; the minimum is 2x2 px"):
+    with pytest.raises(InputError, match=r"control: 5 x 1 px have no directions; the minimum is 2 x 2 px"):
         directions(np.zeros((1, 5)))
 
 

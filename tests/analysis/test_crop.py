@@ -24,9 +24,15 @@ def test_without_a_place_it_is_the_middle(rng: np.random.Generator) -> None:
 @pytest.mark.parametrize(
     ("params", "line"),
     [
-        ({"size": (10, 3)}, "size: 10x3 px is not inside the image of 9x12 px"),
-        ({"size": (3, 3), "at": (0, 10)}, "size: 3x3 px from row 0, column 10 is not inside the image of 9x12 px"),
-        ({"size": (3, 3), "at": (7, 0)}, "size: 3x3 px from row 7, column 0 is not inside the image of 9x12 px"),
+        ({"size": (10, 3)}, "size: 3 x 10 px is not inside the image of 12 x 9 px"),
+        (
+            {"size": (3, 3), "at": (0, 10)},
+            "size: 3 x 3 px from row 0, column 10 is not inside the image of 12 x 9 px",
+        ),
+        (
+            {"size": (3, 3), "at": (7, 0)},
+            "size: 3 x 3 px from row 7, column 0 is not inside the image of 12 x 9 px",
+        ),
     ],
 )
 def test_a_part_outside_is_refused_before_anything_runs(params: dict[str, tuple[int, int]], line: str) -> None:

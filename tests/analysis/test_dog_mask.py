@@ -63,7 +63,7 @@ def test_classes_are_filled_from_seeds() -> None:
     [
         ({"outer": 1.0}, r"^outer: 1 px; must be more than inner"),
         ({"only": 1}, r"^only: 1; there are 1 classes"),
-        ({"seeds": (((80, 3),),)}, r"^seeds: \[80, 3\] is outside the image of 80x90 px"),
+        ({"seeds": (((80, 3),),)}, r"^seeds: \[80, 3\] is outside the image of 90 x 80 px"),
     ],
 )
 def test_what_is_wrong_is_said(params: Any, said: str) -> None:

@@ -77,7 +77,7 @@ def test_a_mask_must_fit_and_leave_something(rng: np.random.Generator) -> None:
     image = picture(rng.random((6, 8, 3)))
     check = find_stage("analysis.exclusion_mask").check
     assert check is not None
-    with pytest.raises(InputError, match="mask: 8x6 px; must have the size of the image, 6x8 px") as caught:
+    with pytest.raises(InputError, match="mask: 6 x 8 px; must have the size of the image, 8 x 6 px") as caught:
         check(ExclusionMaskParams(), {"image": image, "mask": picture(np.ones((8, 6)))})
     assert "\n" not in str(caught.value)
     check(ExclusionMaskParams(), {"image": image})

@@ -128,7 +128,9 @@ def test_what_is_wrong_is_said_in_a_line() -> None:
     region, params = np.ones(SHAPE, bool), FeatureDistanceParams()
     with pytest.raises(InputError, match=r"^structure, features and classes: give exactly one"):
         feature_distance(GREY, flat(SHAPE), region, params)
-    with pytest.raises(InputError, match=r"^features: 10x10 px; must have the size of the photograph, 160x200 px$"):
+    with pytest.raises(
+        InputError, match=r"^features: 10 x 10 px; must have the size of the photograph, 200 x 160 px$"
+    ):
         feature_distance(GREY, flat(SHAPE), region, params, features=picture(np.zeros((10, 10))))
     bad = picture(np.full(SHAPE, np.nan))
     with pytest.raises(InputError, match=r"^features: a value is not finite"):

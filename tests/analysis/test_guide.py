@@ -112,7 +112,7 @@ def test_a_guide_may_have_another_resolution(exemplar: Image) -> None:
 @pytest.mark.parametrize(
     ("own", "target", "problem"),
     [
-        (painted(bands((40, 80))), painted(disc(SIZE)), "exemplar_guide: 40x80 px has another aspect ratio"),
+        (painted(bands((40, 80))), painted(disc(SIZE)), "exemplar_guide: 80 x 40 px has another aspect ratio"),
         (painted(np.zeros(SHAPE, int)), painted(disc(SIZE)), "exemplar_guide: every channel is constant"),
         (
             Image.of(bands(SHAPE).astype(np.uint8) * 100),

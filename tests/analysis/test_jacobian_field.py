@@ -243,7 +243,7 @@ def test_regions(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"region \(patch 'patches\[0\]'\): 0 px remain"):
         field(tmp_path, PLANE, without=[[[-9, -9], [-9, 200], [200, 200], [200, -9]]])
     params = JacobianFieldParams(geometry=filed(tmp_path, PLANE))
-    with pytest.raises(InputError, match="region: 10x10 px; must have the size"):
+    with pytest.raises(InputError, match="region: 10 x 10 px; must have the size"):
         jacobian_field(grey(), params, grey((10, 10)))
     assert jacobian_field(grey(), params, picture(np.ones(SHAPE))).region.all()
 
@@ -276,7 +276,7 @@ def test_far_places_are_only_in_coarse_levels(tmp_path: Path) -> None:
 
 
 def test_a_region_without_neighbourhoods(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"region \(patch 'patches\[0\]'\): does not contain a square of 7x7 px"):
+    with pytest.raises(InputError, match=r"region \(patch 'patches\[0\]'\): does not contain a square of 7 x 7 px"):
         field(tmp_path, FLAT, region=[[[0, 0], [0, 127], [2, 127], [2, 0]]])
     surface = field(tmp_path, FLAT, region=[[[0, 0], [0, 127], [8, 127], [8, 0]]])
     surface = dataclasses.replace(surface, jacobian=surface.jacobian * 2)
@@ -302,7 +302,7 @@ def test_areas_may_be_pictures(tmp_path: Path) -> None:
     for content, said in (
         (
             {"region": "other.png"},
-            r"region: other\.png: 50x128 px; must have the size of the photograph, 96x128 px",
+            r"region: other\.png: 128 x 50 px; must have the size of the photograph, 128 x 96 px",
         ),
         ({"hole": "area"}, r"hole: 'area' is not the name of an image"),
         ({"features": "area.png"}, r"features: Input should be a valid dictionary"),

@@ -144,7 +144,7 @@ def test_wrong_strokes_are_said() -> None:
     check = find_stage("analysis.orientation_field").check
     assert check is not None
     image = picture(np.zeros(SHAPE))
-    with pytest.raises(InputError, match="strokes: 12x15 px; must have the size of the texture, 120x150 px"):
+    with pytest.raises(InputError, match="strokes: 15 x 12 px; must have the size of the texture, 150 x 120 px"):
         check(OrientationFieldParams(), {"image": image, "strokes": picture(np.zeros((12, 15)))})
     with pytest.raises(InputError, match="nothing is painted"):
         measured(image, picture(np.zeros(SHAPE)))

@@ -65,7 +65,7 @@ def test_candidates_of_stripes_are_whole_periods_away() -> None:
 @pytest.mark.parametrize(
     ("shape", "message"),
     [
-        ((6, 9, 3), "neighbourhood=7 px does not fit in a texture of 6x9 px"),
+        ((6, 9, 3), "neighbourhood=7 px does not fit in a texture of 9 x 6 px"),
         ((20, 20, 53), "tsvq: 53 channels in neighbourhoods of 7 px are too many; at most 52 channels can be"),
     ],
 )

@@ -65,7 +65,7 @@ def test_no_two_neighbourhoods_are_farther_apart() -> None:
 @pytest.mark.parametrize(
     ("params", "message"),
     [
-        ({"least": 70, "most": 80}, "least=70 px is not below the shorter side of texture, 64x72 px"),
+        ({"least": 70, "most": 80}, "least=70 px is not below the shorter side of texture, 72 x 64 px"),
         ({"least": 20, "most": 20}, "least=20 px is not below most=20 px"),
     ],
 )

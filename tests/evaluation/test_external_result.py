@@ -29,8 +29,8 @@ def test_without_a_size_all_of_the_picture_is_the_result(image: Image) -> None:
 @pytest.mark.parametrize(
     ("params", "problem"),
     [
-        ({"size": (21, 24)}, "image: 20x24 px; the result must have at least 21x24 px"),
-        ({"size": (16, 16), "tileable": True}, "a tileable result must have 16x16 px"),
+        ({"size": (21, 24)}, "image: 24 x 20 px; the result must have at least 24 x 21 px"),
+        ({"size": (16, 16), "tileable": True}, "a tileable result must have 16 x 16 px"),
     ],
 )
 def test_pictures_of_a_wrong_size(image: Image, params: dict[str, object], problem: str) -> None:

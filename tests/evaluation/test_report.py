@@ -320,9 +320,9 @@ def test_a_large_result_is_shown_by_the_means_of_blocks(monkeypatch: pytest.Monk
 
 def test_maps_must_fit_the_exemplar() -> None:
     one = shown(8, 8)
-    with pytest.raises(InputError, match="structure is 8x9 px, the exemplar 8x8"):
+    with pytest.raises(InputError, match="structure is 9 x 8 px, the exemplar 8 x 8 px"):
         report(one, one, {}, ReportParams(), structure=np.zeros((8, 9), bool))
-    with pytest.raises(InputError, match="joints is 9x8 px, the result 8x8"):
+    with pytest.raises(InputError, match="joints is 8 x 9 px, the result 8 x 8 px"):
         report(one, one, {}, ReportParams(), joints=np.zeros((9, 8), np.float32))
 
 

@@ -28,5 +28,5 @@ def test_the_key_is_the_map_of_the_exemplar_itself() -> None:
 
 
 def test_places_beyond_the_exemplar() -> None:
-    with pytest.raises(ValueError, match="points outside an exemplar of 20x30 px"):
+    with pytest.raises(ValueError, match="points outside an exemplar of 30 x 20 px"):
         source_positions(picture(np.zeros((20, 30))), np.full((4, 4, 2), 25, np.uint32))

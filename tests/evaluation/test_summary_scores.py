@@ -67,5 +67,5 @@ def test_neighbourhoods_across_the_border_of_a_tileable_compaction_count(rng: np
 
 
 def test_a_reconstruction_is_as_large_as_the_texture(texture: Image) -> None:
-    with pytest.raises(InputError, match="reconstruction: 9x9 px; the texture has 48x60 px"):
+    with pytest.raises(InputError, match="reconstruction: 9 x 9 px; the texture has 60 x 48 px"):
         summary_scores(texture, texture.pixels, SummaryScoresParams(), reconstruction=picture(np.zeros((9, 9))))

@@ -22,5 +22,5 @@ def test_the_first_generation_is_its_own_match(rng: np.random.Generator) -> None
 
 def test_a_match_of_another_exemplar() -> None:
     match = np.full((4, 4, 2), 9, np.uint32)
-    with pytest.raises(InputError, match="match: points outside of the 5x5 px of former"):
+    with pytest.raises(InputError, match="match: points outside of the 5 x 5 px of former"):
         traced_match(match, np.zeros((5, 5, 2), np.uint32))

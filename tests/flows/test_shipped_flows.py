@@ -55,7 +55,7 @@ def test_scores_of_a_picture_from_elsewhere(ran: Any, gravel: np.ndarray, tmp_pa
     save(tmp_path / "exemplar.png", gravel)
     save(tmp_path / "made.png", np.tile(gravel, (2, 1, 1)))
     sources = {"exemplar": tmp_path / "exemplar.png", "picture": tmp_path / "made.png"}
-    exports = ran(tmp_path / "out", "score", sources, size="100x72")
+    exports = ran(tmp_path / "out", "score", sources, size="72x100")
     np.testing.assert_array_equal(exports["texture.png"], saved(tmp_path / "made.png")[16:116])
     assert exports["scores.json"]["coherence"]["score"] > 0.9
     assert exports["scores.json"]["copying"]["score"] == 0
@@ -86,7 +86,7 @@ def test_masked_places_leave_no_trace(ran: Any, gravel: np.ndarray, tmp_path: Pa
         path = tmp_path / f"{name}.png"
         save(path, np.where(logo[..., None], np.array(color, np.uint8), gravel))
         sources = {"exemplar": path, "mask": tmp_path / "mask.png"}
-        small = {"size": "80x96", "preset": "fast"}
+        small = {"size": "96x80", "preset": "fast"}
         runs.append(ran(tmp_path / name, "masked", sources, **small))
     first, second = runs
     np.testing.assert_array_equal(first["texture.png"], second["texture.png"])
@@ -112,7 +112,7 @@ def test_a_material_comes_back_whole(ran: Any, gravel: np.ndarray, tmp_path: Pat
     (tmp_path / "set").mkdir()
     save(tmp_path / "set" / "gravel_albedo.png", gravel)
     save(tmp_path / "set" / "gravel_height.png", gravel[..., 0].astype(np.uint16) * 257)
-    small = {"size": "40x48", "preset": "fast"}
+    small = {"size": "48x40", "preset": "fast"}
     exports = ran(tmp_path / "out", "materials", {"exemplar": tmp_path / "set"}, **small)
     files = {path.name for path in exports["maps/"].iterdir()}
     assert files == {"gravel_albedo.png", "gravel_height.png", "material.exr", "material.mtlx"}
@@ -214,7 +214,7 @@ def test_maps_of_a_material_are_revised_together(ran: Any, gravel: np.ndarray, t
 
 def test_a_refined_texture_has_no_worse_joints(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
     path = save(tmp_path / "gravel.png", gravel)
-    small = {"size": "80x88", "texture.preset": "fast", "refined.places": "2", "refined.tries": "1", "rounds": "1"}
+    small = {"size": "88x80", "texture.preset": "fast", "refined.places": "2", "refined.tries": "1", "rounds": "1"}
     exports = ran(tmp_path / "out", "refine", {"exemplar": path}, **small)
     changed = exports["changed.png"] > 0
     assert changed.shape == exports["texture.png"].shape[:2] == (80, 88)

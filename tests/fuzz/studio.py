@@ -32,7 +32,7 @@ from texloom.pipelines.studio.recipes import open_recipe
 from texloom.pipelines.studio.work import Places
 from texloom.stages.declare import InputError
 
-_RECIPE = {"flow": "quilting", "sources": {"exemplar": "folder:a.png"}, "size": [32, 32], "seed": 3}
+_RECIPE = {"flow": "quilting", "sources": {"exemplar": "folder:a.png"}, "size": "32x32", "seed": 3}
 _SQUARE = [[2, 2], [2, 20], [20, 20], [20, 2]]
 _REQUESTS: tuple[dict[str, Any], ...] = (
     {"kind": "preview", "number": 1, "recipe": {**_RECIPE, "tileable": True, "params": {"texture.overlap": 0.25}}},
@@ -45,7 +45,7 @@ _REQUESTS: tuple[dict[str, Any], ...] = (
         "kind": "alternatives", "number": 2, "seeds": [1, 2],
         "recipe": {"flow": "revise", "sources": dict.fromkeys(("texture", "exemplar", "region"), "folder:a.png")},
     },
-    {"kind": "paint_open", "number": 3, "texture": "folder:a.png", "control": "folder:b.png", "size": [20, 24]},
+    {"kind": "paint_open", "number": 3, "texture": "folder:a.png", "control": "folder:b.png", "size": "24x20"},
     {"kind": "paint_dab", "number": 4, "top": 2, "left": 3, "height": 4, "width": 5},
     {
         "kind": "photo", "number": 5, "patch": "wall", "side": 16,

@@ -41,7 +41,7 @@ steps:
   start:
     stage: synthesis.initialise
     inputs: {image: exemplar}
-    params: {size: [96, 96]}
+    params: {size: 96}
   texture:
     stage: synthesis.optimise
     inputs: {image: exemplar, start: start.match}
@@ -58,7 +58,7 @@ sources:
   exemplar: {each: pictures/*.png}
 steps:
   edges: {stage: analysis.edges, inputs: {image: exemplar}}
-  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 32, method: pixels}}
   scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image, match: start.match}}
   all: {stage: evaluation.tabulate, gather: {tables: scores.table}}
 exports:
@@ -78,9 +78,9 @@ steps:
   tiled:
     stage: synthesis.near_regular
     inputs: {image: exemplar, generators: lattice.generators, vertices: cells.vertices}
-    params: {size: [32, 32]}
+    params: {size: 32}
   tiled_scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: tiled.image}}
-  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 32, method: pixels}}
   scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image}}
   both: {stage: evaluation.compare, gather: {tables: {pixels: scores.table, tiles: tiled_scores.table}}}
   tiles: {stage: evaluation.tabulate, gather: {tables: tiled_scores.table}}

@@ -83,16 +83,19 @@ def redraw(terminal: Terminal) -> None:
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ({}, "flow: wall.png; 96x128 px; seed 7; store store"),
+        ({}, "flow: wall.png; 128 x 96 px; seed 7; store store"),
         ({"size": None, "seeds": (3, 4, 5), "items": 3}, "flow: wall.png; 3 items; 3 seeds, 3 to 5; store store"),
         ({"size": None, "items": 1}, "flow: wall.png; 1 item; seed 7; store store"),
         (
             {"sources": {"picture": "skimage:brick", "holes": "h/holes.png"}, "store": Path("/far/store")},
-            "flow: picture skimage:brick, holes holes.png; 96x128 px; seed 7; store /far/store",
+            "flow: picture skimage:brick, holes holes.png; 128 x 96 px; seed 7; store /far/store",
         ),
-        ({"sources": {"a": f"{'0' * 64}.png"}}, f"flow: {'0' * 37}...; 96x128 px; seed 7; store store"),
-        ({"sources": {"a": "/x/wall.png and 2 more"}}, "flow: wall.png and 2 more; 96x128 px; seed 7; store store"),
-        ({"sources": {}}, "flow: 96x128 px; seed 7; store store"),
+        ({"sources": {"a": f"{'0' * 64}.png"}}, f"flow: {'0' * 37}...; 128 x 96 px; seed 7; store store"),
+        (
+            {"sources": {"a": "/x/wall.png and 2 more"}},
+            "flow: wall.png and 2 more; 128 x 96 px; seed 7; store store",
+        ),
+        ({"sources": {}}, "flow: 128 x 96 px; seed 7; store store"),
     ],
 )
 def test_the_header_says_what_is_run(changes: dict[str, object], expected: str) -> None:

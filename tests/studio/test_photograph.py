@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from tests.studio.conftest import Watched, repeated
-from texloom.pipelines.api import open_run
+from texloom.pipelines.engine.opening import open_run
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.messages import BrushRecipe, Message, PatchRecipe, PhotoRecipe, PhotoRequest, Recipe

@@ -36,7 +36,7 @@ from texloom.stages.declare import InputError
 RECIPE = {
     "flow": "quilting",
     "sources": {"exemplar": "folder:blotches.png"},
-    "size": [48, 64],
+    "size": "64x48",
     "seed": 3,
 }
 
@@ -186,8 +186,8 @@ def test_only_pictures_of_its_folders_can_be_read(served: Served) -> None:
     [
         ({"flow": "os"}, "no such flow"),
         ({"flow": "../x"}, "no such flow"),
-        ({"size": [1, 1]}, "greater than or equal to 2"),
-        ({"size": [10**6, 4]}, "less than or equal"),
+        ({"size": "1x1"}, "greater than or equal to 2"),
+        ({"size": "99999x4"}, "less than or equal"),
         ({"params": {"texture.blok": 3}}, "did you mean"),
         ({"params": {"surface.geometry": "/etc/passwd"}}, "params"),
         ({"code": "print()"}, "code"),
@@ -433,7 +433,7 @@ def _children(pid: int) -> list[str]:
 
 
 def test_a_waiting_run_can_be_cancelled(served: Served) -> None:
-    recipe = {**RECIPE, "flow": "self_tuning", "size": [512, 512]}
+    recipe = {**RECIPE, "flow": "self_tuning", "size": "512x512"}
     first, second = (served.json("/api/jobs", {**recipe, "seed": seed}) for seed in (1, 2))
     for job in (second, first):
         served.json(f"/api/jobs/{job['id']}", method="DELETE")

@@ -85,7 +85,7 @@ def test_blocks_have_any_shape(image: Image, k: float, tolerance: float) -> None
 
 
 def test_a_layout_of_another_size_is_refused(image: Image) -> None:
-    with pytest.raises(InputError, match="layout: 9x9 px for a result of 90x100 px"):
+    with pytest.raises(InputError, match="layout: 9 x 9 px for a result of 100 x 90 px"):
         check_patch(AdaptiveParams(size=(90, 100)), {"layout": picture(np.zeros((9, 9, 3)))})
-    with pytest.raises(InputError, match="layout: a block of 90x100 px"):
+    with pytest.raises(InputError, match="layout: a block of 100 x 90 px"):
         adaptive(image, AdaptiveParams(size=(90, 100)), np.random.default_rng(1), picture(np.zeros((90, 100, 3))))

@@ -108,7 +108,7 @@ def test_textures_that_do_not_fit_are_refused(rng: np.random.Generator) -> None:
         arranged([None])
     with pytest.raises(InputError, match="atlas: texture b has the channels Y, a has R G B"):
         arranged([textures[0], map_of])
-    with pytest.raises(InputError, match="control a: 15x25 px has another aspect ratio than its texture"):
+    with pytest.raises(InputError, match="control a: 25 x 15 px has another aspect ratio than its texture"):
         arranged(textures[:1], controls=[map_of])
     with pytest.raises(InputError, match="atlas: b has no control map"):
         arranged([map_of, map_of], controls=[map_of, None])

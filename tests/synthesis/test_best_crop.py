@@ -86,7 +86,7 @@ def test_same_bits_on_any_number_of_threads(patched: Image, monkeypatch: pytest.
 @pytest.mark.parametrize(
     ("size", "message"),
     [
-        ((20, 97), "size=20x97 px is larger than the texture of 80x96 px"),
+        ((20, 97), "size: 97 x 20 px is larger than the texture of 96 x 80 px"),
         ((20, 6), "too small; its sides must be 7 px"),
         (None, "neither size nor the sides of a compaction"),
     ],

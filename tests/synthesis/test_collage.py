@@ -79,7 +79,7 @@ def test_normals_turn_with_their_piece() -> None:
         ([{"at": [3, 4]}], "want either box or polygon"),
         ([{"box": [0, 0, 9, 9]}], "pieces.0.at: Field required"),
         ([{"box": [0, 0, 9, 9], "at": [3, 4], "turn": 3}], "pieces.0.turn"),
-        ([{"box": [0, 90, 9, 9], "at": [3, 4]}], "pieces.0: lies outside the exemplar of 60x80 px"),
+        ([{"box": [0, 90, 9, 9], "at": [3, 4]}], "pieces.0: lies outside the exemplar of 80 x 60 px"),
         ("text", "pieces.yaml"),
     ],
 )

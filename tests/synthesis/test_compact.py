@@ -232,8 +232,8 @@ def test_size_as_a_share_of_the_pixels(texture: Image) -> None:
 @pytest.mark.parametrize(
     ("size", "message"),
     [
-        ((91, 50), "^compact: size=91x50 px is larger than the texture of 90x120 px$"),
-        ((4, 50), "^compact: size=4x50 px does not hold a neighbourhood of 5 px$"),
+        ((91, 50), "^compact: size: 50 x 91 px is larger than the texture of 120 x 90 px$"),
+        ((4, 50), "^compact: size: 50 x 4 px does not hold a neighbourhood of 5 px$"),
     ],
 )
 def test_wrong_sizes_are_refused(texture: Image, size: tuple[int, int], message: str) -> None:

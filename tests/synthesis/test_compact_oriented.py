@@ -193,7 +193,7 @@ def test_same_bits_for_any_number_of_threads(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_wrong_sizes_are_refused() -> None:
     texture, _ = rings()
-    with pytest.raises(InputError, match="size=73x24 px is larger than the texture of 72x96 px"):
+    with pytest.raises(InputError, match="size: 24 x 73 px is larger than the texture of 96 x 72 px"):
         run(texture, np.zeros(SHAPE, np.float32), size=(73, 24))
 
 

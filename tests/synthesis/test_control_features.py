@@ -72,7 +72,7 @@ SPOILED = np.where(RAMP > 0.8, np.nan, RAMP)
         (SPOILED, RAMP, "^texture has values that are not finite"),
         (RAMP, SPOILED, "^control has values that are not finite"),
         (RAMP, 0 * RAMP, "^control: every channel is constant"),
-        (RAMP, RAMP[:15], "^control: 15x30 px has another aspect ratio than texture, 22x30 px"),
+        (RAMP, RAMP[:15], "^control: 30 x 15 px has another aspect ratio than texture, 30 x 22 px"),
     ],
 )
 def test_inputs_that_do_not_fit_or_hold_no_information_are_refused(

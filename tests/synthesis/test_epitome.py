@@ -57,7 +57,7 @@ def test_the_seed_alone_decides(halves: Image) -> None:
 
 
 def test_wrong_sizes_are_refused(halves: Image) -> None:
-    with pytest.raises(InputError, match="size=5x9 px is too small; its sides must be 6 px"):
+    with pytest.raises(InputError, match="size: 9 x 5 px is too small; its sides must be 6 px"):
         learned(halves, size=(5, 9))
     with pytest.raises(InputError, match="epitome: neither size nor the sides"):
         learned(halves)

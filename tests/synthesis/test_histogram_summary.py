@@ -31,5 +31,5 @@ def test_colours_have_the_shares_of_the_texture(rng: np.random.Generator, monkey
 
 def test_sizes_are_checked(rng: np.random.Generator) -> None:
     texture = picture(rng.random((40, 40, 3)))
-    with pytest.raises(InputError, match="8x8 px is too small; its sides must be 10 px or more"):
+    with pytest.raises(InputError, match="8 x 8 px is too small; its sides must be 10 px or more"):
         histogram_summary(texture, HistogramSummaryParams(size=(8, 8)), rng)

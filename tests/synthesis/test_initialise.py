@@ -10,6 +10,7 @@ from tests.runs import run_with_progress
 from tests.synthetic import blobs, continued, masked, picture, smooth_noise, tiled, wall
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, find_stage
+from texloom.stages.sizes import format_size
 from texloom.stages.synthesis.initialise import Initialised, InitialiseParams, initialise
 
 
@@ -240,7 +241,7 @@ def test_too_small_an_exemplar_is_refused_before_anything_runs(shape: tuple[int,
     check = find_stage("synthesis.initialise").check
     assert check is not None
     check(InitialiseParams(), {})
-    with pytest.raises(InputError, match=f"image: {shape[0]}x{shape[1]} px is too small") as caught:
+    with pytest.raises(InputError, match=f"image: {format_size(shape)} is too small") as caught:
         check(InitialiseParams(), {"image": picture(np.zeros((*shape, 3)))})
     assert "\n" not in str(caught.value)
 

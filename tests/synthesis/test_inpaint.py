@@ -88,7 +88,7 @@ def test_too_small_images_are_refused(pattern: Image) -> None:
     check = find_stage("synthesis.inpaint").check
     assert check is not None
     check(InpaintParams(block=56), {"image": pattern})
-    with pytest.raises(InputError, match="112x120 px is too small for blocks of 57 px"):
+    with pytest.raises(InputError, match="120 x 112 px is too small for blocks of 57 px"):
         check(InpaintParams(block=57), {"image": pattern})
 
 

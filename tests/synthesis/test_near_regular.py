@@ -269,9 +269,9 @@ def test_exemplars_without_lattice_or_whole_cell_are_refused() -> None:
     image, none = picture(np.zeros((40, 40))), np.zeros((0, 2), np.float32)
     with pytest.raises(InputError, match="the exemplar shows no lattice"):
         near_regular(image, none, none, NearRegularParams(), np.random.default_rng(1))
-    with pytest.raises(InputError, match="40x40 px show no whole cell of the lattice"):
+    with pytest.raises(InputError, match="40 x 40 px show no whole cell of the lattice"):
         texture(image, np.array([[50.0, 0.0], [0.0, 50.0]]))
-    with pytest.raises(InputError, match="size: 20x20 px is smaller than a"):
+    with pytest.raises(InputError, match="size: 20 x 20 px is smaller than a"):
         texture(picture(np.zeros((90, 90))), np.array([[18.0, 0.0], [0.0, 18.0]]), size=(20, 20), tileable=True)
 
 

@@ -14,6 +14,7 @@ from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, find_stage
 from texloom.stages.normals import rounding
 from texloom.stages.progress import Progress, listening
+from texloom.stages.sizes import format_size
 from texloom.stages.synthesis import optimise as optimise_module
 from texloom.stages.synthesis.initialise import InitialiseParams, initialise
 from texloom.stages.synthesis.optimise import PRESETS, Optimised, OptimiseParams, OptimiseScale, optimise
@@ -450,7 +451,7 @@ def test_an_exemplar_must_be_larger_than_a_patch(shape: tuple[int, int], rng: np
     assert check is not None
     check(OptimiseParams(patch_size=8), {"image": image})
     check(OptimiseParams(), {})
-    with pytest.raises(InputError, match=f"image: {shape[0]}x{shape[1]} px is too small") as caught:
+    with pytest.raises(InputError, match=f"image: {format_size(shape)} is too small") as caught:
         check(OptimiseParams(), {"image": image})
     assert "\n" not in str(caught.value)
 
@@ -466,7 +467,7 @@ def test_the_smallest_exemplar_works(preset: str, tileable: bool, rng: np.random
 
 def test_a_torus_must_hold_a_patch(exemplar: Image) -> None:
     start = np.zeros((9, 40, 2), np.uint32)
-    with pytest.raises(InputError, match="tileable result of 9x40 px does not hold a patch of 10 px"):
+    with pytest.raises(InputError, match="tileable result of 40 x 9 px does not hold a patch of 10 px"):
         run(exemplar, start, tileable=True)
     assert run(exemplar, start).image.pixels.shape == (9, 40, 3)
 
@@ -536,7 +537,7 @@ def test_scales_with_too_few_unmasked_patches_are_omitted(large: Image) -> None:
 
 @pytest.fixture
 def keep() -> np.ndarray:
-    """A result of 96x104 px but for a hole in it and one at its corner."""
+    """A result of 104 x 96 px but for a hole in it and one at its corner."""
     mask = np.ones(LARGE, bool)
     mask[40:58, 30:52] = mask[:12, -15:] = False
     return mask

@@ -353,8 +353,12 @@ def test_a_constant_exemplar_gives_a_constant_result() -> None:
 @pytest.mark.parametrize(
     ("sizes", "params", "message"),
     [
-        ({"control": (48, 60)}, {}, "control: 48x60 px has another aspect ratio than image"),
-        ({"target": (48, 60)}, {"size": (48, 90)}, "target: 48x60 px has another aspect ratio than size, 48x90 px"),
+        ({"control": (48, 60)}, {}, "control: 60 x 48 px has another aspect ratio than image"),
+        (
+            {"target": (48, 60)},
+            {"size": (48, 90)},
+            "target: 60 x 48 px has another aspect ratio than size, 90 x 48 px",
+        ),
         ({}, {"tileable": True, "origin": (0, 8)}, r"origin: \[0, 8\] for a tileable result"),
     ],
 )
@@ -377,10 +381,10 @@ def test_sides_that_cannot_be_tileable_are_refused_before_anything_runs(
     known = {"image": image, **analysis.outlines(AppearanceStackParams(coarsest=12), {"image": image})}
     assert known["appearance"].shape == stack.appearance.shape[1:]
     assert known["appearance"].levels == len(stack.appearance)
-    message = "^size: 44x64 px cannot be tileable with 3 levels, which takes multiples of 8; 48x64 can$"
+    message = "^size: 64 x 44 px cannot be tileable with 3 levels, which takes multiples of 8; 64x48 can$"
     with pytest.raises(InputError, match=message):
         check(PerPixelParams(size=(44, 64), tileable=True), known)
-    with pytest.raises(InputError, match=r"^size: 36x36 px cannot be tileable"):
+    with pytest.raises(InputError, match=r"^size: 36 x 36 px cannot be tileable"):
         check(PerPixelParams(tileable=True), {**known, "target": picture(np.zeros((36, 36)))})
     for params in ({"size": (44, 64)}, {"size": (40, 64), "tileable": True}, {"tileable": True}):
         check(PerPixelParams.model_validate(params), known)
@@ -403,10 +407,10 @@ def test_bad_inputs_are_refused(image: Image, stack: AppearanceStack, control: I
     for error, inputs, message in cases:
         with pytest.raises(error, match=f"^{message}.*$"):
             made(image, stack, inputs=inputs, size=SHAPE if "target" in inputs else (40, 64))
-    message = "size: 44x64 px cannot be tileable with 3 levels, which takes multiples of 8; 48x64 can"
+    message = "size: 64 x 44 px cannot be tileable with 3 levels, which takes multiples of 8; 64x48 can"
     with pytest.raises(InputError, match=message):
         made(image, stack, tileable=True, size=(44, 64))
-    with pytest.raises(ValueError, match="analysis of 48x56 px for an image"):
+    with pytest.raises(ValueError, match="analysis of 56 x 48 px for an image"):
         made(picture(np.zeros((40, 40))), stack)
 
 

@@ -106,5 +106,5 @@ def test_same_bits_for_any_number_of_threads(case: Case, monkeypatch: pytest.Mon
 
 
 def test_another_size_is_refused(case: Case) -> None:
-    with pytest.raises(InputError, match=r"^edited: 20x20 px; the compaction has 40x40 px$"):
+    with pytest.raises(InputError, match=r"^edited: 20 x 20 px; the compaction has 40 x 40 px$"):
         case.edited(picture(np.zeros((20, 20, 3))))

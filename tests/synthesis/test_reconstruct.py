@@ -418,11 +418,11 @@ def test_wrong_sizes_are_refused_before_anything_runs(texture: Image, control: I
     check(ReconstructParams(), good)
     check(ReconstructParams(), {})
     changes: list[tuple[dict[str, Image], dict[str, Any], str]] = [
-        ({"control": data(control.pixels[:, :60])}, {}, "control: 72x60 px has another aspect ratio than image"),
+        ({"control": data(control.pixels[:, :60])}, {}, "control: 60 x 72 px has another aspect ratio than image"),
         ({"target": data(control.pixels, "dirt")}, {}, "target: channels dirt do not match those of control"),
-        ({}, {"size": (72, 60)}, "target: 72x80 px has another aspect ratio than size, 72x60 px"),
+        ({}, {"size": (72, 60)}, "target: 80 x 72 px has another aspect ratio than size, 60 x 72 px"),
         ({}, {"patch_size": 32, "size": (27, 30)}, "does not hold more than one patch of 32 px"),
-        ({"image": data(texture.pixels[:8], "R", "G", "B")}, {}, "image: 8x80 px is too small"),
+        ({"image": data(texture.pixels[:8], "R", "G", "B")}, {}, "image: 80 x 8 px is too small"),
     ]
     for change, params, message in changes:
         inputs = good | change

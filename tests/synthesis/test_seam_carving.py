@@ -53,7 +53,7 @@ def test_the_size_is_that_of_a_compaction(rng: np.random.Generator) -> None:
 
 def test_wrong_sizes_are_refused() -> None:
     texture = picture(np.zeros((30, 40)))
-    with pytest.raises(InputError, match="size=31x20 px is larger than the texture of 30x40 px"):
+    with pytest.raises(InputError, match="size: 20 x 31 px is larger than the texture of 40 x 30 px"):
         carved(np.zeros((30, 40)), (31, 20))
     with pytest.raises(InputError, match="neither size nor the sides"):
         carved(np.zeros((30, 40)), None)

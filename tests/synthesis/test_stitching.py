@@ -200,22 +200,22 @@ def test_parameters_out_of_range_are_refused(method: str, params: dict[str, Any]
 @pytest.mark.parametrize(
     ("method", "shape", "params", "message"),
     [
-        ("quilting", (7, 100), {}, "image: 7x100 px is too small; the minimum is 8x8 px"),
-        ("quilting", (40, 30), {"block": 31}, "block: 31 px is more than the image has, 40x30 px"),
-        ("hybrid", (15, 100), {}, "image: 15x100 px is too small"),
+        ("quilting", (7, 100), {}, "image: 100 x 7 px is too small; the minimum is 8 x 8 px"),
+        ("quilting", (40, 30), {"block": 31}, "block: 31 px is more than the image has, 30 x 40 px"),
+        ("hybrid", (15, 100), {}, "image: 100 x 15 px is too small"),
         (
             "hybrid",
             (60, 40),
             {"patch": 32},
-            "patch: 32x32 px and overlaps of 7 px are more than the image has, 60x40",
+            "patch: 32 x 32 px and overlaps of 7 px are more than the image has, 40 x 60 px",
         ),
-        ("adaptive", (15, 100), {}, "image: 15x100 px is too small"),
-        ("patch_based", (7, 30), {}, "image: 7x30 px is too small"),
-        ("patch_based", (64, 80), {"patch": 65}, "patch: 65 px does not fit into an exemplar of 64x80 px"),
+        ("adaptive", (15, 100), {}, "image: 100 x 15 px is too small"),
+        ("patch_based", (7, 30), {}, "image: 30 x 7 px is too small"),
+        ("patch_based", (64, 80), {"patch": 65}, "patch: 65 px does not fit into an exemplar of 80 x 64 px"),
         ("patch_based", (64, 80), {"patch": 20, "zone": 11}, "zone: 11 px is more than half a patch, 20 px"),
-        ("graph_cut", (15, 60), {}, "image: 15x60 px is too small; the minimum is 16x16 px"),
-        ("near_regular", (7, 40), {}, "image: 7x40 px is too small"),
-        ("regularised_patches", (7, 30), {}, "image: 7x30 px is too small"),
+        ("graph_cut", (15, 60), {}, "image: 60 x 15 px is too small; the minimum is 16 x 16 px"),
+        ("near_regular", (7, 40), {}, "image: 40 x 7 px is too small"),
+        ("regularised_patches", (7, 30), {}, "image: 30 x 7 px is too small"),
     ],
 )
 def test_exemplars_that_do_not_suit_are_refused_before_anything_runs(

@@ -13,17 +13,18 @@ from typing import Any
 import httpx
 
 from texloom.pipelines.engine import signals
+from texloom.pipelines.engine.destination import placed
 from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, Recorder, StepReport, summary_of
+from texloom.pipelines.engine.opening import open_request
 from texloom.pipelines.engine.prefect.artifacts import show_result, show_scores
 from texloom.pipelines.engine.prefect.task_runners import TaskRunnerExecutor, silence_console
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.compare import comparison_flow
-from texloom.pipelines.flow.contact_sheet import open_flow
-from texloom.pipelines.flow.loader import find_flow
 from texloom.pipelines.flow.model import Each, Flow, Overrides
 from texloom.pipelines.flow.source_files import is_pattern
 from texloom.pipelines.flow.step_params import document_params
+from texloom.pipelines.request import request
 from texloom.pipelines.store.location import default_store
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.yaml import parse_yaml
@@ -42,6 +43,8 @@ class _Opened:
     """A run that this process has opened, for the flow run that it starts."""
 
     run: Run
+    folder: Path
+    """of its exports"""
     listener: Listener
     exports: dict[str, Path] = dataclasses.field(default_factory=dict)
 
@@ -53,7 +56,7 @@ def execute_as_flow_run(run: Run, listener: Listener, out: Path) -> dict[str, Pa
     """As `texloom.pipelines.engine.scheduler.execute`, as a flow run under the flow's own name."""
     _require_server()
     silence_console()
-    opened = _Opened(run, listener)
+    opened = _Opened(run, out, listener)
     token = _opened.set(opened)
     try:
         with (
@@ -81,13 +84,14 @@ def parameters_of(run: Run, out: Path) -> dict[str, Any]:
         "source": sources,
         "set": {target: _param(run.flow, target, value) for target, value in _values(run.flow.overrides).items()},
         "export": dict(run.flow.overrides.exports),
-        "seed": list(run.flow.seeds),
+        "seeds": list(run.flow.seeds),
+        "item": run.flow.item,
         "store": str(run.store.root),
-        "out": str(out.absolute()),
+        "out": str((out / (run.flow.picture or "")).absolute()),
         "runner": run.flow.runner.name,
         "workers": run.flow.runner.workers,
         "address": run.flow.runner.address,
-        "delivery": dict(run.flow.overrides.delivery),
+        **run.flow.overrides.delivery,
     }
 
 
@@ -100,7 +104,7 @@ def _given(source: str | Each) -> str | list[str]:
 
 
 def _values(overrides: Overrides) -> dict[str, Any]:
-    return {target: parse_yaml(text, f"--set {target}") for target, text in overrides.params.items()}
+    return {target: parse_yaml(text, f"--set {target}") for target, text in overrides.texts.items()}
 
 
 def _param(flow: Flow, target: str, value: Any) -> Any:
@@ -120,8 +124,8 @@ def _run_name() -> str:
     flows = given["flow"] if isinstance(given["flow"], list) else [given["flow"]]
     words = [" and ".join(Path(flow).stem for flow in flows) if opened is None else opened.run.flow.name]
     words += [_set_name(source) for source in (given["source"] or {}).values()]
-    if given["seed"] is not None:
-        seeds = given["seed"] if isinstance(given["seed"], list) else [given["seed"]]
+    seeds = given["seeds"] if isinstance(given["seeds"], list) else [given["seed"]] * (given["seeds"] or 1)
+    if seeds != [None]:
         words.append(f"seed {seeds[0]}" if len(seeds) == 1 else f"{len(seeds)} seeds")
     return ", ".join(words)
 
@@ -135,13 +139,22 @@ def run_flow(
     source: dict[str, str | list[str]] | None = None,
     set: dict[str, Any] | None = None,
     export: dict[str, str] | None = None,
-    seed: int | list[int] | None = None,
+    size: int | str | None = None,
+    tileable: bool | None = None,
+    preset: str | None = None,
+    seed: int | None = None,
+    seeds: int | list[int] | None = None,
+    item: str | None = None,
     store: str | None = None,
     out: str | None = None,
+    force: bool = False,
     runner: str | None = None,
     workers: int | None = None,
     address: str | None = None,
-    delivery: dict[str, str] | None = None,
+    layout: str | None = None,
+    texel_size: str | None = None,
+    color_space: str | None = None,
+    udim: str | None = None,
 ) -> dict[str, str]:
     """Run a flow file, every step a task. The options are those of ``texloom run``.
 
@@ -149,30 +162,33 @@ def run_flow(
     ----------
     flow : a flow file, or the name of a flow that ships with texloom; several are compared, as by
         ``texloom compare``.
-    source, set, export, seed : what differs from the file.
-    store, out : folders of the artifacts and of this run's exports.
+    source, set, export, size, tileable, preset, seed, seeds, item : what differs from the file.
+    store : folder of the artifacts.
+    out : folder of this run's exports, or a picture for the main result alone.
+    force : whether files in ``out`` that texloom did not write may be replaced.
     runner, workers, address : who computes.
-    delivery : ``layout``, ``texel_size``, ``color_space`` and ``udim``, those that are given.
+    layout, texel_size, color_space, udim : how exports are written.
     """
     opened = _opened.get()
-    folder = Path(out or "")
     if opened is None:
-        options = {"name": runner, "workers": workers, "address": address}
-        overrides = Overrides(
-            source or {},
-            {target: json.dumps(value) for target, value in (set or {}).items()},
-            seeds=tuple(seed) if isinstance(seed, list) else None,
-            seed=seed if isinstance(seed, int) else None,
-            runner={name: value for name, value in options.items() if value is not None},
+        asked = request(
+            flow=flow if isinstance(flow, str) else "comparison",
+            sources=source or {},
+            params={target: json.dumps(value) for target, value in (set or {}).items()},
             exports=export or {},
-            delivery=delivery or {},
-        )
-        found = open_flow(find_flow(flow), overrides) if isinstance(flow, str) else comparison_flow(flow, overrides)
-        opened = _Opened(Run(found, Store(Path(store) if store else default_store())), _ignore)
-        if not out:
-            folder = opened.run.default_out()
-        opened.run.check(folder)
-    run, listener = opened.run, opened.listener
+            size=None if size is None else str(size),
+            tileable=tileable, preset=preset, seed=seed, seeds=seeds, item=item, store=store, out=out or None,
+            force=force, runner=runner, workers=workers, address=address, layout=layout, texel_size=texel_size,
+            color_space=color_space, udim=udim,
+        )  # fmt: skip
+        if isinstance(flow, str):
+            run, folder = open_request(asked)
+        else:
+            compared = Run(comparison_flow(flow, asked.overrides), Store(asked.store or default_store()))
+            run, folder = placed(compared, asked.out)
+        run.check(folder, force)
+        opened = _Opened(run, folder, _ignore)
+    run, folder, listener = opened.run, opened.folder, opened.listener
     listener(Note(f"flow run {prefect.runtime.flow_run.name}: {prefect.runtime.flow_run.ui_url}"))
 
     def show(event: Event) -> None:

@@ -19,6 +19,7 @@ from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.png_file import png
 from texloom.stages.arrays import Image
+from texloom.stages.sizes import format_size, size_value
 
 SMOOTHNESS = "smoothness"
 """plane of 1 - roughness"""
@@ -203,8 +204,9 @@ def tiles_of(image: Image, udim: tuple[int, int] | None, folder: Path) -> Iterat
         return
     rows, columns = udim
     if image.height % rows or image.width % columns:
-        sides = f"{image.height}x{image.width}"
-        raise ArtifactError(f"{folder}: {sides} px cannot be cut into {rows}x{columns} equal tiles; change --size")
+        raise ArtifactError(
+            f"{folder}: {format_size(image)} cannot be cut into {size_value(udim)} equal tiles; change --size"
+        )
     height, width = image.height // rows, image.width // columns
     for up in range(rows):
         for across in range(columns):

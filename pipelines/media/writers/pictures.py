@@ -21,6 +21,7 @@ from texloom.pipelines.store.types import Hint
 from texloom.stages.animation import animated_webp
 from texloom.stages.arrays import Image
 from texloom.stages.frames import frame_count, frames_of
+from texloom.stages.sizes import format_size
 
 _MAX_SIDE = {".jpg": 65500, ".webp": 16383}  # px
 _OPTIONS = {
@@ -44,8 +45,9 @@ def _eight_bits(job: Job) -> bytes:
         raise ArtifactError(f"{job.path}: is no picture; export it as .exr")
     largest = _MAX_SIDE[job.path.suffix]
     if max(levels.shape[:2]) > largest:
-        size = f"{levels.shape[0]}x{levels.shape[1]}"
-        raise ArtifactError(f"{job.path}: {size} px, {job.path.suffix} holds at most {largest} px a side")
+        raise ArtifactError(
+            f"{job.path}: {format_size(levels.shape)}, {job.path.suffix} holds at most {largest} px a side"
+        )
     picture = PIL.Image.fromarray(levels)
     if job.path.suffix == ".webp" and isinstance(job.value, Image) and frame_count(job.value.channels) > 1:
         return animated_webp([frame.srgb for frame in frames_of(job.value)])

@@ -11,6 +11,7 @@ from texloom.stages.analysis._distortion.pull_push import pull_push
 from texloom.stages.arrays import Jacobian, Mask, ScalarMap
 from texloom.stages.declare import InputError
 from texloom.stages.functions import exp, log, log2
+from texloom.stages.sizes import format_size
 
 _CELLS = 16  # a side: parts of a patch in which its pixels are searched
 _PIECES = 8
@@ -63,7 +64,7 @@ def coverage(patch: Patch, shape: tuple[int, int]) -> Coverage:
     run_spans(cover, (patch.controls, patch.space, patch.unit, _CELLS, total, count, place), shape[0], _PIECES)
     rows, columns = (np.flatnonzero(count.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
-        raise InputError(f"{patch.name}: is outside the photograph of {shape[0]}x{shape[1]} px")
+        raise InputError(f"{patch.name}: is outside the photograph of {format_size(shape)}")
     box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     return Coverage((int(rows[0]), int(columns[0])), total[box].copy(), count[box].copy())
 

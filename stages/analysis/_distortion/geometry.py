@@ -14,6 +14,7 @@ from texloom.stages.analysis._distortion import bezier
 from texloom.stages.arrays import Mask, Quads
 from texloom.stages.declare import Document, InputError, first_problem
 from texloom.stages.matrices import determinant, length_of, matrix_product
+from texloom.stages.sizes import format_size
 
 _MAX_ENTRIES = 256  # patches, and polygons of an area
 _MAX_CLASSES = 8  # of features
@@ -168,7 +169,8 @@ def _area(entry: str | list[Any], name: str, shape: tuple[int, int], pictures: M
     height, width = _picture_size(pictures[entry], f"{name}: {entry}")
     if (height, width) != shape:
         raise InputError(
-            f"{name}: {entry}: {height}x{width} px; must have the size of the photograph, {shape[0]}x{shape[1]} px"
+            f"{name}: {entry}: {format_size((height, width))}; must have the size of the photograph, "
+            f"{format_size(shape)}"
         )
     return pictures[entry]
 

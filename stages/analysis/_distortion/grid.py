@@ -7,6 +7,7 @@ from texloom.stages.analysis._distortion import bezier
 from texloom.stages.analysis._distortion.geometry import Patch, pixels_inside
 from texloom.stages.arrays import Mask
 from texloom.stages.declare import InputError
+from texloom.stages.sizes import format_size
 
 _CELLS_ALONG = 8  # cells along a patch's longer side
 _MIN_CELLS_ACROSS = 2  # along the shorter side of a long patch, where that takes no more than _MAX_CELLS_ALONG
@@ -48,6 +49,6 @@ def outlined(patches: list[Patch], shape: tuple[int, int]) -> Mask:
     for patch in patches:
         part = pixels_inside([np.clip(bezier.points(patch.controls, u, v), -1e5, 1e5)], shape)
         if not part.any():
-            raise InputError(f"{patch.name}: is outside the photograph of {shape[0]}x{shape[1]} px")
+            raise InputError(f"{patch.name}: is outside the photograph of {format_size(shape)}")
         covered |= part
     return covered

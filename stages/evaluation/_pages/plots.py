@@ -57,7 +57,7 @@ def energies(scales: Sequence[Mapping[str, Any]]) -> str:
     if not np.isfinite(energy).any():
         return ""
     price = np.nan_to_num(price)
-    labels = [f"{scale.get('height', '?')}×{scale.get('width', '?')}" for scale in scales]
+    labels = [f"{scale.get('width', '?')} x {scale.get('height', '?')}" for scale in scales]
     parts = {"appearance": (energy - price, _BLUE), "occurrence penalty": (price, _ORANGE)}
     panels = (
         _bars("energy per patch, CIELAB units² per pixel", labels, parts),

@@ -12,6 +12,7 @@ from texloom.stages.common.control import resize_control
 from texloom.stages.common.pyramid import halved_size
 from texloom.stages.common.sizes import Sized
 from texloom.stages.declare import Check, InputError, Outline, Params
+from texloom.stages.sizes import format_size
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,13 +95,9 @@ def wanted_size(
             raise InputError(f"{name}: neither size nor the sides of a compaction are given")
         size = (sides[0], sides[1])
     if size[0] > texture.height or size[1] > texture.width:
-        raise InputError(
-            f"{name}: size={size[0]}x{size[1]} px is larger than the texture of {texture.height}x{texture.width} px"
-        )
+        raise InputError(f"{name}: size: {format_size(size)} is larger than the texture of {format_size(texture)}")
     if min(size) < min_side:
-        raise InputError(
-            f"{name}: size={size[0]}x{size[1]} px is too small; its sides must be {min_side} px or more"
-        )
+        raise InputError(f"{name}: size: {format_size(size)} is too small; its sides must be {min_side} px or more")
     return size
 
 
@@ -121,6 +118,4 @@ def level_count(shape: tuple[int, int], above: int, size: tuple[int, int], least
 def require_features(name: str, features: np.ndarray, texture: Sized) -> None:
     """`ValueError` unless the features are the texture's."""
     if features.shape[:2] != (texture.height, texture.width):
-        raise ValueError(
-            f"{name}: features {features.shape} do not belong to a texture of {texture.height}x{texture.width} px"
-        )
+        raise ValueError(f"{name}: features {features.shape} do not belong to a texture of {format_size(texture)}")

@@ -8,6 +8,7 @@ from jaxtyping import Float64, Int64
 
 from texloom.stages.declare import InputError
 from texloom.stages.matrices import determinant, inverse_of, matrix_product
+from texloom.stages.sizes import format_size
 
 _MARGIN = 2.0  # cells around the result that have nodes
 _MAX_NODES = 1 << 20
@@ -53,7 +54,7 @@ class OutputLattice:
         low = np.floor(corners.min(axis=0) - _MARGIN).astype(np.int64)
         high = np.ceil(corners.max(axis=0) + _MARGIN).astype(np.int64)
         if np.prod(high - low + 1) > _MAX_NODES:
-            raise InputError(f"size: {size[0]}x{size[1]} px are too many cells of the lattice")
+            raise InputError(f"size: {format_size(size)} are too many cells of the lattice")
         grid = np.moveaxis(np.indices(high - low + 1), 0, -1) + low
         flat = grid.reshape(-1, 2)
         if periods is not None:
@@ -104,5 +105,5 @@ def _periods(generators: Float64[np.ndarray, "2 2"], size: tuple[int, int]) -> I
         if cost < least:
             best, least = periods, cost
     if best is None or not possible:
-        raise InputError(f"size: {size[0]}x{size[1]} px is smaller than a cell of the lattice, so it cannot tile")
+        raise InputError(f"size: {format_size(size)} is smaller than a cell of the lattice, so it cannot tile")
     return best

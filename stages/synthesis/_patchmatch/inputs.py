@@ -7,6 +7,7 @@ from texloom.stages.arrays import Correspondence, Image
 from texloom.stages.common.maps import check_weights
 from texloom.stages.common.sizes import check_patch
 from texloom.stages.declare import InputError
+from texloom.stages.sizes import format_size
 
 
 @runtime_checkable
@@ -31,11 +32,12 @@ def check_patches(params: PatchParams, known: Mapping[str, Any]) -> None:
         height, width = start.shape[:2]
         if min(height, width) < params.patch_size:
             raise InputError(
-                f"start: a tileable result of {height}x{width} px does not hold a patch of {params.patch_size} px"
+                f"start: a tileable result of {format_size((height, width))} does not hold a patch "
+                f"of {params.patch_size} px"
             )
 
 
 def check_start(image: Image, start: Correspondence) -> None:
     """`ValueError` where the start has sources beyond the exemplar."""
     if (start.max(axis=(0, 1)) >= (image.height, image.width)).any():
-        raise ValueError(f"start points beyond the exemplar of {image.height}x{image.width} px")
+        raise ValueError(f"start points beyond the exemplar of {format_size(image)}")

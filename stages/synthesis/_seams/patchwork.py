@@ -15,7 +15,7 @@ from texloom.stages.functions import log2
 from texloom.stages.masks import nearest_valid
 from texloom.stages.normals import with_unit_normals
 from texloom.stages.progress import Progress, report
-from texloom.stages.sizes import SIDES
+from texloom.stages.sizes import SIDES, format_size
 from texloom.stages.synthesis._seams.cuts import Strips, enclosed
 from texloom.stages.synthesis._seams.exemplar import Exemplar, StitchingParams, check_exemplar
 from texloom.stages.synthesis._seams.layout import painted_blocks
@@ -35,8 +35,8 @@ class PatchworkParams(StitchingParams):
     """Size of the result, patches, and the tolerances of splitting and resynthesis."""
 
     patch: Annotated[tuple[_PatchSide, _PatchSide], SIDES] | None = None
-    """height and width of a patch before splits, px, as 32 or 32x64, near that of the largest feature: larger ones
-    preserve more features, but their splits fit worse; null: the largest power of two within a quarter of the
+    """size of a patch before splits, px, as 32 or 64x32 (width x height), near that of the largest feature: larger
+    ones preserve more features, but their splits fit worse; null: the largest power of two within a quarter of the
     exemplar's shorter side, at least 32 if that fits"""
     smallest: int = Field(8, ge=1)
     """patches are not split below this side, px; with 1 and `patch_tolerance` 0 every patch is a pixel"""
@@ -75,16 +75,14 @@ def check_patch(params: PatchworkParams, known: Mapping[str, Any]) -> None:
     check_exemplar(params, known, _MIN_SIDE)
     image, layout = known.get("image"), known.get("layout")
     if layout is not None and (layout.height, layout.width) != params.size:
-        raise InputError(
-            f"layout: {layout.height}x{layout.width} px for a result of {params.size[0]}x{params.size[1]} px"
-        )
+        raise InputError(f"layout: {format_size(layout)} for a result of {format_size(params.size)}")
     if image is None or layout is not None:
         return
     (height, width), overlap = patch_and_overlap((image.height, image.width), params)
     if height + 2 * overlap > image.height or width + 2 * overlap > image.width:
         raise InputError(
-            f"patch: {height}x{width} px and overlaps of {overlap} px are more than the image has, "
-            f"{image.height}x{image.width} px"
+            f"patch: {format_size((height, width))} and overlaps of {overlap} px are more than the image has, "
+            f"{format_size(image)}"
         )
 
 
@@ -193,8 +191,8 @@ class Patchwork:
             most = [side - 2 * overlap for side in self.exemplar.shape]
             if any(side > limit for side, limit in zip(shape.shape, most, strict=True)):
                 raise InputError(
-                    f"layout: a block of {shape.shape[0]}x{shape.shape[1]} px and overlaps of {overlap} px are "
-                    f"more than the image has, {self.exemplar.shape[0]}x{self.exemplar.shape[1]} px"
+                    f"layout: a block of {format_size(shape.shape)} and overlaps of {overlap} px are "
+                    f"more than the image has, {format_size(self.exemplar.shape)}"
                 )
             self._fill(_Cell(rows.start, rows.stop, columns.start, columns.stop, shape), overlap)
             report(Progress((number + 1) / len(blocks)))

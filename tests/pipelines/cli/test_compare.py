@@ -42,7 +42,7 @@ def test_a_report_is_a_page_a_table_and_a_spreadsheet(folder: Path) -> None:
     options = ["pixels.yaml", "blocks.yaml", "--over", "pictures/*.png", "--out", "out"]
     assert texloom("compare", *options, "--report", "one/page.html").code == 0
     shutil.rmtree(folder / "store")
-    assert texloom("compare", *options, "--store", "elsewhere", "--report", "two/page.html").code == 0
+    assert texloom("compare", *options, "--store", "elsewhere", "--force", "--report", "two/page.html").code == 0
     names = ["page.csv", "page.html", "page.json"]
     assert sorted(path.name for path in (folder / "one").iterdir()) == names
     for name in names:
@@ -170,7 +170,7 @@ def test_exemplars_that_are_not_there_are_named_by_the_option(other: str, over: 
 @pytest.mark.usefixtures("theirs")
 @pytest.mark.parametrize(
     ("size", "message"),
-    [("44", "the result must have at least 44x44 px"), ("40x51", "must have at least 40x51 px")],
+    [("44", "the result must have at least 44 x 44 px"), ("51x40", "must have at least 51 x 40 px")],
 )
 def test_pictures_that_are_too_small_are_named(size: str, message: str) -> None:
     options = ("--over", "pictures", "--size", size, "--against", "other=theirs")

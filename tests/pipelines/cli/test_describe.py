@@ -95,8 +95,8 @@ def test_flows_are_listed_and_explained() -> None:
     assert "\n    texloom run inverse rust.png --source control=wetness.png --size 128" in text
     for words in ("texture  required", "compact     synthesis.compact: ", "energy.json  compact.energy"):
         assert f"\n  {words}" in text
-    sizes = "N | HxW | [int >= 1, int >= 1] | float > 0 < 1 | auto"
-    assert f"\n  size: {sizes} = [128, 128]  [compact.size]\n      height" in text
+    sizes = "N | WIDTHxHEIGHT >= 1 | float > 0 < 1 | auto"
+    assert f"\n  size: {sizes} = 128x128  [compact.size]\n      size" in text
     sequence = flow_explained(flow_description("texture_sequence"))
     assert "\n  generations: int >= 1 <= 100 = 5  [repeat]\n" in sequence
     assert "\n  method: a flow's name or file = self_tuning  [include]\n" in sequence

@@ -15,7 +15,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,7 +32,6 @@ from texloom.pipelines import api
 from texloom.pipelines.cli import main as cli
 from texloom.pipelines.cli import run as cli_run
 from texloom.pipelines.engine import keys as fingerprint
-from texloom.pipelines.engine import scheduler
 from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.pipelines.store import codec
 from texloom.stages import declare
@@ -42,7 +40,7 @@ from texloom.stages.declare import InputError, find_stage, stage_names
 from texloom.stages.progress import Progress, report
 
 STEPS = ["tone", "offsets", "lattice", "edges", "structure", "distance", "guidance", "start", "texture", "scores"]
-SMALL = ["--set", "start.size=[64,64]", "--set", "texture.preset=fast"]
+SMALL = ["--set", "start.size=64", "--set", "texture.preset=fast"]
 
 FLOW = """
 flow: contours
@@ -196,11 +194,11 @@ WRONG_PICTURES = {
     "words.png": "is not a picture that can be read",
     "empty.png": "is empty",
     "folder.png": "is a folder",
-    "one.png": "is too small: 1x1 pixels",
-    "nine.png": "9x9 px",
-    "flat.png": "5x300 px",
+    "one.png": "is too small: 1 x 1 px",
+    "nine.png": "9 x 9 px",
+    "flat.png": "300 x 5 px",
     "cut.png": "is a truncated or broken PNG file",
-    "huge.png": "is too large: 50000x50000 pixels",
+    "huge.png": "is too large: 50000 x 50000 px",
     "none.png": "is a truncated or broken PNG file",
     "cut.exr": "is a truncated or broken EXR file",
     "nan.exr": "1 of 1600 values NaN or infinite",
@@ -225,7 +223,7 @@ def test_plan_reports_errors_of_headers(wrong: Path, empty: Path) -> None:
 def test_an_exemplar_smaller_than_a_patch(wrong: Path, empty: Path) -> None:
     small = ["--source", f"exemplar={wrong / 'small.png'}", "--set", "texture.patch_size=16"]
     result = texloom("run", "self_tuning", *SMALL, *small)
-    assert_refused(result, "steps.texture: image: 16x16 px is too small for patches of 16 px")
+    assert_refused(result, "steps.texture: image: 16 x 16 px is too small for patches of 16 px")
     assert list(empty.iterdir()) == []
 
 
@@ -269,7 +267,7 @@ WRONG_COMMANDS = {
     "run self_tuning --set texture.occurrence=1 --set ' texture.occurrence=2'": (
         "'--set': 'texture.occurrence' is given twice: '1' and '2'"
     ),
-    "plan self_tuning --set start.size=[64,64] --set start.size=[64,64]": "'--set': 'start.size' is given twice",
+    "plan self_tuning --set start.size=64 --set start.size=64": "'--set': 'start.size' is given twice",
     "compare quilting --over *.png --set a.b=1 --set a.b=2": "'--set': 'a.b' is given twice",
     "run self_tuning --source exemplar=a.png --source exemplar=b.png": (
         "'--source': 'exemplar' is given twice: 'a.png' and 'b.png'"
@@ -286,10 +284,13 @@ WRONG_COMMANDS = {
     ),
     "run self_tuning --set texture.patch_size=big": "--set texture.patch_size: ",
     "run self_tuning --set texture.preset=best": "'kaspar2015', 'default' or 'fast'",
-    "run self_tuning --set start.size=[0,0]": "--set start.size: ",
-    "run self_tuning --set start.size=[-64,64]": "--set start.size: ",
-    "run self_tuning --size wide": ("--size: must be N or HxW (height x width, px), as 512 or 512x768, got 'wide'"),
-    "run self_tuning --set size=wide": "--set size: must be N or HxW",
+    "run self_tuning --set start.size=0": "--set start.size: ",
+    "run self_tuning --set start.size=[64,96]": (
+        "--set start.size: must be N or WIDTHxHEIGHT, got the list [64, 96]; write 96x64 or 64x96"
+    ),
+    "run self_tuning --size 64,96": "--size: must be N or WIDTHxHEIGHT, got the list [64, 96]; write 96x64 or",
+    "run self_tuning --size wide": ("--size: must be N or WIDTHxHEIGHT, px, as 512 or 768x512, got 'wide'"),
+    "run self_tuning --set size=wide": "--set size: must be N or WIDTHxHEIGHT",
     "run self_tuning --export edges.png=edges.strenght": (
         "--export edges.png: edges.strenght: step 'edges' has no output 'strenght'; did you mean 'strength'?"
     ),
@@ -297,22 +298,27 @@ WRONG_COMMANDS = {
     "run self_tuning --export ../edges.png=edges.strength": "--export ../edges.png: must be a file name of ",
     "run self_tuning --export offsets.png=lattice.generators": "export it as .exr",
     "run self_tuning --set start.size=[64,64,3]": (
-        "--set start.size: list should have at most 2 items, not 3, got [64, 64, 3]; as in [1024, 1024]"
+        "--set start.size: must be N or WIDTHxHEIGHT, as 512 or 768x512, got [64, 64, 3]"
     ),
-    "run inverse_stationary --size 64x": "--size: input should be N or HxW, a valid number, or 'auto', got '64x'",
+    "run inverse_stationary --size 64x": (
+        "--size: input should be N or WIDTHxHEIGHT, a valid number, or 'auto', got '64x'"
+    ),
     "run inverse_stationary --size 1.5": "--size: input should be less than 1, got 1.5",
     "run inverse_stationary --size 0": "--size: input should be greater than or equal to 1, got 0",
     "run per_pixel_control --set compaction=-3": (
         "--set compaction: input should be greater than or equal to 1, got -3"
     ),
     "run per_pixel --size 300 --tileable": (
-        "steps.texture: size: 300x300 px cannot be tileable with 6 levels, which takes multiples of 64; 320x320 can"
+        "steps.texture: size: 300 x 300 px cannot be tileable with 6 levels, which takes multiples of 64; "
+        "320x320 can"
     ),
     "run per_pixel_control texloom:plaster --source control=texloom:plaster_labels "
     "--source target=texloom:plaster_target --size 300 --tileable": (
-        "steps.result: size: 300x300 px cannot be tileable with 3 levels, which takes multiples of 8; 304x304 can"
+        "steps.result: size: 300 x 300 px cannot be tileable with 3 levels, which takes multiples of 8; 304x304 can"
     ),
-    "run self_tuning --set start.size=[64]": "--set start.size: a value is missing; as in [1024, 1024]",
+    "run self_tuning --set start.size=[64]": (
+        "--set start.size: must be N or WIDTHxHEIGHT, as 512 or 768x512, got [64]"
+    ),
     # its own example is a pattern that matches nothing here
     "run joint_compaction": (
         "; give yours, as with --source 'texture=FOLDER/*_texture.png' --source 'control=FOLDER/*_control.png'"
@@ -323,8 +329,8 @@ WRONG_COMMANDS = {
     f"run photo_to_texture --set surface.geometry={ROOT / 'docs/pictures/contours.jpg'}": (
         "--set surface.geometry: "
     ),
-    "run self_tuning --set start.size=[1000000000,10]": "--set start.size: ",
-    "run self_tuning --set start.size=[40000,40000]": "--set start.size",
+    "run self_tuning --set start.size=10x1000000000": "--set start.size: ",
+    "run self_tuning --set start.size=40000": "--set start.size",
     "run self_tuning --set 'start.size=!!python/tuple [64,64]'": "tags (!!python/tuple)",
     "run self_tuning --set 'start.size=[&a 64,*a]'": "aliases (*a) are not allowed",
     "run self_tuning --seed -1": "--seed: must be a whole number",
@@ -446,7 +452,7 @@ def test_wrong_flows(empty: Path, tmp_path: Path, change: str) -> None:
 @pytest.mark.parametrize("option", ["--store", "--out"])
 def test_folders_below_a_file(folder: Path, option: str) -> None:
     before = tree(folder)
-    for place in ("wall.png", "wall.png/inside", "wall.png/far/inside"):
+    for place in ("flow.yaml", "flow.yaml/inside", "flow.yaml/far/inside"):
         result = texloom("run", "flow.yaml", *("--store", "store", "--out", "out"), option, place)
         assert_refused(result, "is not a folder")
         assert result.err.startswith(f"texloom: {option} ")
@@ -567,7 +573,7 @@ def test_a_file_in_place_of_an_items_folder(folder: Path) -> None:
 def test_reports_that_would_replace_what_is_read(folder: Path) -> None:
     Path("pictures").mkdir()
     shutil.move("wall.png", "pictures/wall.png")
-    start = "{stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}"
+    start = "{stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 32, method: pixels}}"
     scores = "{stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image, match: start.match}}"
     for name in ("one.yaml", "two.yaml"):
         Path(name).write_text(
@@ -821,13 +827,6 @@ def test_names_of_files_are_printed_as_one_line(folder: Path) -> None:
     assert r"a\nb\x1b[31m" in results[-1].out
 
 
-def test_exports_go_to_the_store_by_default(folder: Path) -> None:
-    exports = texloom("run", "flow.yaml", "--store", "elsewhere", "--json").report["exports"]
-    assert {Path(path).parent.parent for path in exports.values()} == {folder / "elsewhere" / "runs"}
-    assert {Path(path).parent.name.split("-")[0] for path in exports.values()} == {"contours"}
-    assert not list((folder / "artifacts").iterdir())
-
-
 @pytest.mark.parametrize("is_project", [False, True])
 def test_the_store_is_beside_the_flow_only_in_a_project(
     folder: Path, is_project: bool, monkeypatch: pytest.MonkeyPatch
@@ -839,31 +838,10 @@ def test_the_store_is_beside_the_flow_only_in_a_project(
     before = {path.name for path in folder.iterdir()}
     report = texloom("run", "flow.yaml", "--json").report
     assert report["store"] == str(store)
-    assert {Path(path).parents[2] for path in report["exports"].values()} == {store}
-    assert {path.name for path in folder.iterdir()} <= before | {"cache"}
+    assert {Path(path).parent for path in report["exports"].values()} == {Path("wall_contours")}
+    assert {path.name for path in folder.iterdir()} <= before | {"cache", "wall_contours"}
     assert {step["state"] for step in texloom("plan", "flow.yaml", "--json").report["steps"]} == {"cached"}
     assert texloom("store", "verify").out == "3 results, 0 broken\n"
-
-
-def test_a_run_that_begins_in_the_same_second_has_its_own_folder(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(time, "strftime", lambda *_: "now")
-    others: list[dict[str, str]] = []
-    execute = scheduler.execute
-
-    def after_another(*arguments: Any) -> dict[str, Path]:
-        if not others:
-            others.append({})
-            others[0] = texloom("run", "flow.yaml", "--set", "edges.finest=3", "--json").report["exports"]
-        return execute(*arguments)
-
-    monkeypatch.setattr(scheduler, "execute", after_another)
-    ours = texloom("run", "flow.yaml", "--json").report["exports"]
-    (theirs,) = others
-    assert ours.keys() == theirs.keys()
-    assert {Path(path).parent for path in ours.values()} == {folder / "artifacts/runs/contours-now-2"}
-    assert {Path(path).parent for path in theirs.values()} == {folder / "artifacts/runs/contours-now"}
 
 
 def test_a_wrong_source_that_no_step_takes_leaves_no_folder(folder: Path) -> None:
@@ -1597,7 +1575,7 @@ def test_the_main_flow_does_not_import_scipy(empty: Path, exemplar: str) -> None
     """With a lattice and without one, kernels compiled. Numba imports the package alone, which takes no time."""
     run = ["run", "self_tuning", exemplar, "--size", "128", "--preset", "fast"]
     loaded_by(run, cwd=empty)
-    loaded = loaded_by([*run, "--store", "another"], cwd=empty)
+    loaded = loaded_by([*run, "--store", "another", "--out", "other"], cwd=empty)
     heavy = {"scipy.fft", "scipy.linalg", "scipy.ndimage", "scipy.special", "numpy.f2py", "skimage.measure"}
     assert not loaded & heavy
     assert "numba" in loaded

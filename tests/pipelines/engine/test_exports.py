@@ -296,7 +296,7 @@ def test_runs_that_begin_at_once_have_a_folder_each(folder: Path, monkeypatch: p
     monkeypatch.setattr(time, "strftime", lambda *_: "now")
     finest = [2.0, 3.0, 4.0, 5.0]
     runs = [open_run(folder / "flow.yaml", edges__finest=str(one)) for one in finest]
-    outs = [one.default_out() for one in runs]
+    outs = [one.new_out() for one in runs]
     assert not (folder / "artifacts" / "runs").exists()
 
     with ThreadPoolExecutor(len(runs)) as threads:
@@ -371,7 +371,7 @@ MATERIAL = """
 flow: kinds
 sources: {material: material}
 steps:
-  start: {stage: synthesis.initialise, inputs: {image: material}, params: {size: [32, 48], method: pixels}}
+  start: {stage: synthesis.initialise, inputs: {image: material}, params: {size: 48x32, method: pixels}}
 exports:
   texture.png: start.image
   texture.usda: start.image
@@ -387,29 +387,29 @@ def run_material(folder: Path, **delivery: str) -> Events:
 
 def test_layouts_and_documents_are_exports(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (folder / "flow.yaml").write_text(MATERIAL)
-    run_material(folder, layout="unreal", texel_size="1mm", udim="2x1")
+    run_material(folder, layout="unreal", texel_size="1mm", udim="1x2")
     made = sorted(files(folder / "made"))
     packed = {f"maps/T_material_{part}.{tile}.png" for part in ("BC", "ORM") for tile in (1001, 1011)}
     maps = {f"texture_maps/texture_{part}.png" for part in ("base_color", "roughness")}
     assert set(made) == {*packed, *maps, "texture.glb", "texture.png", "texture.usda"}
     before = marks(folder / "made")
-    run_material(folder, layout="unreal", texel_size="1mm", udim="2x1")
+    run_material(folder, layout="unreal", texel_size="1mm", udim="1x2")
     assert marks(folder / "made") == before
     (folder / "made" / "texture_maps" / "texture_roughness.png").write_bytes(b"")
-    run_material(folder, layout="unreal", texel_size="1mm", udim="2x1")
+    run_material(folder, layout="unreal", texel_size="1mm", udim="1x2")
     after = marks(folder / "made")
     changed = {name for name in before if before[name] != after[name]}
     assert changed == {"texture.usda", *maps}
     assert (folder / "made" / "texture_maps" / "texture_roughness.png").read_bytes()
-    run_material(folder, layout="unreal", texel_size="2mm", udim="2x1")
+    run_material(folder, layout="unreal", texel_size="2mm", udim="1x2")
     assert marks(folder / "made")["texture.usda"] != after["texture.usda"]
 
 
 def test_a_size_that_tiles_do_not_divide_is_refused_first(folder: Path) -> None:
     (folder / "flow.yaml").write_text(MATERIAL)
     before = files(folder)
-    with pytest.raises(InputError, match=r"^--udim: 32x48 px cannot be cut into 3x1 equal tiles; change --size$"):
-        run_material(folder, layout="unreal", udim="3x1")
+    with pytest.raises(InputError, match=r"^--udim: 48 x 32 px cannot be cut into 1x3 equal tiles; change --size$"):
+        run_material(folder, layout="unreal", udim="1x3")
     assert files(folder) == before
 
 

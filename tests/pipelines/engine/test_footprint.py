@@ -65,7 +65,7 @@ def test_a_large_exemplar_takes_memory_whatever_the_result(
 
 
 def test_the_peak_of_quilting_is_near_its_estimate(tmp_path: Path) -> None:
-    """A quarter of the 16384x16384 px that take 17.7 GB is too slow here; the estimate is linear."""
+    """A quarter of the 16384 x 16384 px that take 17.7 GB is too slow here; the estimate is linear."""
     taken = opened("quilting", 256, tmp_path, picture(tmp_path / "large.png", 8192)).footprint()
     assert taken is not None
     assert 17.0e9 < 4 * taken.in_memory["texture"] < 17.7e9

@@ -27,7 +27,7 @@ steps:
     stage: analysis.edges
     inputs: {image: exemplar}
     params: {finest: 2.0, detector: gradient, model: model.yml}
-  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [64, 32]}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 32x64}}
 """
 DIGEST = {"image": "0" * 64}
 DRAWS, DRAWS_NOT = "start", "edges"
@@ -58,9 +58,9 @@ def load(tmp_path: Path) -> Callable[..., dict[str, str]]:
 
 FLOW_CHANGES: dict[str, tuple[list[tuple[str, str]], set[str]]] = {
     "a param": ([("finest: 2.0", "finest: 2.5")], {DRAWS_NOT}),
-    "a param of another step": ([("size: [64, 32]", "size: [32, 64]")], {DRAWS}),
-    "a param away from its default": ([("size: [64, 32]", "size: [64, 32], tries: 3")], {DRAWS}),
-    "a param given as its default": ([("size: [64, 32]", "size: [64, 32], tries: 10")], set()),
+    "a param of another step": ([("size: 32x64", "size: 64x32")], {DRAWS}),
+    "a param away from its default": ([("size: 32x64", "size: 32x64, tries: 3")], {DRAWS}),
+    "a param given as its default": ([("size: 32x64", "size: 32x64, tries: 10")], set()),
     "the same number written otherwise": ([("finest: 2.0", "finest: 2")], set()),
     "order of params": ([("finest: 2.0, detector: gradient", "detector: gradient, finest: 2.0")], set()),
     "seed": ([("seed: 7", "seed: 8")], {DRAWS}),

@@ -151,7 +151,7 @@ steps:
     inputs: {image: small.image, control: small.control, target: target}
     params: {patch_size: 32}
 """
-WRAPPED = SYNTHESIS.replace("[96, 96]", "[16, 16]").replace("preset: default", "patch_size: 20, tileable: true")
+WRAPPED = SYNTHESIS.replace("size: 96", "size: 16").replace("preset: default", "patch_size: 20, tileable: true")
 CUT = """
 flow: cut
 sources: {exemplar: exemplar.png}
@@ -164,10 +164,10 @@ steps:
 @pytest.mark.parametrize(
     ("text", "side", "problem"),
     [
-        (FILL, 40, "steps.start: image: 40x40 px is too small for blocks of 32 px"),
-        (SMALL, 64, "steps.result: image: 32x32 px is too small for patches of 32 px"),
-        (WRAPPED, 64, "steps.texture: start: a tileable result of 16x16 px does not hold a patch of 20 px"),
-        (CUT, 64, "steps.start: image: 8x8 px is too small"),
+        (FILL, 40, "steps.start: image: 40 x 40 px is too small for blocks of 32 px"),
+        (SMALL, 64, "steps.result: image: 32 x 32 px is too small for patches of 32 px"),
+        (WRAPPED, 64, "steps.texture: start: a tileable result of 16 x 16 px does not hold a patch of 20 px"),
+        (CUT, 64, "steps.start: image: 8 x 8 px is too small"),
     ],
     ids=["masked", "compaction", "start", "crop"],
 )
@@ -185,7 +185,7 @@ def test_sizes_of_results_are_checked_for_items_alone(tmp_path: Path) -> None:
     paint(tmp_path / "pictures" / "a.png")
     planned = open_run(path).plan()
     assert [plan.state for plan in planned] == ["refused"]
-    assert "8x8 px is too small" in planned[0].reasons[0]
+    assert "8 x 8 px is too small" in planned[0].reasons[0]
 
 
 MASKED = """

@@ -223,10 +223,10 @@ def test_a_plan_tells_items_apart(folder: Path) -> None:
 
 def test_a_changed_param_of_an_item_step_reaches_what_gathers(folder: Path) -> None:
     run(folder)
-    plans = {(plan.item, plan.name): plan for plan in open_run(folder / "flow.yaml", start__size="[24, 24]").plan()}
-    assert plans["a-1", "start"].reasons == ("param size: [32, 32] -> [24, 24]",)
+    plans = {(plan.item, plan.name): plan for plan in open_run(folder / "flow.yaml", start__size="24").plan()}
+    assert plans["a-1", "start"].reasons == ("param size: 32 -> [24, 24]",)
     assert plans[None, "all"].state == "wait"
-    _, listener, _ = run(folder, start__size="[24, 24]")
+    _, listener, _ = run(folder, start__size="24")
     assert listener.states["all"] == "ran"
 
 
@@ -446,7 +446,7 @@ ONE = """
 sources:
   exemplar: pictures/a.png
 steps:
-  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: METHOD}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 32, method: METHOD}}
   scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image, match: start.match}}
 exports:
   texture.png: start.image
@@ -458,7 +458,7 @@ def test_flows_are_compared_on_the_same_items(folder: Path) -> None:
     for method in ("pixels", "blocks"):
         (folder / f"{method}.yaml").write_text(ONE.replace("METHOD", method))
     names = [str(folder / f"{method}.yaml") for method in ("pixels", "blocks")]
-    overrides = Overrides(params={"start.size": "[48, 40]"}, seed=5, seeds=2)
+    overrides = Overrides(params={"start.size": "40x48"}, seed=5, seeds=2)
     flow = comparison_flow(names, overrides, str(folder / "pictures" / "*.png"))
     opened, listener = Run(flow, Store(folder / "artifacts")), Events()
     exports = execute(opened, listener, folder / "out")
@@ -473,7 +473,7 @@ def test_flows_are_compared_on_the_same_items(folder: Path) -> None:
     # what a flow computes by itself is the same result
     alone = load_flow(
         folder / "blocks.yaml",
-        Overrides({"exemplar": str(folder / "pictures" / "b.png")}, {"start.size": "[48, 40]"}, seed=6),
+        Overrides({"exemplar": str(folder / "pictures" / "b.png")}, {"start.size": "40x48"}, seed=6),
     )
     assert {plan.state for plan in Run(alone, Store(folder / "artifacts")).plan()} == {"cached"}
 

@@ -62,7 +62,7 @@ def age(store: Store, days: float) -> None:
 
 def test_checkpoints_end_with_their_result(tmp_path: Path) -> None:
     flow = write_flow(tmp_path, SYNTHESIS)
-    assert run(flow, texture__preset="fast", start__size="[48, 48]")["texture"] == "ran"
+    assert run(flow, texture__preset="fast", start__size="48")["texture"] == "ran"
     assert list((tmp_path / "artifacts" / "checkpoints").rglob("*.exr")) == []
     assert list((tmp_path / "artifacts" / "checkpoints").glob("*/*")) == []
 
@@ -186,7 +186,7 @@ def test_a_run_that_is_cached_needs_no_writable_store(flow: Path, read_only: Cal
         run(flow, "new", edges__finest="3")
     opened = open_run(flow)
     with pytest.raises(InputError, match=r"--out .* cannot be written"):
-        opened.check(opened.default_out())
+        opened.check(opened.new_out())
     assert files(flow.parent / "artifacts") == before
     assert [problem for _, problem in housekeeping.verify(store_of(flow))] == [None] * 5
 
@@ -195,7 +195,7 @@ def test_exports_of_a_run_are_safe_from_others(flow: Path, monkeypatch: pytest.M
     """Also if nothing is computed."""
     run(flow)
     opened = open_run(flow)
-    out = opened.default_out()
+    out = opened.new_out()
     from texloom.pipelines.engine.exports import Export
 
     write = Export.write

@@ -24,7 +24,7 @@ flow: quilting
 sources:
   exemplar: exemplar.png
 steps:
-  texture: {stage: synthesis.quilting, inputs: {image: exemplar}, params: {size: [96, 96]}}
+  texture: {stage: synthesis.quilting, inputs: {image: exemplar}, params: {size: 96}}
 exports:
   texture.exr: texture.image
 """

@@ -34,10 +34,8 @@ def work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             "texloom run self_tuning skimage:grass --size 512x768 --tileable --seed 3",
         ),
         (
-            Overrides(
-                {"exemplar": "it's.png"}, {"size": "[64, 96]", "preset": '"fast"', "texture.occurrence": "2"}
-            ),
-            """texloom run self_tuning 'it'"'"'s.png' --size 64x96 --preset fast """
+            Overrides({"exemplar": "it's.png"}, {"size": "96x64", "preset": '"fast"', "texture.occurrence": "2"}),
+            """texloom run self_tuning 'it'"'"'s.png' --size 96x64 --preset fast """
             "--set texture.occurrence=2 --seed 7",
         ),
         (

@@ -21,7 +21,7 @@ seed: 5
 sources: {exemplar: exemplar.png}
 steps:
   edges: {stage: analysis.edges, inputs: {image: exemplar}}
-  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 40], method: pixels}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 40x32, method: pixels}}
 exports:
   edges.exr: edges.strength
   start.png: start.image

@@ -175,7 +175,7 @@ def test_home_is_expanded(write: Any, tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_set_takes_yaml(write: Any) -> None:
     given = {
-        "start.size": "[64, 32]",
+        "start.size": "32x64",
         "start.method": "pixels",
         "start.block": "null",
         "structure.min_extent": "5e-2",
@@ -220,7 +220,7 @@ def test_seed_of_the_command_line(write: Any) -> None:
         (Overrides({}, {"edges.finest": "[1]"}), "--set edges.finest: input should be a valid number, got [1]"),
         (Overrides({}, {"edges.finest": "[1"}), "--set edges.finest: not valid YAML: "),
         (Overrides({}, {"edges.finest": "!!float 1"}), "--set edges.finest: not valid YAML: tags (!!float)"),
-        (Overrides({}, {"start.size": "[5, 64]"}), "--set start.size: input should be greater than or equal to 16"),
+        (Overrides({}, {"start.size": "64x5"}), "--set start.size: input should be greater than or equal to 16"),
         (Overrides({}, {"edges.model": "nowhere.yml"}), "--set edges.model: "),
         (Overrides(seed=-1), "--seed: must be a whole number from 0 to 2**63 - 1, got -1"),
         (Overrides(seed=2**63), "--seed: must be a whole number"),
@@ -587,7 +587,7 @@ def test_a_flow_states_how_exports_are_written(write: Any, tmp_path: Path) -> No
     path = write("exports:", DELIVERY)
     delivery = load_flow(path).delivery
     assert (delivery.layout, delivery.texel_size) == ("unity", 0.0005)
-    changed = load_flow(path, Overrides(delivery={"layout": "blender", "udim": "1x2"})).delivery
+    changed = load_flow(path, Overrides(delivery={"layout": "blender", "udim": "2x1"})).delivery
     assert (changed.layout, changed.texel_size, changed.udim) == ("blender", 0.0005, (1, 2))
     (tmp_path / "more.yaml").write_text("flow: more\ninclude: flow.yaml\ndelivery: {texel_size: 1cm}\n")
     assert load_flow(tmp_path / "more.yaml").delivery == dataclasses.replace(delivery, texel_size=0.01)

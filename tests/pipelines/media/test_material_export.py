@@ -28,7 +28,7 @@ FLOW = """
 flow: copies
 sources: {exemplar: moss}
 steps:
-  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [16, 20], method: pixels}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 20x16, method: pixels}}
 exports:
   maps/: {image: start.image, like: exemplar}
 """

@@ -144,7 +144,7 @@ def test_sets_in_yaml(folder: Path, rng: np.random.Generator) -> None:
     save(folder / "moss_small.png", rng.integers(0, 256, (6, 2)).astype(np.uint8))
     text = "basecolor: moss/moss_BaseColor.png\nnormal: moss/moss_NormalGL.png\nao: moss/moss_small.png\n"
     path.write_text(text)
-    assert "moss_small.png has 6x2 px, moss_BaseColor.png 6x9; bring them to one size" in problem(path)
+    assert "moss_small.png has 2 x 6 px, moss_BaseColor.png 9 x 6 px; bring them to one size" in problem(path)
     path.write_text(f"{text}resample: true\nnormal_convention: directx\n")
     assert "other proportions" in problem(path)
     save(folder / "moss_small.png", np.full((2, 3), 51, np.uint8))

@@ -299,12 +299,12 @@ def test_exr_refusals(tmp_path: Path, rng: np.random.Generator) -> None:
     assert problem(exr(path, planes(rng, "A", "l.A", "l.R", "l.G", "l.B"))) == "has both A and l.A; remove one"
     assert problem(exr(path, planes(rng, "Y", *map(str, range(64))))) == "has 65 channels, at most 64"
     assert "luminance and chroma" in problem(exr(path, planes(rng, "Y", "RY", "BY")))
-    assert problem(exr(path, planes(rng, "Y", shape=(1, 9)))) == "is too small: 1x9 pixels, at least 2x2"
+    assert problem(exr(path, planes(rng, "Y", shape=(1, 9)))) == "is too small: 9 x 1 px, at least 2 x 2 px"
     even = exr(path, planes(rng, "Y", shape=(6, 8)))
     subsampled = patched(even, b"channels", len(b"Y\0") + 8, struct.pack("<2i", 2, 2))
     assert problem(subsampled) == "has subsampled channels, which are not read"
     huge = patched(exr(path, dict(one)), b"dataWindow", 0, struct.pack("<4i", 0, 0, 49999, 49999))
-    assert problem(huge) == "is too large: 50000x50000 pixels, at most 32768 a side and 268435456 in all"
+    assert problem(huge) == "is too large: 50000 x 50000 px, at most 32768 px a side and 268435456 in all"
     wide = patched(exr(path, planes(rng, *"RGBAZ")), b"dataWindow", 0, struct.pack("<4i", 0, 0, 16383, 16383))
     assert problem(wide) == "is too large: 1342177280 values in all channels, at most 1073741824"
     turned = patched(exr(path, dict(one)), b"dataWindow", 0, struct.pack("<4i", 9, 9, -9, -9))
@@ -430,20 +430,20 @@ REFUSED: dict[str, tuple[bytes, str | tuple[str, ...]]] = {
     **{
         f"{side}x{other}": (
             png_header(side, other),
-            f"is too large: {side}x{other} pixels, at most 32768 a side and 268435456 in all",
+            f"is too large: {other} x {side} px, at most 32768 px a side and 268435456 in all",
         )
         for side, other in ((50000, 50000), (32769, 2), (2, 32769), (16385, 16384))
     },
     **{
         f"{side}x{other}": (
             png(np.zeros((side, other, 3)), 8),
-            f"is too small: {side}x{other} pixels, at least 2x2",
+            f"is too small: {other} x {side} px, at least 2 x 2 px",
         )
         for side, other in ((1, 1), (1, 9), (9, 1))
     },
     "no pixels": (png_header(0, 5), ("has no pixels", "is a truncated or broken PNG file")),
-    "huge WebP": (b"RIFF" + struct.pack("<I", len(WEBP)) + WEBP, "is too large: 50000x50000 pixels"),
-    "huge TIFF": (tiff({256: 50000, 257: 50000, 258: 8, 262: 1, 277: 1}), "is too large: 50000x50000 pixels"),
+    "huge WebP": (b"RIFF" + struct.pack("<I", len(WEBP)) + WEBP, "is too large: 50000 x 50000 px"),
+    "huge TIFF": (tiff({256: 50000, 257: 50000, 258: 8, 262: 1, 277: 1}), "is too large: 50000 x 50000 px"),
     "CMYK": (pillow("CMYK", "jpeg"), "is a CMYK picture; convert it to grey or RGB"),
     "LAB": (pillow("LAB", "tiff"), "is a LAB picture; convert it to grey or RGB"),
     "32-bit integers": (pillow("I", "tiff"), OTHER_VALUES),

@@ -63,7 +63,7 @@ def test_the_order_of_frames_is_part_of_the_digest(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("color", "message"),
     [
-        (np.zeros((6, 9, 3), np.uint8), "rust_3.png has 6x9 px, rust_1.png 6x8"),
+        (np.zeros((6, 9, 3), np.uint8), "rust_3.png has 9 x 6 px, rust_1.png 8 x 6 px"),
         (np.zeros((6, 8), np.uint8), "rust_3.png has Y as channels, rust_1.png R G B"),
     ],
 )

@@ -56,7 +56,7 @@ def test_directions_follow_them(tmp_path: Path, rng: np.random.Generator) -> Non
         ({"size": [80, 100], "strokes": [[[1, 2], [True, 3]]]}, "stroke 1 must be"),
         ({"size": [80, 100], "strokes": [[[0, 0]] * 100_001]}, "more than 100000 points"),
         ({"size": [80, 100], "strokes": LINES, "width": 0}, "width must be a whole number from 1 to 255"),
-        ({"size": [80, 40_000], "strokes": LINES}, "is too large: 80x40000 pixels"),
+        ({"size": [80, 40_000], "strokes": LINES}, "is too large: 40000 x 80 px"),
     ],
 )
 def test_what_is_wrong_is_told(tmp_path: Path, content: Any, message: str) -> None:

@@ -59,7 +59,7 @@ def test_neighbours(tileable: bool) -> None:
 
 
 def test_a_torus_smaller_than_a_cell() -> None:
-    with pytest.raises(InputError, match="size: 20x30 px is smaller than a cell"):
+    with pytest.raises(InputError, match="size: 30 x 20 px is smaller than a cell"):
         OutputLattice.of(np.array([[60.0, 0.0], [0.0, 90.0]]), (20, 30), True)
     with pytest.raises(InputError, match="too many cells"):
         OutputLattice.of(np.array([[1.0, 0.0], [0.0, 1.0]]), (4000, 4000), False)

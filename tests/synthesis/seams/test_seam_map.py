@@ -13,7 +13,7 @@ def features(rng: np.random.Generator) -> np.ndarray:
 
 
 def pieces(rng: np.random.Generator) -> np.ndarray:
-    """A result of 18x21 px from three pieces, cut anywhere."""
+    """A result of 21 x 18 px from three pieces, cut anywhere."""
     at = np.stack(np.indices((18, 21)), axis=-1)
     match = at + np.array([1, 2])
     match[:, 9:] = (at + np.array([2, -3]))[:, 9:]

@@ -10,6 +10,7 @@ import type { Drawable, PictureView } from "./picture-view";
 import "./picture-view";
 import "./recipe-form";
 import { bitmap, fileAddress, pictureAddress } from "./server";
+import { sides, sizeText } from "./sizes";
 import { canvasOf, type Payload, type Studio } from "./studio";
 
 export const MODES = { paint: "Paint", collage: "Collage", lattice: "Lattice" } as const;
@@ -121,7 +122,7 @@ export abstract class DirectMode extends Element {
   }
 
   protected base(flow: string, sources: Record<string, string> = {}, params: Recipe["params"] = {}): Recipe {
-    return { ...this.form, flow, sources: { exemplar: this.picture.id, ...sources }, size: this.size, params };
+    return { ...this.form, flow, sources: { exemplar: this.picture.id, ...sources }, size: sizeText(this.size), params };
   }
 
   private receive(message: ToPage, payload: Payload): void {
@@ -165,7 +166,7 @@ export abstract class DirectMode extends Element {
   private edit(change: Partial<Recipe>): void {
     const { size, ...others } = change;
     this.form = { ...this.form, ...others };
-    if (size) this.resize(size);
+    if (size) this.resize(sides(size));
     this.changed();
   }
 
@@ -191,7 +192,7 @@ export abstract class DirectMode extends Element {
     const job = this.studio.jobs.get(this.job);
     const isBusy = job?.state === "waiting" || job?.state === "running";
     const method: Method = {
-      flow: "", about: "", size: this.size, can_tile: true, presets: this.presets, uniformity: "", default_uniformity: 0,
+      flow: "", about: "", size: sizeText(this.size), can_tile: true, presets: this.presets, uniformity: "", default_uniformity: 0,
     };
     return html`
       <section class="stage" aria-label=${MODES[this.name]}>
@@ -205,7 +206,7 @@ export abstract class DirectMode extends Element {
       </section>
       <aside class="right" aria-label="${MODES[this.name]}: tools">
         ${this.tools()}
-        <recipe-form .recipe=${{ ...this.form, flow: "", sources: {}, size: this.size } as Recipe} .method=${method}
+        <recipe-form .recipe=${{ ...this.form, flow: "", sources: {}, size: sizeText(this.size) } as Recipe} .method=${method}
           @edit=${(event: CustomEvent<Partial<Recipe>>) => this.edit(event.detail)}></recipe-form>
         <button class="primary" ?disabled=${isBusy} @click=${() => this.finish()}>Finish at full size</button>
         ${job?.state === "done" ? html`<button @click=${() => this.tell("inspect", `job:${job.id}`)}>Look at it in 3D</button>` : nothing}

@@ -9,6 +9,7 @@ import type { Drawable, Mode } from "./picture-view";
 import { ENDLESS, type TiledView, type Tiles } from "./tiled-view";
 import "./tiled-view";
 import { bitmap, fileAddress, layers, pictureAddress, RequestError } from "./server";
+import { sides, sizeText } from "./sizes";
 import type { Studio } from "./studio";
 
 const MODES = { single: "Layer", repeat: "Repeat", compare: "Compare", endless: "Endless", material: "Material" } as const;
@@ -110,7 +111,7 @@ export class InspectView extends Element {
       </div>
       ${this.mode === "material" && job
         ? html`<material-view .studio=${this.studio} .maps=${this.mapsOf(job)}
-            .mesh=${job.recipe.flow === "on_mesh" ? job.recipe.sources.mesh : ""} .side=${job.recipe.size?.[0] ?? 1024}></material-view>`
+            .mesh=${job.recipe.flow === "on_mesh" ? job.recipe.sources.mesh : ""} .side=${job.recipe.size ? sides(job.recipe.size)[0] : 1024}></material-view>`
         : html`<tiled-view .tiles=${this.mode === "endless" ? this.endless(job!) : this.tiles} .exemplar=${this.exemplar}
               .mode=${this.mode === "endless" ? "single" : (this.mode as Mode)} label=${this.mode === "endless" ? "Endless texture" : `Layer ${this.name}`}
               @loading=${(event: CustomEvent<boolean>) => (this.isLoading = event.detail)}
@@ -136,7 +137,7 @@ export class InspectView extends Element {
   /** The recipe of what is in view of an endless texture. */
   private inView({ recipe }: Job): Recipe {
     const { top, left, height, width } = this.view.window;
-    return { ...recipe, size: [height, width], params: { ...recipe.params, "texture.origin": [top - ENDLESS / 2, left - ENDLESS / 2] } };
+    return { ...recipe, size: sizeText([height, width]), params: { ...recipe.params, "texture.origin": [top - ENDLESS / 2, left - ENDLESS / 2] } };
   }
 
   private known: { job: string; maps: Record<string, string> } = { job: "", maps: {} };

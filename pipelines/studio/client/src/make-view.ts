@@ -12,6 +12,7 @@ import type { Drawable, Mode, Patch, Point } from "./picture-view";
 import "./picture-view";
 import "./recipe-form";
 import { bitmap, fileAddress, insight, pictureAddress } from "./server";
+import { sides, sizeText } from "./sizes";
 import "./source-inset";
 import { canvasOf, type Payload, type Studio } from "./studio";
 import { Undo } from "./undo";
@@ -310,7 +311,7 @@ export class MakeView extends Element {
     const shown = this.result ?? this.preview;
     const factor = this.result ? 1 : this.previewScale;
     const exemplarWidth = this.studio.picture(this.exemplarId)?.width ?? 1;
-    const wholeWidth = this.result ? (this.recipe!.size ?? this.method.size)[1] : 1;
+    const wholeWidth = this.result ? sides(this.recipe!.size ?? this.method.size)[1] : 1;
     const perPixel = (exemplarWidth / (this.exemplar?.width ?? exemplarWidth)) * factor;
     return html`
       <div class="bar">
@@ -411,8 +412,8 @@ function outside(outline: Point[], places: BadPlace[]): BadPlace[] {
 }
 
 /** Twice the exemplar in round numbers, but no more than the method's own size. */
-function doubled(picture: Picture, method: Method): [number, number] {
+function doubled(picture: Picture, method: Method): string {
   const side = 2 ** Math.round(Math.log2(2 * Math.max(picture.height, picture.width)));
-  const size = Math.min(Math.max(...method.size), Math.max(256, side));
-  return [size, size];
+  const size = Math.min(Math.max(...sides(method.size)), Math.max(256, side));
+  return sizeText([size, size]);
 }

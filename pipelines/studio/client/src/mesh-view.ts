@@ -9,6 +9,7 @@ import type { Hit, MeshScene } from "./mesh-scene";
 import type { Job, Picture, Recipe } from "./messages";
 import "./picture-list";
 import { fileAddress, keepDocument, mesh, PAINTED, upload, uploadMesh } from "./server";
+import { sizeText } from "./sizes";
 import type { Studio } from "./studio";
 import { TexelMap } from "./texel-map";
 import { Undo } from "./undo";
@@ -186,7 +187,7 @@ export class MeshView extends Element {
       sources.control = this.control;
       sources.target = (await upload([new File([blob!], `${PAINTED}target.png`)], "")).id;
     }
-    return { flow: "on_mesh", sources, size: [this.side, this.side], seed: this.seed };
+    return { flow: "on_mesh", sources, size: sizeText([this.side, this.side]), seed: this.seed };
   }
 
   private async finish(): Promise<void> {

@@ -11,7 +11,7 @@ export interface Picture {
 export interface Method {
   flow: string;
   about: string;
-  size: [number, number];
+  size: string;
   can_tile: boolean;
   presets: (string)[];
   uniformity: string;
@@ -38,7 +38,7 @@ export interface Recipe {
   flow: string;
   sources: Record<string, string>;
   mask?: string | null;
-  size?: [number, number] | null;
+  size?: string | null;
   tileable?: boolean | null;
   seed?: number;
   preset?: string | null;
@@ -170,7 +170,7 @@ export interface PaintOpenRequest {
   number: number;
   texture: string;
   control: string;
-  size: [number, number];
+  size: string;
   seed?: number;
 }
 

@@ -8,6 +8,7 @@ import "./job-panel";
 import type { Job, PaintPicture, Picture, Recipe, ToPage } from "./messages";
 import "./picture-list";
 import { bitmap, PAINTED, pictureAddress, upload } from "./server";
+import { sizeText } from "./sizes";
 import type { Payload, Studio } from "./studio";
 
 const FLOW = "per_pixel_control";
@@ -67,7 +68,7 @@ export class PaintView extends Element {
     [this.dirty, this.isWaiting, this.pixels] = [null, false, null];
     this.number = this.studio.next();
     this.studio.send({
-      kind: "paint_open", number: this.number, texture: this.texture.id, control: this.control, size: [this.side, this.side],
+      kind: "paint_open", number: this.number, texture: this.texture.id, control: this.control, size: sizeText([this.side, this.side]),
     }, this.map.codes);
   }
 
@@ -188,7 +189,7 @@ export class PaintView extends Element {
     const target = await this.studio.attempt(upload([new File([blob!], `${PAINTED}target.png`)], ""));
     if (!target) return undefined;
     const sources = { texture: this.texture!.id, control: this.opened, target: target.id };
-    return { flow: FLOW, sources, size: [this.side, this.side] };
+    return { flow: FLOW, sources, size: sizeText([this.side, this.side]) };
   }
 
   private async finish(): Promise<void> {

@@ -1,6 +1,7 @@
 // What can be made from a photograph's surfaces, as recipes of flows.
 import type { PhotoRecipe, Recipe } from "./messages";
 import { keepPhoto } from "./server";
+import { sizeText } from "./sizes";
 
 export const PURPOSES = {
   flatten: {
@@ -36,7 +37,7 @@ export async function photoFlow(photo: PhotoRecipe, scene: PhotoRecipe | null, s
   const { flow, hasSize } = PURPOSES[settings.purpose];
   const files = { "surface.geometry": (await keepPhoto(photo)).geometry };
   const recipe: Recipe = { flow, sources: { photo: photo.photo }, files, seed: settings.seed };
-  if (hasSize) Object.assign(recipe, { size: [settings.side, settings.side], tileable: settings.tileable });
+  if (hasSize) Object.assign(recipe, { size: sizeText([settings.side, settings.side]), tileable: settings.tileable });
   if (settings.purpose === "texture" && !settings.tileable) recipe.params = { "texture.tileable": false };
   if (settings.purpose !== "place" || !scene) return recipe;
   return {

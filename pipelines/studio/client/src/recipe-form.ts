@@ -3,6 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property } from "lit/decorators.js";
 import { Element } from "./element";
 import type { Method, Recipe } from "./messages";
+import { sides, sizeText } from "./sizes";
 
 const SIZES = [256, 512, 1024, 2048, 4096];
 const MOST_UNIFORM = 100;
@@ -16,7 +17,7 @@ export class RecipeForm extends Element {
 
   override render(): TemplateResult {
     const { recipe, method } = this;
-    const [height, width] = recipe.size ?? method.size;
+    const [height, width] = sides(recipe.size ?? method.size);
     return html`
       ${this.methods.length
         ? html`<label class="field">
@@ -30,16 +31,16 @@ export class RecipeForm extends Element {
       <div class="field">
         <span>Size, px</span>
         <span class="pair">
-          <input type="number" aria-label="Height" min="16" max="32768" step="1" .value=${String(height)}
-            @change=${(event: Event) => this.edit({ size: [pixels(event, height), width] })} />
-          ×
           <input type="number" aria-label="Width" min="16" max="32768" step="1" .value=${String(width)}
-            @change=${(event: Event) => this.edit({ size: [height, pixels(event, width)] })} />
+            @change=${(event: Event) => this.edit({ size: sizeText([height, pixels(event, width)]) })} />
+          ×
+          <input type="number" aria-label="Height" min="16" max="32768" step="1" .value=${String(height)}
+            @change=${(event: Event) => this.edit({ size: sizeText([pixels(event, height), width]) })} />
         </span>
       </div>
       <div class="chips" role="group" aria-label="Common sizes">
         ${SIZES.map((side) => html`<button aria-pressed=${height === side && width === side}
-          @click=${() => this.edit({ size: [side, side] })}>${side}</button>`)}
+          @click=${() => this.edit({ size: sizeText([side, side]) })}>${side}</button>`)}
       </div>
       ${method.can_tile
         ? html`<label class="check">

@@ -33,7 +33,7 @@ from texloom.pipelines.store.store import (
 )
 
 GATHERING = """steps:
-  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: [32, 32], method: pixels}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 32, method: pixels}}
   scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image}}
   all: {stage: evaluation.tabulate, gather: {tables: scores.table}}"""
 """what is gathered is read from the store, not taken from memory"""

@@ -1,0 +1,86 @@
+"""A request for a run, however it is made: on the command line, in Python, by Prefect, in the studio."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pydantic
+
+from texloom.pipelines.errors import refused
+from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.request_fields import ABOUT, DELIVERY, RUNNER, SHORT
+
+Value = str | tuple[Any, ...]
+"""of a param: a YAML text, as on the command line, or a tuple of Python, in which a size is (height, width)"""
+
+
+class RunRequest(pydantic.BaseModel):
+    """What is to be run. `ABOUT` says what each field means; unknown ones are refused."""
+
+    model_config = pydantic.ConfigDict(extra="forbid", frozen=True)
+
+    flow: str
+    pictures: tuple[str, ...] = ()
+    sources: Mapping[str, str | tuple[str, ...]] = {}
+    params: Mapping[str, Value] = {}
+    exports: Mapping[str, str] = {}
+    size: Value | None = None
+    tileable: bool | None = None
+    preset: str | None = None
+    seed: int | None = None
+    seeds: int | tuple[int, ...] | None = None
+    item: str | None = None
+    store: Path | None = None
+    out: Path | None = None
+    force: bool = False
+    runner: str | None = None
+    workers: int | None = None
+    address: str | None = None
+    layout: str | None = None
+    texel_size: str | None = None
+    color_space: str | None = None
+    udim: str | None = None
+
+    @property
+    def overrides(self) -> Overrides:
+        """The changes of the flow.
+
+        Raises
+        ------
+        InputError : two fields say the same.
+        """
+        if self.seed is not None and isinstance(self.seeds, tuple):
+            raise refused("--seed and a range of --seeds say the same; give one of them")
+        runner = {name.replace("runner", "name"): value for name, value in self._given(RUNNER).items()}
+        return Overrides(
+            self.sources, self._params(), self.seed, self.seeds, runner, self.pictures, self.exports,
+            self._given(DELIVERY), self.item,
+        )  # fmt: skip
+
+    def _given(self, names: tuple[str, ...]) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+
+    def _params(self) -> dict[str, Value]:
+        short = self._given(SHORT)
+        if "tileable" in short:
+            short["tileable"] = "true" if self.tileable else "false"
+        twice = next((name for name in short if name in self.params), None)
+        if twice is not None:
+            raise refused(f"--{twice} and --set {twice}=... say the same; give one of them")
+        return {**self.params, **short}
+
+
+for _name, _field in RunRequest.model_fields.items():
+    _field.description = ABOUT[_name]
+
+
+def request(**fields: Any) -> RunRequest:
+    """A `RunRequest`; `InputError` names the field that is wrong."""
+    try:
+        return RunRequest(**fields)
+    except pydantic.ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"][:1]))
+        raise refused(f"--{where.replace('_', '-')}: {first['msg'][0].lower()}{first['msg'][1:]}") from None

@@ -1,0 +1,12 @@
+// Sizes: [height, width] here, as pixels lie; WIDTHxHEIGHT in every text, as on the command line.
+
+/** [height, width] of `512` or `768x512`. */
+export function sides(text: string): [number, number] {
+  const [width, height] = text.split("x").map(Number);
+  return [height ?? width, width];
+}
+
+/** [height, width] as `768x512`. */
+export function sizeText([height, width]: [number, number]): string {
+  return `${width}x${height}`;
+}
