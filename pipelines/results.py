@@ -18,7 +18,7 @@ from texloom.pipelines.media.material_export import channels_of, codes_of, write
 from texloom.pipelines.media.sources import Source
 from texloom.pipelines.media.writers.registry import WRITERS, Job, write, writer_of
 from texloom.pipelines.store.atomic import write_atomically
-from texloom.pipelines.store.png_file import png
+from texloom.pipelines.store.png_file import png, with_facts
 from texloom.pipelines.store.store import Artifact, Store
 from texloom.pipelines.store.types import Hint
 from texloom.stages.arrays import Image
@@ -131,7 +131,6 @@ class Texture:
         self._texture = result[image.name]
         self._linear: Image = getattr(self._texture, image.output or "")
         self._kinds = kinds_of(source, given)
-        self._is_tileable = result._opened.is_tileable(image)
 
     @property
     def image(self) -> np.ndarray:
@@ -195,12 +194,13 @@ class Texture:
         if is_folder:
             write_maps(self._linear, target, self._source.maps, provenance)
         elif target.suffix != ".png":
-            write(Job(target, self._linear, Image, provenance, is_tileable=self._is_tileable))
+            write(Job(target, self._linear, Image, provenance))
         else:
             names = channels_of("albedo", self._linear.channels)
             names = ["Y", *names[3:]] if names[0] == "Y" else names
             bits = 16 if self.image.dtype == np.uint16 else 8
-            write_atomically(target, png(codes_of(self._linear, names, "albedo", bits, False), provenance))
+            explained = with_facts(provenance, self._linear.facts, self._linear.height, self._linear.width)
+            write_atomically(target, png(codes_of(self._linear, names, "albedo", bits, False), explained))
         return target
 
     def _repr_png_(self) -> bytes:

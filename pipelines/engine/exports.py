@@ -59,7 +59,6 @@ class Export:
     delivery: Delivery = AS_IS
     material: str = ""
     """the material's name, with which files of a layout begin"""
-    is_tileable: bool = False
     bits: int = 8
     """of the picture that a PNG is to be like"""
     mesh: str = ""
@@ -105,7 +104,6 @@ class Export:
             "like": [[one.role, one.stem, one.bits, one.directx] for one in self.like],
             "delivery": _fields_of(self.delivery),
             "material": self.material if self.delivery.layout else "",
-            "tileable": self.is_tileable,
         }
         if self.is_deep:
             parts["bits"] = self.bits
@@ -160,7 +158,7 @@ class Export:
         if self.is_folder and self.delivery.layout:
             from texloom.pipelines.media.writers.layouts import write_layout
 
-            files = write_layout(value, self.path, self.material, self.delivery, provenance, self.is_tileable)
+            files = write_layout(value, self.path, self.material, self.delivery, provenance)
         elif self.is_folder and isinstance(value, Image) and frame_count(value.channels) > 1:
             from texloom.pipelines.media.frame_export import write_frames
 
@@ -172,9 +170,9 @@ class Export:
         elif self.is_deep and isinstance(value, Image):
             from texloom.pipelines.media.material_export import write_deep_png
 
-            files = {"": write_deep_png(value, self.path)}
+            files = {"": write_deep_png(value, self.path, provenance)}
         else:
-            files = registry.write(Job(self.path, value, hint, provenance, self.delivery, self.is_tileable, mesh))
+            files = registry.write(Job(self.path, value, hint, provenance, self.delivery, mesh))
         with contextlib.suppress(OSError):  # without a note it is written again next time, no more
             note = store.exports / self.key
             note.parent.mkdir(parents=True, exist_ok=True)

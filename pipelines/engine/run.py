@@ -393,7 +393,6 @@ class Run:
                 like=() if source is None else source.maps,
                 delivery=self.flow.delivery,
                 material=self._material(like, scope) if self.flow.delivery.layout else "",
-                is_tileable=self.is_tileable(reference),
                 bits=8 if source is None else source.bits,
                 mesh="" if surface is None else self._origin(surface, scope),
             )
@@ -433,15 +432,6 @@ class Run:
 
         name = like if like is not None else next((one for one in self.flow.sources if scope.has_source(one)), None)
         return material_name(self.flow.name if name is None else scope.source(name).picture)
-
-    def is_tileable(self, reference: Reference) -> bool:
-        """Whether the step that made a result, or the one that tells it so, was asked for one that repeats."""
-        step = self.flow.steps.get(reference.name) if reference.output is not None else None
-        if step is None:
-            return False
-        if "tileable" in step.inputs:
-            return self.is_tileable(step.inputs["tileable"])
-        return getattr(step.params, "tileable", None) is True
 
     def _about(self, file: str, reference: Reference, scope: Scope) -> dict[str, Any]:
         """What this run adds to the provenance of an export."""

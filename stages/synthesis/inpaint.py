@@ -1,6 +1,7 @@
 """Inpainting: pixels that are not kept are replaced by blocks of the image, joined along minimum cuts."""
 
 import dataclasses
+import logging
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,6 +14,8 @@ from texloom.stages.masks import count_excluded, fill_excluded, valid_pixels, wi
 from texloom.stages.synthesis._seams.block_filling import BlockFilling
 from texloom.stages.synthesis._seams.overlap import compared
 
+_LOG = logging.getLogger(__name__)
+
 _MIN_BLOCK = 16  # px
 
 
@@ -21,8 +24,8 @@ class InpaintParams(Params):
 
     block: int | None = Field(None, ge=_MIN_BLOCK, le=1024)
     """side of a block, px; null: an eighth of the image's shorter side, between 32 and 128"""
-    tileable: bool = False
-    """the result continues across its borders"""
+    tileable: bool | None = None
+    """the result continues across its borders; null: where the image does"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,7 +86,10 @@ def inpaint(image: Image, keep: Mask, params: InpaintParams) -> Inpainted:
     unmasked_pixels = valid_pixels(image)
     usable = np.ones(shape, bool) if unmasked_pixels is None else unmasked_pixels
     filled_pixels = usable | keep
-    if params.tileable:
+    wrap = image.wraps.both if params.tileable is None else params.tileable
+    if params.tileable is None and wrap:
+        _LOG.warning("keeps tiling, as the image wraps; --set tileable=false does not")
+    if wrap:
         for line in (0, -1):
             filled_pixels[line, :] &= keep[line, :]
             filled_pixels[:, line] &= keep[:, line]
@@ -93,8 +99,9 @@ def inpaint(image: Image, keep: Mask, params: InpaintParams) -> Inpainted:
     if (count_excluded(usable, block, block) > 0).all():
         raise InputError(f"image: its mask leaves no whole block of {block} px to fill holes from")
     own = np.moveaxis(np.indices(shape, np.int32), 0, 2).copy()
-    filling = BlockFilling(compared(fill_excluded(image)), own, keep, filled_pixels, usable, block, params.tileable)
+    filling = BlockFilling(compared(fill_excluded(image)), own, keep, filled_pixels, usable, block, wrap)
     filling.run()
     match = filling.match.astype(np.uint32)
     image = without_usable(image)
-    return Inpainted(Image(image.pixels[match[..., 0], match[..., 1]], image.channels), match)
+    made = image.with_pixels(image.pixels[match[..., 0], match[..., 1]])
+    return Inpainted(made.wrapping(wrap), match)
