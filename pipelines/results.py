@@ -167,7 +167,7 @@ class Texture:
         Parameters
         ----------
         path : the extension decides: ``.exr`` holds all channels in linear light without loss; ``.png`` the colour,
-            in 16 bits if the exemplar had them, else in 8; ``.jpg``, ``.webp``, ``.tif``, ``.tx``, ``.mtlx``,
+            in 8 bits if the exemplar had them, else in 16; ``.jpg``, ``.webp``, ``.tif``, ``.tx``, ``.mtlx``,
             ``.usda`` and ``.glb`` are as of ``texloom run``. Without an extension it is a folder: a PNG for each
             map, ``material.exr`` and a MaterialX document.
 
@@ -198,7 +198,7 @@ class Texture:
         else:
             names = channels_of("albedo", self._linear.channels)
             names = ["Y", *names[3:]] if names[0] == "Y" else names
-            bits = 16 if self.image.dtype == np.uint16 else 8
+            bits = 8 if self.image.dtype == np.uint8 else 16
             explained = with_facts(provenance, self._linear.facts, self._linear.height, self._linear.width)
             write_atomically(target, png(codes_of(self._linear, names, "albedo", bits, False), explained))
         return target

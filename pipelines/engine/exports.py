@@ -60,7 +60,7 @@ class Export:
     material: str = ""
     """the material's name, with which files of a layout begin"""
     bits: int = 8
-    """of the picture that a PNG is to be like"""
+    """of the picture that a PNG is to be like, or is made from; 32 of floats"""
     mesh: str = ""
     """digest of what the mesh of a model comes from"""
 
@@ -106,15 +106,15 @@ class Export:
             "material": self.material if self.delivery.layout else "",
         }
         if self.is_deep:
-            parts["bits"] = self.bits
+            parts["bits"] = 16
         if self.mesh:
             parts["mesh"] = self.mesh
         return hashlib.sha256(canonical_json(parts).encode()).hexdigest()
 
     @property
     def is_deep(self) -> bool:
-        """Whether it is a PNG of 16 bits."""
-        return not self.is_folder and self.path.suffix == ".png" and self.bits == 16
+        """Whether it is a PNG of 16 bits, if it is an image: what it is made from has as many, or floats."""
+        return not self.is_folder and self.path.suffix == ".png" and self.bits > 8
 
     def current(self, store: Store, known: States | None = None) -> States | None:
         """The states of its files, if they are there and would come out as they are; ``known``: the last run's."""

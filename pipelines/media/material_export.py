@@ -14,6 +14,7 @@ from texloom.pipelines.media.material_set import COLORS, ROLES, Map, normal_code
 from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
+from texloom.pipelines.store.clipping import count_clipped, tell_clipped
 from texloom.pipelines.store.png_file import LARGE, png, with_facts, write_png
 from texloom.stages.arrays import Image
 from texloom.stages.color import srgb_from_linear
@@ -37,7 +38,8 @@ def write_maps(
 
     ``material.exr`` holds all channels, normals with unit length; ``material.mtlx`` binds the PNGs. These have the
     names, bits (16 for floats) and direction of green of the files of ``like``; without such a file, they are named
-    by their role. Values beyond 0..1 are clipped in PNG only. Pixels copied from files of ``like`` keep their bits.
+    by their role. Values beyond 0..1 are clipped in PNG only, with a warning. Pixels copied from files of ``like``
+    keep their bits.
 
     Parameters
     ----------
@@ -98,9 +100,8 @@ def write_deep_png(image: Image, path: Path, provenance: Mapping[str, Any]) -> s
     grey = image.channels[0] == "Y" and not has_alpha
     channels = ["Y"] if grey else channels_of("albedo", image.channels)
     explained = with_facts(provenance, image.facts, image.height, image.width)
-    content = png(codes_of(image, channels, "albedo", 16, directx=False), explained)
-    write_atomically(path, content)
-    return hashlib.sha256(content).hexdigest()
+    strips = _code_strips(image, channels, "albedo", 16, directx=False)
+    return write_png(path, image.height, image.width, strips, explained)
 
 
 def channels_of(role: str, known: Sequence[str]) -> list[str]:
@@ -156,7 +157,7 @@ def _code_strips(
     image: Image, channels: Sequence[str], role: str, bits: int, directx: bool
 ) -> Iterator[np.ndarray]:
     """Strips of rows of `codes_of`, from top to bottom."""
-    most = 2**bits - 1
+    most, clipped = 2**bits - 1, 0
     rows = max(1, _STRIP // image.width)
     for top in range(0, image.height, rows):
         strip = image.pixels[top : top + rows]
@@ -165,8 +166,11 @@ def _code_strips(
             values = strip[..., image.channels.index(name)].astype(np.float64)
             if role == "normal":
                 values = ((-values if directx and name == NORMAL[1] else values) + 1) / 2
-            elif role in COLORS and name != "A":
+            is_light = role in COLORS and name != "A"
+            clipped += count_clipped(values, bits, is_light)
+            if is_light:
                 values = srgb_from_linear(values)
             levels[..., place] = np.rint(np.clip(values, 0, 1) * most)
         release(image.pixels)
         yield levels
+    tell_clipped(role, clipped / (image.height * image.width * len(channels)))

@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.store import exr
+from texloom.pipelines.store.clipping import count_clipped
 from texloom.pipelines.store.png_file import LARGE, with_facts
 from texloom.pipelines.store.preview import color_strips, colors_of, picture
 from texloom.pipelines.store.types import Hint, hints_of
 from texloom.stages.arrays import Channels, Image, Layers
 from texloom.stages.facts import UNKNOWN, Facts
-from texloom.stages.scratch import release
+from texloom.stages.scratch import bands, release
 
 _ROWS = 64  # of a smaller picture that are copied at a time
 
@@ -97,6 +98,17 @@ class Array:
         """The 8-bit picture of colours, see `texloom.pipelines.store.preview.color_strips`."""
         planes = dict(zip(self.layout.channels, self.planes(), strict=True))
         return color_strips(planes, colors_of(planes))
+
+    @property
+    def clipped(self) -> float:
+        """The share of the values of an image's colour that 8 bits cannot hold, as they are outside of 0..1."""
+        colors = colors_of(self.layout.channels) if self.layout.is_image else ""
+        lost = 0
+        for name in colors:
+            plane = self.values[..., self.layout.channels.index(name)]
+            for band in bands(len(plane), self.values):
+                lost += count_clipped(plane[band], 8, encoded=True)
+        return lost / max(1, math.prod(self.layout.sides) * len(colors))
 
     def _every(self, step: int, plane: np.ndarray) -> np.ndarray:
         rows = []
