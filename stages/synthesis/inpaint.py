@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image, Mask
+from texloom.stages.common.borders import tell_borders
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.masks import count_excluded, fill_excluded, valid_pixels, without_usable
 from texloom.stages.synthesis._seams.block_filling import BlockFilling
@@ -89,6 +90,8 @@ def inpaint(image: Image, keep: Mask, params: InpaintParams) -> Inpainted:
     wrap = image.wraps.both if params.tileable is None else params.tileable
     if params.tileable is None and wrap:
         _LOG.warning("keeps tiling, as the image wraps; --set tileable=false does not")
+    if params.tileable is None and not wrap:
+        tell_borders(_LOG, image, ~keep)
     if wrap:
         for line in (0, -1):
             filled_pixels[line, :] &= keep[line, :]

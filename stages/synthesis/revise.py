@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float32, Int32
 from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
+from texloom.stages.common.borders import tell_borders
 from texloom.stages.common.sizes import check_same_size
 from texloom.stages.declare import InputError, Outline, stage
 from texloom.stages.masks import (
@@ -395,7 +396,9 @@ def revise(
     sources = None if match is None else match.copy()
     wrap = wraps_after(params.tileable, texture)
     if params.tileable is None and wrap:
-        _LOG.warning("keeps tiling, as the texture wraps; --set revised.tileable=false does not")
+        _LOG.warning("keeps tiling, as the texture wraps; --set tileable=false does not")
+    if params.tileable is None and not wrap:
+        tell_borders(_LOG, texture, marked)
     found = windows(marked, params.margin, wrap)
     for number, ((window, inside), random) in enumerate(zip(found, rng.spawn(len(found)), strict=True)):
         view = Image(np.ascontiguousarray(pixels[window.at]), texture.channels)
