@@ -116,7 +116,7 @@ def by_pixels(exemplar: Exemplar, target: Image, seed: int) -> Image:
     analysis, arrangement = (
         (flow_params("appearance"), flow_params("result")) if exemplar.is_compaction else ({}, {})
     )
-    known = appearance_stack(exemplar.image, AppearanceStackParams(**analysis), tileable=exemplar.is_compaction)
+    known = appearance_stack(exemplar.image.wrapping(exemplar.is_compaction), AppearanceStackParams(**analysis))
     return per_pixel(
         exemplar.image, known.appearance, known.basis, known.candidates, known.toroidal,
         PerPixelParams(**arrangement), np.random.default_rng(seed), exemplar.control, target,

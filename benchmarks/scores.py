@@ -200,7 +200,7 @@ def figures(sample: Sample, tileable: bool = False) -> Figures:
     source, image = (
         Image.of(np.rint(np.clip(part, 0, 1) * 65535).astype(np.uint16)) for part in (exemplar, result)
     )
-    table = metrics(source, image, MetricsParams(), match.astype(np.uint32), tileable).table["measures"]
+    table = metrics(source, image.wrapping(tileable), MetricsParams(), match.astype(np.uint32)).table["measures"]
     return {
         name: (
             abs(line["value"] - 1) if name in _SMALLER_IS_WORSE else line["value"],

@@ -18,7 +18,7 @@ from texloom.pipelines.media.material_export import channels_of, codes_of, write
 from texloom.pipelines.media.sources import Source
 from texloom.pipelines.media.writers.registry import WRITERS, Job, write, writer_of
 from texloom.pipelines.store.atomic import write_atomically
-from texloom.pipelines.store.png_file import png
+from texloom.pipelines.store.png_file import png, with_facts
 from texloom.pipelines.store.store import Artifact, Store
 from texloom.pipelines.store.types import Hint
 from texloom.stages.arrays import Image
@@ -132,7 +132,6 @@ class Texture:
         self._texture = result[image.name]
         self._linear: Image = getattr(self._texture, image.output or "")
         self._kinds = kinds_of(source, given)
-        self._is_tileable = result._opened.is_tileable(image)
 
     @property
     def image(self) -> np.ndarray:
@@ -169,7 +168,7 @@ class Texture:
         Parameters
         ----------
         path : the extension decides: ``.exr`` holds all channels in linear light without loss; ``.png`` the colour,
-            in 16 bits if the exemplar had them, else in 8; ``.jpg``, ``.webp``, ``.tif``, ``.tx``, ``.mtlx``,
+            in 8 bits if the exemplar had them, else in 16; ``.jpg``, ``.webp``, ``.tif``, ``.tx``, ``.mtlx``,
             ``.usda`` and ``.glb`` are as of ``texloom run``. Without an extension it is a folder: a PNG for each
             map, ``material.exr`` and a MaterialX document.
 
@@ -196,12 +195,13 @@ class Texture:
         if is_folder:
             write_maps(self._linear, target, self._source.maps, provenance)
         elif target.suffix != ".png":
-            write(Job(target, self._linear, Image, provenance, is_tileable=self._is_tileable))
+            write(Job(target, self._linear, Image, provenance))
         else:
             names = channels_of("albedo", self._linear.channels)
             names = ["Y", *names[3:]] if names[0] == "Y" else names
-            bits = 16 if self.image.dtype == np.uint16 else 8
-            write_atomically(target, png(codes_of(self._linear, names, "albedo", bits, False), provenance))
+            bits = 8 if self.image.dtype == np.uint8 else 16
+            explained = with_facts(provenance, self._linear.facts, self._linear.height, self._linear.width)
+            write_atomically(target, png(codes_of(self._linear, names, "albedo", bits, False), explained))
         return target
 
     def _repr_png_(self) -> bytes:

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8, UInt32
 
 from texloom.stages.declare import InputError
+from texloom.stages.facts import UNKNOWN, Facts, Wraps
 
 _LOG = logging.getLogger(__name__)
 
@@ -43,6 +44,8 @@ class Image:
     """linear light; 1 is diffuse white, values above 1 are allowed"""
     channels: tuple[str, ...]
     """one name a plane"""
+    facts: Facts = UNKNOWN
+    """what holds for it; see `texloom.stages.facts` for what becomes of them"""
 
     def __post_init__(self) -> None:
         if self.pixels.dtype != np.float32:
@@ -91,6 +94,25 @@ class Image:
         if not np.isfinite(pixels).all():
             raise InputError("an image has values that are NaN or infinite")
         return cls(pixels, channels)
+
+    def with_pixels(self, pixels: Float32[np.ndarray, "h w k"], channels: tuple[str, ...] | None = None) -> Image:
+        """Other values at the same places, of the same channels unless given; facts are kept."""
+        return Image(pixels, self.channels if channels is None else channels, self.facts)
+
+    def cropped(self, rows: slice, columns: slice) -> Image:
+        """A part, copied; it wraps along the sides that are whole."""
+        pixels, wraps = np.ascontiguousarray(self.pixels[rows, columns]), self.wraps
+        whole = Wraps(pixels.shape[0] == self.height, pixels.shape[1] == self.width)
+        return Image(pixels, self.channels, dataclasses.replace(self.facts, wraps=wraps & whole))
+
+    def wrapping(self, both: bool) -> Image:
+        """The same picture, which continues across all its borders or across none."""
+        return dataclasses.replace(self, facts=dataclasses.replace(self.facts, wraps=Wraps(both, both)))
+
+    @property
+    def wraps(self) -> Wraps:
+        """Across which of its borders it continues."""
+        return self.facts.wraps
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         """The pixels, for ``numpy.asarray(image)``."""

@@ -35,6 +35,6 @@ def frames_of(image: Image) -> list[Image]:
     """The frames of a stack; any other image is its own only frame."""
     channels = len(image.channels) // frame_count(image.channels)
     return [
-        Image(image.pixels[..., first : first + channels], image.channels[:channels])
+        image.with_pixels(image.pixels[..., first : first + channels], image.channels[:channels])
         for first in range(0, len(image.channels), channels)
     ]

@@ -63,7 +63,7 @@ def fill_excluded(image: Image) -> Image:
     if valid is None:
         return image
     row, column = nearest_valid(valid)
-    return Image(image.pixels[row, column], image.channels)
+    return image.with_pixels(image.pixels[row, column])
 
 
 def without_usable(image: Image) -> Image:
@@ -71,4 +71,5 @@ def without_usable(image: Image) -> Image:
     if USABLE not in image.channels:
         return image
     kept = [index for index, name in enumerate(image.channels) if name != USABLE]
-    return Image(np.ascontiguousarray(image.pixels[..., kept]), tuple(image.channels[index] for index in kept))
+    names = tuple(image.channels[index] for index in kept)
+    return image.with_pixels(np.ascontiguousarray(image.pixels[..., kept]), names)

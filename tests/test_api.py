@@ -259,7 +259,7 @@ def test_run_exports_and_gives_outputs(rgb: np.ndarray, tmp_path: Path) -> None:
     assert done.exports["texture.png"] == Path("made/texture.png")
     assert done["texture"].image.shape == (64, 64, 3)
     assert np.asarray(done["texture"].image).dtype == np.float32
-    assert done["texture"].tileable is False
+    assert not done["texture"].image.wraps
     assert list(done) == ["texture", "scores"]
     assert "image" in dir(done["texture"])
     with pytest.raises(AttributeError, match="no output 'imag'"):

@@ -201,6 +201,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
                 "steps": [_step(report) for report in recorder.reports.values()],
                 **({"items": recorder.items(len(opened.items))} if opened.items else {}),
                 "exports": {name: str(path) for name, path in exports.items()},
+                "warnings": recorder.warnings,
                 "seconds": time.perf_counter() - began,
                 "error": problem,
             }

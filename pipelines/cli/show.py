@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import textwrap
 from collections import Counter
@@ -14,9 +15,11 @@ import click
 from texloom.pipelines.cli.exits import Exit
 from texloom.pipelines.cli.options import memory_option
 from texloom.pipelines.cli.output import print_json, say
+from texloom.pipelines.media.material_set import is_picture
+from texloom.stages.declare import InputError
 
 
-@click.command(short_help="Show the contents and provenance of EXR files.")
+@click.command(short_help="Show the contents and provenance of EXR files, and facts of pictures.")
 @click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path(path_type=Path))
 @click.option(
     "--png",
@@ -30,10 +33,13 @@ from texloom.pipelines.cli.output import print_json, say
 def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
     """Show the contents of EXR files (layers, sizes, channels) and their provenance.
 
+    Of these and of other pictures: whether they tile, bits, range, role.
+
     \b
     texloom show mine/texture.exr
     texloom show mine/texture.exr --png layers
     """
+    from texloom.pipelines.media.about import about_picture
     from texloom.pipelines.store import codec
     from texloom.pipelines.store.atomic import check_folder
 
@@ -46,7 +52,9 @@ def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
             codec.check_pictures(file, place)
     reports = []
     for file in files:
-        found = codec.describe(file)
+        found = {} if _is_picture(file) else codec.describe(file)
+        with contextlib.suppress(*[InputError] if found else []):  # an EXR may hold other things than a picture
+            found["facts"] = about_picture(file)
         written = codec.pictures(file, folders[file]) if folders else []
         reports.append({**({"file": str(file)} if several else {}), **found, "pictures": list(map(str, written))})
         if not as_json:
@@ -58,6 +66,11 @@ def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
     if as_json:
         print_json(reports if several else reports[0])
     return Exit.DONE
+
+
+def _is_picture(file: Path) -> bool:
+    """Whether a file is a picture other than an EXR, by its name."""
+    return is_picture(file) and file.suffix.lower() != ".exr"
 
 
 def _folders_of_pictures(files: Sequence[Path], folder: Path) -> dict[Path, Path]:

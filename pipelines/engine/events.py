@@ -103,6 +103,8 @@ class Recorder:
         self.reports: dict[str, StepReport] = {}
         self.ended: dict[str, str | None] = {}
         """item to why it failed, if it did"""
+        self.warnings: list[str] = []
+        """why results may not be what the user wants"""
 
     @property
     def problems(self) -> dict[str, str]:
@@ -117,6 +119,8 @@ class Recorder:
             self.reports[event.label] = event
         elif isinstance(event, ItemReport):
             self.ended[event.item] = event.problem
+        elif isinstance(event, Note) and event.is_warning:
+            self.warnings.append(event.text)
         self.listener(event)
 
     def items(self, count: int) -> dict[str, Any]:

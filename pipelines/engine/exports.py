@@ -60,9 +60,8 @@ class Export:
     delivery: Delivery = AS_IS
     material: str = ""
     """the material's name, with which files of a layout begin"""
-    is_tileable: bool = False
     bits: int = 8
-    """of the picture that a PNG is to be like"""
+    """of the picture that a PNG is to be like, or is made from; 32 of floats"""
     mesh: str = ""
     """digest of what the mesh of a model comes from"""
 
@@ -106,18 +105,17 @@ class Export:
             "like": [[one.role, one.stem, one.bits, one.directx] for one in self.like],
             "delivery": _fields_of(self.delivery),
             "material": self.material if self.delivery.layout else "",
-            "tileable": self.is_tileable,
         }
         if self.is_deep:
-            parts["bits"] = self.bits
+            parts["bits"] = 16
         if self.mesh:
             parts["mesh"] = self.mesh
         return hashlib.sha256(canonical_json(parts).encode()).hexdigest()
 
     @property
     def is_deep(self) -> bool:
-        """Whether it is a PNG of 16 bits."""
-        return not self.is_folder and self.path.suffix == ".png" and self.bits == 16
+        """Whether it is a PNG of 16 bits, if it is an image: what it is made from has as many, or floats."""
+        return not self.is_folder and self.path.suffix == ".png" and self.bits > 8
 
     def current(self, store: Store, known: States | None = None) -> States | None:
         """The states of its files, if they are there and would come out as they are; ``known``: the last run's."""
@@ -171,7 +169,7 @@ class Export:
         if self.is_folder and self.delivery.layout:
             from texloom.pipelines.media.writers.layouts import write_layout
 
-            files = write_layout(value, self.path, self.material, self.delivery, provenance, self.is_tileable)
+            files = write_layout(value, self.path, self.material, self.delivery, provenance)
         elif self.is_folder and isinstance(value, Image) and frame_count(value.channels) > 1:
             from texloom.pipelines.media.frame_export import write_frames
 
@@ -183,9 +181,9 @@ class Export:
         elif self.is_deep and isinstance(value, Image):
             from texloom.pipelines.media.material_export import write_deep_png
 
-            files = {"": write_deep_png(value, self.path)}
+            files = {"": write_deep_png(value, self.path, provenance)}
         else:
-            files = registry.write(Job(self.path, value, hint, provenance, self.delivery, self.is_tileable, mesh))
+            files = registry.write(Job(self.path, value, hint, provenance, self.delivery, mesh))
         self._note_below(store.root / "runs", files, store)
         # Without a note it is written again next time, no more. The temporary file is in a small folder, which the
         # end of each run looks through.

@@ -21,6 +21,7 @@ from texloom.pipelines.engine.footprint import Footprint, footprint
 from texloom.pipelines.engine.input_files import FilesRead
 from texloom.pipelines.engine.keys import KeyParts, canonical_json, fixed_parts, key_parts
 from texloom.pipelines.engine.scope import Scope, ScopeInputs, used_sources
+from texloom.pipelines.engine.stage_log import logging_to
 from texloom.pipelines.engine.task import Given, Output, TaskSpec, Upstream
 from texloom.pipelines.errors import closest, format_error, one_line
 from texloom.pipelines.flow.command import command_of
@@ -108,6 +109,8 @@ class Run:
         self._fixed: dict[str, tuple[str, Mapping[str, Any]]] = {}
         self._new_out: Path | None = None
         self._made_out: Path | None = None
+        self.told: list[str] = []
+        """what writers of exports have told, such as of values that a file cannot hold"""
 
     @property
     def notes(self) -> list[str]:
@@ -430,8 +433,7 @@ class Run:
                 like=() if source is None else source.maps,
                 delivery=self.flow.delivery,
                 material=self._material(like, scope) if self.flow.delivery.layout else "",
-                is_tileable=self.is_tileable(reference),
-                bits=8 if source is None else source.bits,
+                bits=self._bits(reference, scope) if source is None else source.bits,
                 mesh="" if surface is None else self._origin(surface, scope),
             )
             place = str(export.path)
@@ -456,10 +458,14 @@ class Run:
             provenance |= {key: value for key, value in known.items() if key not in left_out}
         self.store.hold()
         remove_abandoned(export.path.parent)
-        with self.store.scratch():
+        told: list[str] = []
+        with self.store.scratch(), logging_to(__name__, told.append):
             mesh = None if surface is None else inputs.value(self._given(surface, scope))
             value = inputs.value(self._given(reference, scope))
             state = export.write(self.store, value, hint, provenance, mesh)
+        # what shows a result, as a preview does, may clip
+        shows = hint is Image and self._is_shown(reference) and not export.path.name.startswith("texture.")
+        self.told += [] if shows else [f"{export.path.name}: {note}" for note in told]
         if export.path.is_relative_to(self.store.root):
             usage.add(self.store, export.path)
         return state
@@ -471,14 +477,22 @@ class Run:
         name = like if like is not None else next((one for one in self.flow.sources if scope.has_source(one)), None)
         return material_name(self.flow.name if name is None else scope.source(name).picture)
 
-    def is_tileable(self, reference: Reference) -> bool:
-        """Whether the step that made a result, or the one that tells it so, was asked for one that repeats."""
+    def _is_shown(self, reference: Reference) -> bool:
+        """Whether a result is made to be looked at."""
         step = self.flow.steps.get(reference.name) if reference.output is not None else None
-        if step is None:
-            return False
-        if "tileable" in step.inputs:
-            return self.is_tileable(step.inputs["tileable"])
-        return getattr(step.params, "tileable", None) is True
+        return step is not None and step.stage.name.startswith("evaluation.")
+
+    def _bits(self, reference: Reference, scope: Scope) -> int:
+        """Bits of the first picture of the flow that a result is made from; 8 where there is none here."""
+        made_from = {reference.name} if reference.output is None else set()
+        steps = set() if reference.output is None else {reference.name}
+        for step in reversed(list(self.flow.steps.values())):  # each comes after what it takes
+            if step.name in steps:
+                steps.update(step.needs)
+                made_from.update(given.name for given in step.references if given.output is None)
+        pictures = (name for name in self.flow.sources if name in made_from - set(self.flow.meshes))
+        first = next(pictures, None)
+        return scope.source(first).bits if first is not None and scope.has_source(first) else 8
 
     def _about(self, file: str, reference: Reference, scope: Scope) -> dict[str, Any]:
         """What this run adds to the provenance of an export."""

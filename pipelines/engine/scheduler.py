@@ -604,6 +604,9 @@ class _Attempt:
     def _export(self, scope: Scope, scope_run: ScopeRun) -> None:
         inputs, states = scope_run.inputs, self.export_states
         self.written |= self.run.export(scope, scope_run.kind, self.out, inputs, self.history, states)
+        for note in self.run.told:
+            self.listener(Note(note, is_warning=True))
+        self.run.told.clear()
 
     def _end_item(self, name: str, problem: str | None) -> None:
         self.ended_items += 1

@@ -23,9 +23,11 @@ from jaxtyping import Float32
 
 from texloom.pipelines.media import color_spaces, icc, strokes
 from texloom.pipelines.media.icc import Decoding
-from texloom.pipelines.store import exr
+from texloom.pipelines.store import codec, exr
 from texloom.pipelines.store.capture import capture_output
+from texloom.pipelines.store.png_file import PROVENANCE, facts_in
 from texloom.stages.color import linear_from_codes
+from texloom.stages.facts import UNKNOWN, Facts
 from texloom.stages.frames import stack_channels
 from texloom.stages.sizes import format_size
 
@@ -73,6 +75,8 @@ class Picture(Header):
 
     decode: Callable[[], Float32[np.ndarray, "h w c"]]
     """reads the pixels, while the file is open"""
+    facts: Facts = UNKNOWN
+    """what texloom has written into it; other files say nothing"""
 
 
 def read_header(file: BinaryIO, data: bool = False, layered: bool = False) -> Picture:
@@ -217,7 +221,8 @@ def _pillow_header(kind: str, file: BinaryIO, data: bool) -> Picture:
     bits = 16 if "16" in raw else 8
     # Pillow's pixels and what the format needs beside them, the integers with a copy, and the floats
     memory = height * width * (4 + _EXTRA.get(kind, 0) + len(channels) * (bits // 4 + 4))
-    return Picture(height, width, channels, bits, memory, decode)
+    facts = facts_in(image.info.get(PROVENANCE), height, width)
+    return Picture(height, width, channels, bits, memory, decode, facts)
 
 
 def _decoding(info: Mapping[str, Any], planes: int) -> Decoding | None:
@@ -390,7 +395,9 @@ def _exr_header(file: BinaryIO, data: bool) -> Picture:
         return _exr_pixels(exr.read_parts(file, len(headers))[index], (height, width), names, matrix)
 
     memory = 4 * (values + height * width * len(names))  # OpenEXR reads all parts
-    return Picture(height, width, tuple(names.values()), 32, memory, decode)
+    part = headers[index].get("name", "")
+    facts = codec.facts_in(headers[0], part, height, width)
+    return Picture(height, width, tuple(names.values()), 32, memory, decode, facts)
 
 
 def _exr_stack(file: BinaryIO) -> Picture:

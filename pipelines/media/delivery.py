@@ -50,7 +50,7 @@ class Delivery:
             if set(names) <= set(image.channels):
                 places = [image.channels.index(name) for name in names]
                 pixels[..., places] = converted(pixels[..., places], matrix)
-        return Image(pixels, image.channels)
+        return image.with_pixels(pixels)
 
     def size(self, height: int, width: int) -> tuple[float, float] | None:
         """Height and width of a result of so many pixels, m."""

@@ -12,7 +12,7 @@ from texloom.pipelines.media.material_export import channels_of, codes_of
 from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
-from texloom.pipelines.store.png_file import png
+from texloom.pipelines.store.png_file import png, with_facts
 from texloom.stages.arrays import Image
 from texloom.stages.frames import frames_of
 
@@ -45,7 +45,8 @@ def write_frames(
             continue
         file, grey = f"{stem}.png", frame.channels == ("Y",)
         names = ["Y"] if grey else channels_of("albedo", frame.channels)
-        content = png(codes_of(frame, names, "albedo", bits, directx=False), provenance)
+        explained = with_facts(provenance, frame.facts, frame.height, frame.width)
+        content = png(codes_of(frame, names, "albedo", bits, directx=False), explained)
         write_atomically(folder / file, content)
         written[file] = hashlib.sha256(content).hexdigest()
     return written

@@ -21,7 +21,7 @@ from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.store.atomic import file_digest
 from texloom.stages.arrays import Image
 
-_VERSION = 2  # to be raised when files are decoded to other values
+_VERSION = 3  # to be raised when files are decoded to other values
 _LARGEST = 2**31  # bytes
 _EXEMPLARS = Path(__file__).parents[2] / "configs" / "exemplars"
 
@@ -74,7 +74,7 @@ def decode(reference: str, digest: str, data: bool = False, layered: bool = Fals
         after = os.fstat(file.fileno())
         if (before.st_mtime_ns, before.st_size) != (after.st_mtime_ns, after.st_size):
             raise Refusal("has changed while it was read")
-    return Image(pixels, picture.channels)
+    return Image(pixels, picture.channels, picture.facts)
 
 
 def _digest(file: io.BufferedReader) -> str:

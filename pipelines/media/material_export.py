@@ -14,7 +14,8 @@ from texloom.pipelines.media.material_set import COLORS, ROLES, Map, normal_code
 from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
-from texloom.pipelines.store.png_file import LARGE, png, write_png
+from texloom.pipelines.store.clipping import count_clipped, tell_clipped
+from texloom.pipelines.store.png_file import LARGE, png, with_facts, write_png
 from texloom.stages.arrays import Image
 from texloom.stages.color import srgb_from_linear
 from texloom.stages.normals import NORMAL, rounding, unit
@@ -37,12 +38,13 @@ def write_maps(
 
     ``material.exr`` holds all channels, normals with unit length; ``material.mtlx`` binds the PNGs. These have the
     names, bits (16 for floats) and direction of green of the files of ``like``; without such a file, they are named
-    by their role. Values beyond 0..1 are clipped in PNG only. Pixels copied from files of ``like`` keep their bits.
+    by their role. Values beyond 0..1 are clipped in PNG only, with a warning. Pixels copied from files of ``like``
+    keep their bits.
 
     Parameters
     ----------
     like : maps of the exemplar.
-    provenance : of the image, ready for JSON; stored in the EXR and in PNGs of 8 bits.
+    provenance : of the image, ready for JSON; stored in the EXR and, with the image's facts, in PNGs.
     delivery : colour space of the EXR and physical size.
 
     Returns
@@ -53,6 +55,7 @@ def write_maps(
     alike = {one.role: one for one in like}
     bits = {role: min(16, alike[role].bits) if role in alike else _BITS.get(role, 8) for role in ROLES}
     image = with_unit_normals(image, bits["normal"])
+    explained = with_facts(provenance, image.facts, image.height, image.width)
     attributes, shown = delivery.exr_attributes(is_color=True), delivery.encoded(image)
     written = {f"{_NAME}.exr": codec.export(shown, Image, folder / f"{_NAME}.exr", provenance, attributes)}
     stems = [one.stem for one in like]
@@ -71,19 +74,22 @@ def write_maps(
             file = f"{role if one is None or stems.count(one.stem) > 1 else one.stem}.png"
             if image.height * image.width > LARGE:
                 strips = _code_strips(image, channels, role, bits[role], directx)
-                written[file] = write_png(folder / file, image.height, image.width, strips, provenance)
+                written[file] = write_png(folder / file, image.height, image.width, strips, explained)
                 bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx))
                 continue
             levels = codes_of(image, channels, role, bits[role], directx)
             if role == "normal" and one is not None:
                 _keep_codes(levels, image, one)
-            write(file, png(levels, provenance))
+            write(file, png(levels, explained))
             bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx))
-    write(f"{_NAME}.mtlx", document(_NAME, bound, delivery.size(image.height, image.width)).encode())
+    write(
+        f"{_NAME}.mtlx",
+        document(_NAME, bound, delivery.size(image.height, image.width), wraps=image.wraps).encode(),
+    )
     return written
 
 
-def write_deep_png(image: Image, path: Path) -> str:
+def write_deep_png(image: Image, path: Path, provenance: Mapping[str, Any]) -> str:
     """Write the colour of an image as a PNG of 16 bits, in sRGB; pixels decoded from such a file keep their bits.
 
     Returns
@@ -93,9 +99,9 @@ def write_deep_png(image: Image, path: Path) -> str:
     has_alpha = "A" in image.channels
     grey = image.channels[0] == "Y" and not has_alpha
     channels = ["Y"] if grey else channels_of("albedo", image.channels)
-    content = png(codes_of(image, channels, "albedo", 16, directx=False))
-    write_atomically(path, content)
-    return hashlib.sha256(content).hexdigest()
+    explained = with_facts(provenance, image.facts, image.height, image.width)
+    strips = _code_strips(image, channels, "albedo", 16, directx=False)
+    return write_png(path, image.height, image.width, strips, explained)
 
 
 def channels_of(role: str, known: Sequence[str]) -> list[str]:
@@ -139,7 +145,7 @@ def with_unit_normals(image: Image, bits: int) -> Image:
     for band in bands(image.height, image.pixels, pixels):
         pixels[band] = image.pixels[band]
         pixels[band][..., places] = right(band)
-    return Image(pixels, image.channels)
+    return image.with_pixels(pixels)
 
 
 def codes_of(image: Image, channels: Sequence[str], role: str, bits: int, directx: bool) -> np.ndarray:
@@ -151,7 +157,7 @@ def _code_strips(
     image: Image, channels: Sequence[str], role: str, bits: int, directx: bool
 ) -> Iterator[np.ndarray]:
     """Strips of rows of `codes_of`, from top to bottom."""
-    most = 2**bits - 1
+    most, clipped = 2**bits - 1, 0
     rows = max(1, _STRIP // image.width)
     for top in range(0, image.height, rows):
         strip = image.pixels[top : top + rows]
@@ -160,8 +166,11 @@ def _code_strips(
             values = strip[..., image.channels.index(name)].astype(np.float64)
             if role == "normal":
                 values = ((-values if directx and name == NORMAL[1] else values) + 1) / 2
-            elif role in COLORS and name != "A":
+            is_light = role in COLORS and name != "A"
+            clipped += count_clipped(values, bits, is_light)
+            if is_light:
                 values = srgb_from_linear(values)
             levels[..., place] = np.rint(np.clip(values, 0, 1) * most)
         release(image.pixels)
         yield levels
+    tell_clipped(role, clipped / (image.height * image.width * len(channels)))

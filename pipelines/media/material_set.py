@@ -35,6 +35,7 @@ from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.yaml import read_document
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
+from texloom.stages.facts import Facts
 from texloom.stages.masks import HALF, USABLE
 from texloom.stages.normals import NORMAL, rounding, unit
 from texloom.stages.sizes import format_size
@@ -180,17 +181,21 @@ def files_of(reference: str) -> list[Path]:
 
 def read(maps: tuple[Map, ...], height: int, width: int) -> Image:
     """Decode the maps; `Refusal` names the file that is broken, or not the one that was opened."""
-    planes = []
+    parts: list[Image] = []
     for one in maps:
         try:
-            planes.append(_planes(one, height, width))
+            parts.append(_planes(one, height, width))
         except Refusal as error:
             raise Refusal(f"{_file_name(one)} {error}") from None
         except FileNotFoundError:
             raise Refusal(f"{_file_name(one)}: no such file") from None
-        if one.role == "mask" and planes[-1].max() < HALF:
+        if one.role == "mask" and parts[-1].pixels.max() < HALF:
             raise Refusal(f"{_file_name(one)} is black: it excludes every pixel")
-    return Image(np.concatenate(planes, axis=2), channels_of(maps))
+    told = [
+        part.facts for one, part in zip(maps, parts, strict=True) if one.role != "mask"
+    ]  # it may be drawn by hand
+    pixels = np.concatenate([part.pixels for part in parts], axis=2)
+    return Image(pixels, channels_of(maps), Facts.joined(told))
 
 
 def normal_codes(one: Map, height: int, width: int) -> tuple[np.ndarray, np.ndarray] | None:
@@ -319,7 +324,7 @@ def _opened(role: str, reference: str, settings: Mapping[str, Any]) -> Map:
     )
 
 
-def _planes(one: Map, height: int, width: int) -> Float32[np.ndarray, "h w c"]:
+def _planes(one: Map, height: int, width: int) -> Image:
     """The channels of a map, resampled to the image's size."""
     image = picture_files.decode(one.reference, one.digest, one.role not in COLORS)
     pixels = image.pixels
@@ -335,7 +340,7 @@ def _planes(one: Map, height: int, width: int) -> Float32[np.ndarray, "h w c"]:
         pixels = _resampled(pixels, height, width)
         if one.role == "normal":
             pixels = unit(pixels)
-    return pixels
+    return image.with_pixels(pixels, one.channels)
 
 
 def _vectors(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 3"]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from texloom.pipelines.media.color_spaces import ACESCG
 from texloom.pipelines.media.material_set import COLORS
+from texloom.stages.facts import TORUS, Wraps
 
 DISPLACEMENT = 0.05
 """height of white over black, as a share of the texture's width; no map tells it"""
@@ -57,6 +58,7 @@ def document(
     color_space: str = "",
     is_hex_tiled: bool = False,
     width: float | None = None,
+    wraps: Wraps = TORUS,
 ) -> str:
     """The document of a material called ``name``, as text; maps of other roles than the shader has are left out.
 
@@ -67,6 +69,7 @@ def document(
     color_space : of colours that are not in sRGB, by the name of `texloom.pipelines.media.color_spaces`.
     is_hex_tiled : maps are blended from hexagons at random places and angles, so that they do not repeat; for
         textures without a direction or lattice. Not with ``size``.
+    wraps : beyond borders where it does not wrap the maps show the pixels there; not with ``size``.
     width : of the texture on what it lies on, m; scales the displacement. Default: that of ``size``, or 1.
     """
     import MaterialX
@@ -80,7 +83,9 @@ def document(
         if one.role not in (*_INPUTS[shader], "normal", "height"):
             continue
         linear = "acescg" if color_space == ACESCG else "lin_rec709"
-        image = _hex_tiled(made, name, one, linear) if is_hex_tiled else _image(made, name, one, size, linear)
+        image = (
+            _hex_tiled(made, name, one, linear) if is_hex_tiled else _image(made, name, one, size, linear, wraps)
+        )
         if one.role == "normal" and is_hex_tiled:
             node.setConnectedNode("normal", image)
         elif one.role == "normal":
@@ -116,7 +121,7 @@ def _connect(made: Any, name: str, node: Any, one: BoundMap, image: Any, shader:
     node.setConnectedNode(colored, image)
 
 
-def _image(made: Any, name: str, one: BoundMap, size: tuple[float, float] | None, linear: str) -> Any:
+def _image(made: Any, name: str, one: BoundMap, size: tuple[float, float] | None, linear: str, wraps: Wraps) -> Any:
     import MaterialX
 
     kind = "vector3" if one.role == "normal" else "color3" if one.planes > 1 else "float"
@@ -127,6 +132,10 @@ def _image(made: Any, name: str, one: BoundMap, size: tuple[float, float] | None
             image.setInputValue(entry, MaterialX.Vector2(size[1], size[0]))
             image.getInput(entry).setUnitType("distance")
             image.getInput(entry).setUnit("meter")
+    else:
+        for axis, goes_on in (("u", wraps.across), ("v", wraps.down)):
+            if not goes_on:
+                image.setInputValue(f"{axis}addressmode", "clamp")
     if kind == "color3":
         _set_color_space(image, one, linear)
     return image

@@ -17,6 +17,7 @@ from texloom.pipelines.media.decode import MAX_FRAMES, Refusal
 from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.media.material_set import Map, is_picture, pictures_in
 from texloom.stages.arrays import Image
+from texloom.stages.facts import Facts
 from texloom.stages.frames import stack_channels
 from texloom.stages.sizes import format_size
 
@@ -97,13 +98,14 @@ def memory_of(frames: tuple[Map, ...]) -> int:
 
 def read(frames: tuple[Map, ...]) -> Image:
     """Decode the frames; `Refusal` names the file that is broken, or not the one that was opened."""
-    planes = []
+    parts = []
     for one in frames:
         try:
-            planes.append(locate.decode(one.reference, one.digest, layered=len(frames) == 1).pixels)
+            parts.append(locate.decode(one.reference, one.digest, layered=len(frames) == 1))
         except Refusal as error:
             raise Refusal(str(error) if len(frames) == 1 else f"{Path(one.reference).name} {error}") from None
-    return Image(np.concatenate(planes, axis=2), channels_of(frames))
+    pixels = np.concatenate([part.pixels for part in parts], axis=2)
+    return Image(pixels, channels_of(frames), Facts.joined(part.facts for part in parts))
 
 
 def _frame(file: str, seen: Inspected) -> Map:

@@ -7,7 +7,8 @@ A result's folder holds
     names (``R G B A``, ``Y``, ...); those of other arrays begin with the output's name: ``strength``,
     ``match.row``, ``match.column``. The first part's header explains the file in JSON: ``texloom.provenance``,
     ``texloom.scalars`` (the outputs that are numbers or words, and those that were left out) and
-    ``texloom.arrays`` (dtype, shape and channels of every array; one without elements is only there).
+    ``texloom.arrays`` (dtype, shape and channels of every array, and the facts of an `Image`; an array without
+    elements is only there).
     Where no array has elements, a part ``texloom`` of one black pixel carries the header.
 ``tables.json``
     the outputs that are dicts or lists, where there are any.
@@ -35,6 +36,7 @@ import numpy as np
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.atomic import atomic_path, file_digest, write_atomically
 from texloom.pipelines.store.capture import capture_output
+from texloom.pipelines.store.clipping import tell_clipped
 from texloom.pipelines.store.outputs import Array, Layout, outputs_of, prepared
 from texloom.pipelines.store.page import with_run
 from texloom.pipelines.store.png_file import LARGE, png, write_png
@@ -42,12 +44,13 @@ from texloom.pipelines.store.preview import picture
 from texloom.pipelines.store.types import Hint, hints_of
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
+from texloom.stages.facts import Facts
 from texloom.stages.kernels.core.threads import run_all
 from texloom.stages.scratch import empty, release
 
 __all__ = [
-    "ArtifactError", "check_pictures", "describe", "digests", "export", "pictures", "read", "sizes", "window",
-    "write",
+    "ArtifactError", "check_pictures", "describe", "digests", "export", "facts_in", "pictures", "read", "sizes",
+    "window", "write",
 ]  # fmt: skip
 
 ARRAYS = "result.exr"
@@ -68,7 +71,7 @@ class ArtifactError(Exception):
 
 
 def digests(result: Any) -> dict[str, str]:
-    """SHA-256 of every output's content: dtype, shape, channels and values.
+    """SHA-256 of every output's content: dtype, shape, channels, facts and values.
 
     Parameters
     ----------
@@ -81,7 +84,8 @@ def _digest(output: Any) -> str:
     if not isinstance(output, Array):
         return hashlib.sha256(json.dumps(output, sort_keys=True).encode()).hexdigest()
     layout = output.layout
-    head = json.dumps(["array", layout.dtype, layout.shape, layout.channels])
+    facts = [output.facts.record()] if output.facts.record() else []
+    head = json.dumps(["array", layout.dtype, layout.shape, layout.channels, *facts])
     content = hashlib.sha256(head.encode() + b"\0")
     values = np.atleast_1d(output.values)
     step = max(1, _CHUNK * len(values) // max(1, values.nbytes))
@@ -148,7 +152,12 @@ def _write_exr(
         if not array.layout.is_empty:
             parts[output] = dict(zip(array.layout.names(output), array.planes(), strict=True))
     records = {
-        output: {"dtype": array.layout.dtype, "shape": array.layout.shape, "channels": array.layout.channels}
+        output: {
+            "dtype": array.layout.dtype,
+            "shape": array.layout.shape,
+            "channels": array.layout.channels,
+            **({"facts": array.facts.record()} if array.layout.is_image else {}),
+        }
         for output, array in arrays.items()
     }
     about = {"provenance": provenance, "scalars": scalars, "arrays": records}
@@ -218,7 +227,7 @@ def _restored(output: str, hint: Hint, record: Mapping[str, Any], file: exr.Wind
             release(values)
             if stored:
                 raise wrong
-    return Image(values, layout.channels) if layout.is_image else values
+    return Image(values, layout.channels, Facts.of(record.get("facts", {}))) if layout.is_image else values
 
 
 def sizes(folder: Path) -> dict[str, tuple[int, int]]:
@@ -304,9 +313,11 @@ def export(
             return file_digest(temporary)
     elif path.suffix == ".png" and isinstance(output, Array) and output.is_large_color:
         height, width = output.layout.sides
-        return write_png(path, height, width, output.color_strips(), provenance)
+        tell_clipped("colour", output.clipped)
+        return write_png(path, height, width, output.color_strips(), output.explained(provenance))
     elif path.suffix == ".png" and isinstance(output, Array) and (levels := output.picture()) is not None:
-        content = png(levels, provenance)
+        tell_clipped("colour", output.clipped)
+        content = png(levels, output.explained(provenance))
     else:
         is_array = isinstance(output, Array)
         shown = f"{output.layout.dtype} of shape {output.layout.shape}" if is_array else f"{output!r:.40}"
@@ -392,6 +403,15 @@ def _check_free(made: Mapping[Path, bytes]) -> None:
     for target, content in made.items():
         if os.path.lexists(target) and not (target.is_file() and target.read_bytes() == content):
             raise InputError(f"{target}: is there already and holds something else; give another folder")
+
+
+def facts_in(header: Mapping[str, Any], part: str, height: int, width: int) -> Facts:
+    """What the header of an EXR says of the image in a part of this size; nothing where it is none of ours."""
+    try:
+        known = json.loads(header["texloom.arrays"])[part]
+        return Facts.of(known["facts"]) if known["shape"][:2] == [height, width] else Facts()
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return Facts()
 
 
 def layer_of(part: str, channel: str) -> str:

@@ -6,17 +6,19 @@ import copy
 import dataclasses
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
 from texloom.pipelines.store import exr
-from texloom.pipelines.store.png_file import LARGE
+from texloom.pipelines.store.clipping import count_clipped
+from texloom.pipelines.store.png_file import LARGE, with_facts
 from texloom.pipelines.store.preview import color_strips, colors_of, picture
 from texloom.pipelines.store.types import Hint, hints_of
 from texloom.stages.arrays import Channels, Image, Layers
-from texloom.stages.scratch import release
+from texloom.stages.facts import UNKNOWN, Facts
+from texloom.stages.scratch import bands, release
 
 _ROWS = 64  # of a smaller picture that are copied at a time
 
@@ -74,12 +76,18 @@ class Array:
 
     values: np.ndarray
     layout: Layout
+    facts: Facts = UNKNOWN
+    """of an `Image`"""
 
     def planes(self) -> list[np.ndarray]:
         """The planes, each 2-D; a 1-D entry becomes a row."""
         rows = self.layout.sides[0] if len(self.layout.sides) > 1 else 1
         entries = self.values[None] if self.layout.axis is None else np.moveaxis(self.values, self.layout.axis, 0)
         return [entry.reshape(rows, -1) for entry in entries]
+
+    def explained(self, provenance: Mapping[str, Any]) -> Mapping[str, Any] | None:
+        """Provenance for a PNG, with the facts."""
+        return with_facts(provenance, self.facts, *self.layout.sides[:2]) if self.layout.is_image else provenance
 
     @property
     def is_large_color(self) -> bool:
@@ -90,6 +98,17 @@ class Array:
         """The 8-bit picture of colours, see `texloom.pipelines.store.preview.color_strips`."""
         planes = dict(zip(self.layout.channels, self.planes(), strict=True))
         return color_strips(planes, colors_of(planes))
+
+    @property
+    def clipped(self) -> float:
+        """The share of the values of an image's colour that 8 bits cannot hold, as they are outside of 0..1."""
+        colors = colors_of(self.layout.channels) if self.layout.is_image else ""
+        lost = 0
+        for name in colors:
+            plane = self.values[..., self.layout.channels.index(name)]
+            for band in bands(len(plane), self.values):
+                lost += count_clipped(plane[band], 8, encoded=True)
+        return lost / max(1, math.prod(self.layout.sides) * len(colors))
 
     def _every(self, step: int, plane: np.ndarray) -> np.ndarray:
         rows = []
@@ -113,8 +132,8 @@ def prepared(value: Any, hint: Hint) -> Any:
     if hint.is_array:
         values = np.asarray(value.pixels if isinstance(value, Image) else value)
         values = values.astype(values.dtype.newbyteorder("="), copy=False)
-        channels = value.channels if isinstance(value, Image) else ()
-        return Array(values, Layout.of(values.dtype.name, values.shape, hint, tuple(channels)))
+        channels, facts = (value.channels, value.facts) if isinstance(value, Image) else ((), Facts())
+        return Array(values, Layout.of(values.dtype.name, values.shape, hint, tuple(channels)), facts)
     if hint.is_table:
         return json.loads(json.dumps(value, default=_number))
     kept = _number(value) if isinstance(value, np.generic) else value
@@ -148,14 +167,14 @@ class Outputs(dict[str, Any]):
         """A copy of an output, equal in type, dtype and memory layout to what is read back from its file."""
         output = self[name]
         if isinstance(output, Array) and output.layout.is_image:
-            output = Image(output.values, output.layout.channels)
+            output = Image(output.values, output.layout.channels, output.facts)
         return copied(output.values if isinstance(output, Array) else output)
 
 
 def copied(value: Any) -> Any:
     """A copy of an output that shares nothing with it; arrays are in C order."""
     if isinstance(value, Image):
-        return Image(np.array(value.pixels, order="C"), value.channels)
+        return value.with_pixels(np.array(value.pixels, order="C"))
     return np.array(value, order="C") if isinstance(value, np.ndarray) else copy.deepcopy(value)
 
 

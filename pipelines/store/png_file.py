@@ -17,9 +17,14 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from texloom.pipelines.store.atomic import atomic_path, file_digest
+from texloom.stages.facts import Facts
 
 LARGE = 2**24
 """pixels of a picture above which it is written in strips"""
+PROVENANCE = "texloom.provenance"
+"""the text of a PNG that holds provenance, in JSON"""
+FACTS = "facts"
+"""its entry of `Facts`"""
 _COLOR_TYPES = {1: 0, 2: 4, 3: 2, 4: 6}  # by number of channels: grey, grey and alpha, RGB, RGBA
 _UP = 2  # filter: each byte less that of the line above
 _STRIP = 2**20  # pixels compressed at once
@@ -82,7 +87,26 @@ def _begin(
     kind = (8 * strip.dtype.itemsize, _COLOR_TYPES[channels], 0, 0, 0)
     _chunk(file, b"IHDR", struct.pack(">2I5B", width, height, *kind))
     if provenance is not None:
-        _chunk(file, b"iTXt", b"texloom.provenance\0\0\0\0\0" + json.dumps(provenance).encode())
+        _chunk(file, b"iTXt", PROVENANCE.encode() + b"\0\0\0\0\0" + json.dumps(provenance).encode())
+
+
+def with_facts(
+    provenance: Mapping[str, Any] | None, facts: Facts, height: int, width: int
+) -> Mapping[str, Any] | None:
+    """Provenance with the facts of a picture, and its size, without which they do not hold."""
+    known = facts.record()
+    if not known:
+        return provenance
+    return {**(provenance or {}), FACTS: {**known, "height": height, "width": width}}
+
+
+def facts_in(text: Any, height: int, width: int) -> Facts:
+    """What the text ``texloom.provenance`` of a PNG of this size says; nothing where it is none of ours."""
+    try:
+        known = json.loads(text)[FACTS]
+        return Facts.of(known) if (known["height"], known["width"]) == (height, width) else Facts()
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return Facts()
 
 
 def _filtered(lines: np.ndarray, above: np.ndarray) -> np.ndarray:

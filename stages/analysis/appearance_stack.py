@@ -93,7 +93,6 @@ def appearance_stack(
     stack: Float32[np.ndarray, "levels h w c"] | None = None,
     valid: Bool[np.ndarray, "levels h w"] | None = None,
     known: Mask | None = None,
-    tileable: bool = False,
 ) -> AppearanceStack:
     """Describe every neighbourhood of an exemplar by a short vector, and find its similarity set, at every level.
 
@@ -105,13 +104,12 @@ def appearance_stack(
 
     Parameters
     ----------
-    image : only its colour is compared.
+    image : only its colour is compared; toroidal where it wraps, such as a tileable compaction.
     distance : to features, 0..100, compared like a fourth channel of colour; see `signed_distance`.
     jacobian : distortion of the texture in ``image``; None for a flat texture.
     stack : the planes to compare at each level, finest first; default: colour and ``distance``, blurred here.
     valid : the valid pixels of each level; default: all.
     known : the pixels of distorted texture that are described; default: those valid at some level.
-    tileable : whether the exemplar is toroidal, such as a tileable compaction; the same as ``params.toroidal``.
 
     Raises
     ------
@@ -132,7 +130,7 @@ def appearance_stack(
     for name, field in (("distance", distance), ("jacobian", jacobian)):
         if field is not None and field.shape[:2] != shape:
             raise ValueError(f"{name} of shape {field.shape} for an exemplar of {shape}")
-    toroidal = params.toroidal or tileable
+    toroidal = params.toroidal or (jacobian is None and image.wraps.both)
     if jacobian is not None and toroidal:
         raise InputError("toroidal: a distorted exemplar cannot be toroidal")
     if stack is None:

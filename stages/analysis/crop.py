@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import Field
 
 from texloom.stages.arrays import Image
@@ -75,5 +74,4 @@ def crop(image: Image, params: CropParams) -> Crop:
     Ours; the studies crop exemplars to the sizes of [Ding2014]_.
     """
     top, left = corner(params, image.height, image.width)
-    part = image.pixels[top : top + params.size[0], left : left + params.size[1]]
-    return Crop(Image(np.ascontiguousarray(part), image.channels))
+    return Crop(image.cropped(slice(top, top + params.size[0]), slice(left, left + params.size[1])))

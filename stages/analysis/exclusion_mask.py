@@ -78,7 +78,7 @@ def exclusion_mask(image: Image, params: ExclusionMaskParams, mask: Image | None
         _LOG.warning("the mask excludes no pixel: none of it is %s", params.avoid)
     plain = without_usable(image)
     pixels = np.concatenate([plain.pixels, valid[..., None].astype(np.float32)], axis=2)
-    return ExclusionMask(Image(pixels, (*plain.channels, USABLE)), valid)
+    return ExclusionMask(plain.with_pixels(pixels, (*plain.channels, USABLE)), valid)
 
 
 def _valid(image: Image, mask: Image | None, params: ExclusionMaskParams) -> Mask:

@@ -146,7 +146,7 @@ def tone(image: Image, params: ToneParams) -> Tone:
     if params.warn:
         _report(lightness, chroma)
     return Tone(
-        with_tone(image, -_field(drifts, (image.height, image.width))),
+        with_tone(image, -_field(drifts, (image.height, image.width))).wrapping(False),  # drift ends differently
         _field(drifts, (_SAMPLES, _SAMPLES)),
         lightness,
         chroma,

@@ -138,7 +138,7 @@ def match_channels(target: Image, control: Image) -> Image:
     """
     channels = _matching_channels(target, control)
     planes = [target.pixels[..., target.channels.index(channel)] for channel in channels]
-    return Image(np.ascontiguousarray(np.stack(planes, axis=2)), control.channels)
+    return target.with_pixels(np.ascontiguousarray(np.stack(planes, axis=2)), control.channels)
 
 
 def _is_grey(image: Image) -> bool:

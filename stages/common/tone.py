@@ -23,9 +23,9 @@ def relative_tone(lab: ColorField) -> Float32[np.ndarray, "h w 3"]:
     return np.stack([log(lightness), lab[..., 1] / lightness, lab[..., 2] / lightness], axis=2)
 
 
-def with_tone(image: Image, change: ToneField, wrap: bool = False) -> Image:
+def with_tone(image: Image, change: ToneField) -> Image:
     """``image`` with colours changed by ``change``, which is stretched over it; other maps are unchanged."""
-    field = _stretched(change, (image.height, image.width), wrap)
+    field = _stretched(change, (image.height, image.width), image.wraps.both)
     pixels = image.pixels.copy()
     colors = 1 if image.channels[0] == "Y" else 3
     pixels[..., :colors] *= exp(3 * field[..., :1])
@@ -33,7 +33,7 @@ def with_tone(image: Image, change: ToneField, wrap: bool = False) -> Image:
         lab = lab_from_linear(pixels[..., :3])
         lab[..., 1:] += (lab[..., :1] + BLACK) * field[..., 1:]
         pixels[..., :3] = np.maximum(linear_from_lab(lab), 0)
-    return Image(pixels, image.channels)
+    return image.with_pixels(pixels)
 
 
 def _stretched(field: ToneField, shape: tuple[int, int], wrap: bool) -> Float32[np.ndarray, "h w 3"]:

@@ -4,8 +4,6 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.sizes import Size, format_size
@@ -18,7 +16,7 @@ class ExternalResultParams(Params):
     """size of the result, px, as 512 or 768x512 (width x height): a larger picture is cropped to its centre; null:
     all of the picture"""
     tileable: bool = False
-    """whether the picture is meant to wrap around; then it is not cropped"""
+    """the picture wraps around, whether it says so or not; then it is not cropped"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,8 +25,6 @@ class ExternalResult:
 
     image: Image
     """all maps of the picture, bit-identical"""
-    tileable: bool
-    """that of the parameters"""
 
 
 def check_size(params: ExternalResultParams, known: Mapping[str, Any]) -> None:
@@ -67,5 +63,5 @@ def external_result(image: Image, params: ExternalResultParams) -> ExternalResul
     """
     height, width = params.size or (image.height, image.width)
     top, left = (image.height - height) // 2, (image.width - width) // 2
-    part = image.pixels[top : top + height, left : left + width]
-    return ExternalResult(Image(np.ascontiguousarray(part), image.channels), params.tileable)
+    part = image.cropped(slice(top, top + height), slice(left, left + width))
+    return ExternalResult(part.wrapping(True) if params.tileable else part)

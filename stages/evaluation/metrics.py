@@ -112,7 +112,6 @@ def metrics(
     image: Image,
     params: MetricsParams,
     match: Correspondence | None = None,
-    tileable: bool = False,
     keep: Mask | None = None,
     copies: Mask | None = None,
 ) -> Metrics:
@@ -159,10 +158,9 @@ def metrics(
     Parameters
     ----------
     exemplar, image : the texture and the result, of any sizes; only their colour counts. Masked pixels (see
-        `valid_pixels`) are ignored.
+        `valid_pixels`) are ignored. The border of a result that wraps is a joint, and measured as `seams`.
     match : the source of the result's pixels; without it, `use`, `copying`, `continuity`, `joints`
         and `objects` are not measured.
-    tileable : the result is meant to wrap around, and its border is a joint; otherwise `seams` is not measured.
     keep : true where the result was given, as when holes are filled. Then measures take only what touches pixels
         that were made, `seams` excepted, and measures of the whole picture are left out.
     copies : true where the pixel is a copy of its source; given if ``match`` is estimated from the pixels, see
@@ -190,10 +188,10 @@ def metrics(
     limits = list(LIMITS)
     corners = windows.corners(image.height, image.width)
     if not corners:
-        measured, located = _measured(exemplar, image, params, match, tileable, keep, copies)
+        measured, located = _measured(exemplar, image, params, match, keep, copies)
         return Metrics({**table(_TITLES, measured), "limits": limits}, located)
     limits.append(f"Faults outside the {len(corners)} windows of {windows.SIDE} px that were measured.")
-    measured, located = _measured_in_windows(corners, exemplar, image, params, match, tileable, keep, copies)
+    measured, located = _measured_in_windows(corners, exemplar, image, params, match, keep, copies)
     return Metrics({**table(_TITLES, measured), "limits": limits, "windows": corners}, located)
 
 
@@ -203,7 +201,6 @@ def _measured_in_windows(
     image: Image,
     params: MetricsParams,
     match: Correspondence | None,
-    tileable: bool,
     keep: Mask | None,
     copies: Mask | None,
 ) -> tuple[dict[str, dict[str, Any]], ScalarMap | None]:
@@ -217,13 +214,13 @@ def _measured_in_windows(
         place = np.s_[top : top + windows.SIDE, left : left + windows.SIDE]
         part = Image(np.ascontiguousarray(image.pixels[place]), image.channels)
         given = [None if value is None else np.ascontiguousarray(value[place]) for value in (match, keep, copies)]
-        measured, located = _measured(exemplar, part, params, given[0], False, given[1], given[2])
+        measured, located = _measured(exemplar, part, params, given[0], given[1], given[2])
         tables.append(measured)
         if located is not None:
             whole[place], is_located = located, True
     means = windows.mean_lines(tables)
     source, corner = prepare(exemplar, windows.around_corner(image))
-    task = Task(source, corner, source, match, copies, tileable, params.copied, params.window)
+    task = Task(source, corner, source, match, copies, image.wraps.both, params.copied, params.window)
     if keep is None:
         means |= lines(pixels.seams, task, ("seams",)) | lines(reuse.evenness, task, ("use",))
     return _marked(means, copies), whole if is_located else None
@@ -234,13 +231,14 @@ def _measured(
     image: Image,
     params: MetricsParams,
     match: Correspondence | None,
-    tileable: bool,
     keep: Mask | None,
     copies: Mask | None,
 ) -> tuple[dict[str, dict[str, Any]], ScalarMap | None]:
     """The lines of the table, and the map of the joints."""
     source, result = prepare(exemplar, image, keep)
-    task = Task(source, result, shuffled_blocks(source, 2), match, copies, tileable, params.copied, params.window)
+    task = Task(
+        source, result, shuffled_blocks(source, 2), match, copies, image.wraps.both, params.copied, params.window
+    )
     measured: dict[str, dict[str, Any]] = {}
     calls = [functools.partial(lines, measure, task, names) for measure, names in _MEASURES]
     (located, of_joints), *others = run_all(

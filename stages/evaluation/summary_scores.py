@@ -56,7 +56,7 @@ def summary_scores(
     carved: Correspondence | None = None,
     epitome: Float32[np.ndarray, "H W c"] | None = None,
     histogram: Correspondence | None = None,
-    tileable: bool = False,
+    compaction: Image | None = None,
     reconstruction: Image | None = None,
 ) -> SummaryScores:
     """Score a compaction, and simpler pictures of its size, by one energy.
@@ -73,7 +73,7 @@ def summary_scores(
     source, crop, carved, histogram : the texture pixel under each pixel of what `compact`, `best_crop`,
         `seam_carving` and `histogram_summary` return.
     epitome : the means that `epitome` learned; an epitome wraps around.
-    tileable : whether the compaction wraps around, so that neighbourhoods across its border count.
+    compaction : what `compact` returns; where it wraps, neighbourhoods across its border count.
     reconstruction : the texture synthesised from the compaction and the texture's control map, of the same size.
 
     Raises
@@ -97,8 +97,10 @@ def summary_scores(
     if epitome is not None:
         planes["epitome"] = epitome
     measured: dict[str, dict[str, Any]] = {}
+    wraps = compaction is not None and compaction.wraps.both
     for name, summary in planes.items():
-        extra = params.neighbourhood - 1 if name == "epitome" or (name == "compaction" and tileable) else 0
+        is_torus = name == "epitome" or (name == "compaction" and wraps)
+        extra = params.neighbourhood - 1 if is_torus else 0
         terms = exact.of(np.pad(summary, ((0, extra), (0, extra), (0, 0)), mode="wrap"))
         more = {"inverse": terms.inverse, "forward": terms.forward}
         measured[name] = Figures(terms.energy(params.alpha), 0.0, worst, more).line()

@@ -67,4 +67,4 @@ def adaptive(
     """
     work = patchwork(image, params, params.k, rng, layout)
     counts = (work.patches, work.quilted, work.resynthesised)
-    return Adaptive(work.image, work.correspondence(), params.tileable, *counts)
+    return Adaptive(work.image.wrapping(params.tileable), work.correspondence(), *counts)

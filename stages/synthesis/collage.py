@@ -148,7 +148,7 @@ def collage(image: Image, params: CollageParams) -> Collage:
         numbers[rows, columns] = number
     if (numbers < 0).all():
         raise InputError("pieces: none of them lies in the result")
-    return Collage(Image(pixels, (*channels, "A")), numbers)
+    return Collage(Image(pixels, (*channels, "A")).wrapping(params.tileable), numbers)
 
 
 def _inside(corners: np.ndarray, points: np.ndarray) -> np.ndarray:

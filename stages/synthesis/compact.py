@@ -103,8 +103,6 @@ class Compacted(Copied):
     """for an atlas, the texture and its pixel that each pixel is copied from; else none"""
     use: ScalarMap
     """how many of the texture's neighbourhoods are matched with those around each pixel, relative to the mean"""
-    tileable: bool
-    """whether it wraps around"""
     sides: list[int]
     """height and width, px"""
     energy: list[dict[str, Any]]
@@ -171,12 +169,11 @@ def compact(
     check_row_length("compact", features.shape[2], neighbourhood)
     compactor = _Compactor(texture, features, Tree(nodes, leaf, candidates), rectangles, params)
     source, use, energy = compactor.run(rng, checkpoints)
-    copied = Copied.of(texture, control, np.moveaxis(source, 0, 2))
+    copied = Copied.of(texture, control, np.moveaxis(source, 0, 2), params.tileable)
     return Compacted(
         **vars(copied),
         origin=None if rectangles is None else _origin(source, rectangles),
         use=use,
-        tileable=params.tileable,
         sides=list(source.shape[1:]),
         energy=energy,
     )

@@ -164,7 +164,8 @@ def epitome(
     corners = (texture.height - side + 1, texture.width - side + 1)
 
     def picture() -> Image:
-        return Image(model.carried[..., : len(texture.channels)].astype(np.float32), texture.channels)
+        pixels = model.carried[..., : len(texture.channels)].astype(np.float32)
+        return Image(pixels, texture.channels).wrapping(True)
 
     for done in range(1, params.rounds + 1):
         rows, columns = rng.integers(0, corners, (params.patches, 2)).T
@@ -174,7 +175,7 @@ def epitome(
     shown = None
     if control is not None:
         pixels = np.ascontiguousarray(model.carried[..., len(texture.channels) :], np.float32)
-        shown = Image(pixels, control.channels)
+        shown = Image(pixels, control.channels).wrapping(True)
     return Epitome(
         picture(),
         shown,

@@ -65,7 +65,6 @@ def gradient_domain(
     image: Image,
     match: Correspondence,
     params: GradientDomainParams,
-    tileable: bool = False,
     keep: Mask | None = None,
 ) -> GradientDomain:
     """Remove the steps that copying leaves at seams, as in heights whose sources have different levels.
@@ -83,9 +82,8 @@ def gradient_domain(
 
     Parameters
     ----------
-    exemplar, image : the material and the result, with the same channels.
+    exemplar, image : the material and the result, with the same channels; the result may wrap.
     match : source of each pixel of the result in the exemplar.
-    tileable : the result wraps around.
     keep : true where the result stays unchanged, and is the boundary condition for its surroundings.
 
     Raises
@@ -107,17 +105,18 @@ def gradient_domain(
         raise ValueError(f"match points beyond the exemplar of {format_size(size)}")
     if keep is not None and keep.shape != (image.height, image.width):
         raise ValueError(f"keep of shape {keep.shape} for an image of {format_size(image)}")
+    wrap = image.wraps.both
     if image.height * image.width <= _LARGEST:
-        return GradientDomain(Image(_integrated(exemplar, image, match, params, tileable, keep), image.channels))
+        return GradientDomain(image.with_pixels(_integrated(exemplar, image, match, params, wrap, keep)))
     pixels = empty(image.pixels.shape, np.float32)
-    for rows, columns, inner in _parts(image.height, image.width, math.ceil(_REACHES * params.reach), tileable):
+    for rows, columns, inner in _parts(image.height, image.width, math.ceil(_REACHES * params.reach), wrap):
         place = np.ix_(rows, columns)
         part = Image(image.pixels[place], image.channels)
         kept = None if keep is None else keep[place]
         made = _integrated(exemplar, part, match[place], params, False, kept)
         pixels[rows[inner[0]][:, None], columns[inner[1]]] = made[inner]
         release(pixels, image.pixels, match)
-    return GradientDomain(Image(pixels, image.channels))
+    return GradientDomain(image.with_pixels(pixels))
 
 
 def _parts(

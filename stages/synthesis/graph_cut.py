@@ -302,4 +302,4 @@ def graph_cut(image: Image, params: GraphCutParams, rng: np.random.Generator) ->
     match = synthesis.match.astype(np.uint32)
     exemplar = synthesis.exemplar.image
     pixels = np.ascontiguousarray(exemplar.pixels[match[..., 0], match[..., 1]])
-    return GraphCut(Image(pixels, exemplar.channels), match, params.tileable, energy / UNIT)
+    return GraphCut(Image(pixels, exemplar.channels).wrapping(params.tileable), match, energy / UNIT)

@@ -55,4 +55,4 @@ def hybrid(image: Image, params: HybridParams, rng: np.random.Generator, layout:
     the paper's 32 px for larger exemplars. In the paper all results are tileable.
     """
     work = patchwork(image, params, 0.0, rng, layout)
-    return Hybrid(work.image, work.correspondence(), params.tileable, work.patches, work.resynthesised)
+    return Hybrid(work.image.wrapping(params.tileable), work.correspondence(), work.patches, work.resynthesised)

@@ -1,6 +1,7 @@
 """Inpainting: pixels that are not kept are replaced by blocks of the image, joined along minimum cuts."""
 
 import dataclasses
+import logging
 from collections.abc import Mapping
 from typing import Any
 
@@ -8,11 +9,14 @@ import numpy as np
 from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image, Mask
+from texloom.stages.common.borders import tell_borders
 from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.masks import count_excluded, fill_excluded, valid_pixels, without_usable
 from texloom.stages.sizes import format_size
 from texloom.stages.synthesis._seams.block_filling import BlockFilling
 from texloom.stages.synthesis._seams.overlap import compared
+
+_LOG = logging.getLogger(__name__)
 
 _MIN_BLOCK = 16  # px
 
@@ -22,8 +26,8 @@ class InpaintParams(Params):
 
     block: int | None = Field(None, ge=_MIN_BLOCK, le=1024)
     """side of a block, px; null: an eighth of the image's shorter side, between 32 and 128"""
-    tileable: bool = False
-    """the result continues across its borders"""
+    tileable: bool | None = None
+    """the result continues across its borders; null: where the image does"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,7 +88,12 @@ def inpaint(image: Image, keep: Mask, params: InpaintParams) -> Inpainted:
     unmasked_pixels = valid_pixels(image)
     usable = np.ones(shape, bool) if unmasked_pixels is None else unmasked_pixels
     filled_pixels = usable | keep
-    if params.tileable:
+    wrap = image.wraps.both if params.tileable is None else params.tileable
+    if params.tileable is None and wrap:
+        _LOG.warning("keeps tiling, as the image wraps; --set tileable=false does not")
+    if params.tileable is None and not wrap:
+        tell_borders(_LOG, image, ~keep)
+    if wrap:
         for line in (0, -1):
             filled_pixels[line, :] &= keep[line, :]
             filled_pixels[:, line] &= keep[:, line]
@@ -94,8 +103,9 @@ def inpaint(image: Image, keep: Mask, params: InpaintParams) -> Inpainted:
     if (count_excluded(usable, block, block) > 0).all():
         raise InputError(f"image: its mask leaves no whole block of {block} px to fill holes from")
     own = np.moveaxis(np.indices(shape, np.int32), 0, 2).copy()
-    filling = BlockFilling(compared(fill_excluded(image)), own, keep, filled_pixels, usable, block, params.tileable)
+    filling = BlockFilling(compared(fill_excluded(image)), own, keep, filled_pixels, usable, block, wrap)
     filling.run()
     match = filling.match.astype(np.uint32)
     image = without_usable(image)
-    return Inpainted(Image(image.pixels[match[..., 0], match[..., 1]], image.channels), match)
+    made = image.with_pixels(image.pixels[match[..., 0], match[..., 1]])
+    return Inpainted(made.wrapping(wrap), match)

@@ -389,4 +389,4 @@ def near_regular(
     tiling.run()
     result, match = tiling.output()
     result_generators = tiling.lattice.generators.astype(np.float32)
-    return NearRegular(result, match, params.tileable, result_generators, len(tiling.uses))
+    return NearRegular(result.wrapping(params.tileable), match, result_generators, len(tiling.uses))

@@ -92,8 +92,9 @@ class OptimiseParams(Params):
     iterations"""
     patch_size: int = Field(10, ge=3, le=32)
     """side of a patch, px"""
-    tileable: bool = False
-    """the result continues across its borders, left to right and top to bottom"""
+    tileable: bool | None = None
+    """the result continues across its borders, left to right and top to bottom; null: where pixels are kept of a
+    picture that does, else not"""
     occurrence: float = Field(10.0, ge=0, le=1e4)
     """weight of spatial uniformity: occurrence penalty of an exemplar patch of average use, squared CIELAB
     units per pixel; 0 lets smooth patches repeat, 100 prevents repetition at the cost of similarity"""
@@ -175,8 +176,6 @@ class Optimised:
     """all channels of the exemplar"""
     match: Correspondence
     """source of each pixel of the result in the exemplar"""
-    tileable: bool
-    """whether it wraps around"""
     occurrence: ScalarMap
     """use of each exemplar pixel by the result's patches; 1 is uniform use of the unmasked pixels"""
     scales: list[dict[str, Any]]
@@ -294,7 +293,7 @@ class _Optimisation:
         self, match: Patches, scale: _Scale, features: FeaturesOfScale, random: np.random.Generator
     ) -> Rounds:
         """Improve ``match`` in place at one scale, iteration by iteration."""
-        params, size, wrap = self.params, self.params.patch_size, self.params.tileable
+        params, size, wrap = self.params, self.params.patch_size, bool(self.params.tileable)
         exemplar, given, where = features
         channels = exemplar.shape[1] // scale.exemplar[1]
         expected, expected_places = self._expected(scale)
@@ -346,7 +345,7 @@ class _Optimisation:
     def picture(self, match: Patches, scale: _Scale, margin: int = 0) -> Image:
         """The result at a scale: all channels, linear, without ``margin`` px at every side."""
         small = resize(self.image.pixels, *scale.exemplar)
-        pixels = vote_pixels(match, small, self.final, self.params.tileable, margin)
+        pixels = vote_pixels(match, small, self.final, bool(self.params.tileable), margin)
         return result_image(pixels, self.image.channels)
 
 
@@ -432,7 +431,9 @@ def optimise(
     (48, 64, 1)
     """
     _check_inputs(image, start, guidance, keep, given, guiding)
-    wrap, (height, width) = params.tileable, start.shape[:2]
+    kept = image if given is None else given
+    wrap = keep is not None and kept.wraps.both if params.tileable is None else params.tileable
+    params, (height, width) = params.model_copy(update={"tileable": wrap}), start.shape[:2]
     border = Border(params.patch_size if params.border else 1)
     guides = _guides(image, start, exemplar_guide, target_guide, border)
     sides = image.height, image.width
@@ -467,9 +468,8 @@ def optimise(
         own = sides[0] * sides[1] if usable is None else int(border.inside(usable, *sides).sum())
         occurrence *= np.float32(own / occurrence.sum(dtype=np.float64))
     return Optimised(
-        image=made,
+        image=made.wrapping(wrap),
         match=source,
-        tileable=wrap,
         occurrence=occurrence,
         scales=done,
     )

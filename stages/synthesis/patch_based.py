@@ -218,4 +218,4 @@ def patch_based(image: Image, params: PatchBasedParams, rng: np.random.Generator
     height, width = params.size
     channels = sampler.exemplar.image.channels
     result = Image(with_unit_normals(np.ascontiguousarray(sampler.result[:height, :width]), channels), channels)
-    return Stitched(result, np.ascontiguousarray(sampler.match[:height, :width]), params.tileable)
+    return Stitched(result.wrapping(params.tileable), np.ascontiguousarray(sampler.match[:height, :width]))

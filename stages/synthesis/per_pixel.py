@@ -160,8 +160,6 @@ class PerPixel:
     the result's pixels, whose normals turn with it"""
     match: Correspondence
     """for every pixel of the result the exemplar pixel that it is"""
-    tileable: bool
-    """whether it wraps around"""
     positions: Annotated[Float32[np.ndarray, "H W 2"], Channels(("row", "column"))] | None
     """rows and columns in a distorted exemplar, in fractions of a px; null where nothing is distorted"""
     notes: list[str]
@@ -301,7 +299,7 @@ def per_pixel(
     else:
         positions = np.stack(levels.positions(), axis=2)
         pixels = _means(image, jacobian, positions, _bent(target_jacobian), params.origin)
-    return PerPixel(Image(pixels, image.channels), match, params.tileable, positions, compared.notes)
+    return PerPixel(Image(pixels, image.channels).wrapping(params.tileable), match, positions, compared.notes)
 
 
 @dataclasses.dataclass(frozen=True)

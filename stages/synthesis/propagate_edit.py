@@ -83,7 +83,6 @@ def propagate_edit(
     compaction: Image,
     edited: Image,
     params: PropagateEditParams,
-    tileable: bool = False,
 ) -> PropagateEdit:
     """Apply to a texture what was changed in its compaction.
 
@@ -94,7 +93,7 @@ def propagate_edit(
     Parameters
     ----------
     texture, features, nodes, leaf, candidates : as for `compact`.
-    source, compaction, tileable : the result of `compact` for these.
+    source, compaction : the result of `compact` for these.
     edited : the compaction after the edit, from a lossless file; some or all of the texture's channels.
 
     Raises
@@ -118,13 +117,13 @@ def propagate_edit(
         features, size, 1, Tree(nodes, leaf, candidates), TsvqParams(neighbourhood=size),
         KCoherenceParams(k=candidates.shape[2]), inside_of(None, texture.height, texture.width),
     )  # fmt: skip
-    mean, share = _votes(level, source, delta, changed, tileable)
+    mean, share = _votes(level, source, delta, changed, compaction.wraps.both)
     mask = share >= params.agreement
     values = painted_values(texture)
     values[mask] += mean[mask]
     pixels = np.where(mask[..., None], from_painted(values, texture.channels).pixels, texture.pixels)
     return PropagateEdit(
-        Image(np.ascontiguousarray(pixels, np.float32), texture.channels), whole, mask, float(mask.mean()), notes
+        texture.with_pixels(np.ascontiguousarray(pixels, np.float32)), whole, mask, float(mask.mean()), notes
     )
 
 
@@ -133,11 +132,11 @@ def _votes(
     source: Correspondence,
     delta: Float32[np.ndarray, "H W c"],
     changed: Bool[np.ndarray, "H W"],
-    tileable: bool,
+    wrap: bool,
 ) -> tuple[Float32[np.ndarray, "h w c"], Float32[np.ndarray, "h w"]]:
     """Mean of ``delta`` over a texture pixel's edited matches, and their share of all its matches."""
     own = np.ascontiguousarray(np.moveaxis(source.astype(np.int32), 2, 0))
-    matching = Matching(level, own, 0.01, 0.0, wrap=tileable)
+    matching = Matching(level, own, 0.01, 0.0, wrap=wrap)
     matching.match_inverse(matching.propose_by_centres(own[0].size))
     assert matching.inverse is not None
     rows, columns = matching.inverse
@@ -164,7 +163,7 @@ def _whole_edit(
     given = [name for name in compaction.channels if name in edited.channels]
     for name in given:
         planes[..., compaction.channels.index(name)] = edited.pixels[..., edited.channels.index(name)]
-    whole = Image(planes, compaction.channels)
+    whole = compaction.with_pixels(planes)
     changed = np.abs(painted_values(whole) - painted_values(compaction)).max(axis=2) > params.threshold * _LEVEL
     whole.pixels[~changed] = compaction.pixels[~changed]
     missing = [index for index, name in enumerate(compaction.channels) if name not in given]

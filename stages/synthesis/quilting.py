@@ -261,4 +261,5 @@ def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> 
     quilt.fill()
     quilt.refine_seams()
     exemplar, match = quilt.exemplar.image, quilt.match
-    return Stitched(Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels), match, params.tileable)
+    made = Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels)
+    return Stitched(made.wrapping(params.tileable), match)

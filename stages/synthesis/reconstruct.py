@@ -121,8 +121,6 @@ class Reconstructed:
     """all channels of the exemplar, copied; with ``target_jacobian`` interpolated"""
     match: Correspondence
     """source of each pixel of the result in the exemplar, rounded"""
-    tileable: bool
-    """whether it wraps around"""
     correlation: float
     """share of the exemplar's variance that its control explains beyond chance, 0..1, or ``explained``; 0 without
     control"""
@@ -205,7 +203,6 @@ def reconstruct(
     target_jacobian: Float32[np.ndarray, "rows columns 4"] | None = None,
     explained: float | None = None,
     use: ScalarMap | None = None,
-    toroidal: bool = False,
     generators: Vectors | None = None,
     source: UInt32[np.ndarray, "h w 2"] | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
@@ -235,7 +232,6 @@ def reconstruct(
         compaction has too few pixels to estimate it.
     use : for a compaction, how often each of its pixels stands for the original texture; see `compact`. Among
         places of the same control each is then used as often as in the original; none uses all evenly.
-    toroidal : the exemplar wraps around, as a tileable compaction, so that pieces of it continue across its border.
     generators : the two displacements by which a regular texture repeats, px, so that its pieces are in step under
         control; see `lattice_selection`.
     source : for a compaction, where its pixels come from in the texture that repeats by ``generators``.
@@ -272,7 +268,7 @@ def reconstruct(
         )
     if use is not None and use.shape != shape:
         raise ValueError(f"use of shape {use.shape} for an exemplar of {shape}")
-    inputs = Inputs.of(image, control, target, scale, size, use, toroidal, repetition)
+    inputs = Inputs.of(image, control, target, scale, size, use, image.wraps.both, repetition)
     share = 0.0
     notes: list[str] = []
     if control is not None and target is not None:
@@ -294,7 +290,7 @@ def reconstruct(
     match, done = _run(solvers, scales, start, params, rng, checkpoints)
     picture, source = solvers[-1].picture(match, scales[-1])
     source = ((source.astype(np.int64) - inputs.margin) % shape).astype(np.uint32)
-    return Reconstructed(picture, source, params.tileable, share, notes, done)
+    return Reconstructed(picture.wrapping(params.tileable), source, share, notes, done)
 
 
 def _run(

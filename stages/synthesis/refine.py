@@ -19,7 +19,7 @@ from texloom.stages.progress import Progress, part, report
 from texloom.stages.sizes import format_size
 from texloom.stages.synthesis._patchmatch.windows import windows
 from texloom.stages.synthesis._seams.cuts import Strips, enclosed
-from texloom.stages.synthesis.revise import ReviseParams, Revision, exemplar_like
+from texloom.stages.synthesis.revise import ReviseParams, Revision, exemplar_like, wraps_after
 
 _WORST = 0.1  # share of the joints whose mean is their measure, as in `metrics`
 _UNALIKE = 1.0  # ratio of a joint that is as unlike the exemplar as the exemplar's patches are to each other
@@ -62,8 +62,6 @@ class Refined:
     """bit-identical to the texture but for the places that were improved"""
     match: Correspondence
     """source of each pixel in the exemplar"""
-    tileable: bool
-    """whether it wraps around"""
     changed: Mask
     """true in the places that were improved"""
     table: dict[str, Any]
@@ -215,7 +213,7 @@ class _Refinement:
     def __init__(
         self, image: Image, match: Correspondence, revision: Revision, measures: _Measures, params: RefineParams
     ):
-        self.pixels, self.channels = image.pixels.copy(), image.channels
+        self.pixels, self.texture = image.pixels.copy(), image
         self.match = match.copy()
         self.changed = np.zeros(match.shape[:2], bool)
         self.most = measures.use(match) * [_MAX_USE, 1] + [0, _MAX_UNUSED]
@@ -224,21 +222,21 @@ class _Refinement:
     @property
     def image(self) -> Image:
         """As it is now."""
-        return Image(self.pixels, self.channels)
+        return self.texture.with_pixels(self.pixels)
 
     def improve(self, place: np.ndarray, radius: int, rng: np.random.Generator) -> dict[str, Any]:
         """Replace a place in several ways, keep the best one if it improves it, and tell what happened."""
-        wrap, sides = self.params.tileable, (self.match.shape[0], self.match.shape[1])
+        wrap, sides = self.texture.wraps.both, (self.match.shape[0], self.match.shape[1])
         squares = [_square(place, round(width * radius), sides, wrap) for width in _WIDTHS]
         window, largest = windows(squares[-1], max(_CONTEXT, self.params.margin), wrap)[0]
-        view = Image(np.ascontiguousarray(self.pixels[window.at]), self.channels)
+        view = Image(np.ascontiguousarray(self.pixels[window.at]), self.texture.channels)
         match = np.ascontiguousarray(self.match[window.at])
         before = best = self.measures.of_place(view, match, largest, window.wrap)
         kept, changed = (view, match), np.zeros(largest.shape, bool)
         regions = [np.ascontiguousarray(square[window.at]) for square in squares]
         for region, new, origin in self._replaced(view, match, regions, window.wrap, rng):
             taken = _joined(view, new, region)
-            made = Image(np.where(taken[..., None], new.pixels, view.pixels), self.channels)
+            made = Image(np.where(taken[..., None], new.pixels, view.pixels), view.channels)
             sources = np.where(taken[..., None], origin, match)
             after = self.measures.of_place(made, sources, largest, window.wrap)
             if after.worst >= best.worst or after.distance > before.distance:
@@ -320,8 +318,10 @@ def refine(
     source = exemplar_like(exemplar, image)
     if (match >= (source.height, source.width)).any():
         raise ValueError(f"match points beyond the exemplar of {format_size(source)}")
+    wrap = wraps_after(params.tileable, image)
+    image = image.wrapping(wrap)
     table: dict[str, Any] = {"before": 0.0, "after": 0.0, "places": []}
-    unchanged = Refined(image, match, params.tileable, np.zeros(match.shape[:2], bool), table)
+    unchanged = Refined(image, match, np.zeros(match.shape[:2], bool), table)
     if not params.rounds:
         return unchanged
     try:
@@ -331,7 +331,7 @@ def refine(
     revision = Revision(source, guidance, weight, generators, params)
     radius = params.radius or int(np.clip(min(source.height, source.width) // _RADIUS, _MIN_RADIUS, _MAX_RADIUS))
     refinement = _Refinement(image, match, revision, measures, params)
-    places, ratios = measures.joints(image, match, params.tileable)
+    places, ratios = measures.joints(image, match, wrap)
     table["before"] = value = _worst(ratios)
     done: list[np.ndarray] = []
     for turn, random in enumerate(rng.spawn(params.rounds)):
@@ -343,7 +343,7 @@ def refine(
             with part(first, first + 1 / len(chosen) / params.rounds):
                 tried.append({"round": turn + 1, **refinement.improve(place, radius, own)})
         done += chosen
-        places, ratios = measures.joints(refinement.image, refinement.match, params.tileable)
+        places, ratios = measures.joints(refinement.image, refinement.match, wrap)
         report(Progress((turn + 1) / params.rounds))
         improved = _worst(ratios) < value
         table["places"] += tried if improved else [{**one, "improved": False} for one in tried]
@@ -352,4 +352,4 @@ def refine(
             break
         value = _worst(ratios)
     table["after"] = value
-    return Refined(refinement.image, refinement.match, params.tileable, refinement.changed, table)
+    return Refined(refinement.image, refinement.match, refinement.changed, table)

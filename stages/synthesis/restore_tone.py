@@ -39,8 +39,10 @@ class RestoreTone:
 
 def check_sources(params: RestoreToneParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
     """The exemplar's drift ends differently on opposite sides."""
-    if known.get("tileable") and known.get("control") is None and known.get("tone") is not None:
-        raise InputError("tileable: the exemplar's drift does not wrap around; give a picture as `control`")
+    image = known.get("image")
+    wraps = isinstance(image, Image) and image.wraps.both
+    if wraps and known.get("control") is None and known.get("tone") is not None:
+        raise InputError("image: it wraps, but the exemplar's drift does not; give a picture as `control`")
 
 
 @stage(version=1, check=check_sources)
@@ -49,34 +51,32 @@ def restore_tone(
     params: RestoreToneParams,
     tone: ToneField | None = None,
     control: Image | None = None,
-    tileable: bool = False,
 ) -> RestoreTone:
     """Apply slow tone to an even texture.
 
     Parameters
     ----------
-    image : the texture, without drift.
+    image : the texture, without drift. Where it wraps, ``control`` is read as wrapping as well.
     tone : the exemplar's drift, see `analysis.tone`, stretched over the texture; ignored with ``control``.
     control : a picture whose slow tone, relative to its mean, is stretched over the texture.
-    tileable : the texture wraps around, and ``control`` is read so as well.
 
     Raises
     ------
     InputError
-        there is neither ``tone`` nor ``control``; ``tileable`` with the exemplar's drift.
+        there is neither ``tone`` nor ``control``; a texture that wraps with the exemplar's drift.
 
     References
     ----------
     Ours.
     """
     if control is not None:
-        field = _slow_tone(control, params.detail, tileable)
+        field = _slow_tone(control, params.detail, image.wraps.both)
     elif tone is not None:
         field = tone
     else:
         raise InputError("tone: give the exemplar's drift as `tone`, or a picture as `control`")
     share = np.array([1, params.chroma, params.chroma], np.float32) * np.float32(params.strength)
-    return RestoreTone(with_tone(image, field * share, tileable))
+    return RestoreTone(with_tone(image, field * share))
 
 
 def _slow_tone(control: Image, detail: float, wrap: bool) -> ToneField:

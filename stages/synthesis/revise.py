@@ -1,6 +1,7 @@
 """Revision: a region of a texture is synthesised again, the rest stays as it is."""
 
 import dataclasses
+import logging
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,6 +10,7 @@ from jaxtyping import Bool, Float32, Int32
 from pydantic import Field
 
 from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
+from texloom.stages.common.borders import tell_borders
 from texloom.stages.common.sizes import check_same_size
 from texloom.stages.declare import InputError, Outline, stage
 from texloom.stages.masks import (
@@ -30,6 +32,8 @@ from texloom.stages.synthesis._seams.block_filling import BlockFilling
 from texloom.stages.synthesis._seams.overlap import Errors, compared
 from texloom.stages.synthesis.gradient_domain import GradientDomainParams, gradient_domain
 from texloom.stages.synthesis.optimise import Optimised, OptimiseParams, optimise
+
+_LOG = logging.getLogger(__name__)
 
 _MIDDLE_GREY = 0.2140  # linear light of sRGB's 0.5
 _MIN_BLOCK, _MAX_BLOCK = 16, 192  # px
@@ -90,6 +94,11 @@ def outlines(params: ReviseParams, known: Mapping[str, Any]) -> dict[str, Outlin
     """The image is as the texture."""
     texture = known.get("texture")
     return {} if texture is None else {"image": Outline(texture.height, texture.width, texture.channels)}
+
+
+def wraps_after(tileable: bool | None, texture: Image) -> bool:
+    """Whether an edited texture wraps: as asked for, else if it did before."""
+    return texture.wraps.both if tileable is None else tileable
 
 
 def marked_pixels(region: Image) -> Mask:
@@ -262,7 +271,6 @@ class Revision:
             made.image,
             made.match,
             GradientDomainParams(maps=self.params.smooth, limit=_LARGEST_STEP, border_only=True),
-            wrap,
             keep,
         )
         return smoothed.image, made.match
@@ -392,7 +400,12 @@ def revise(
     revision = Revision(source, guidance, weight, generators, params)
     pixels = texture.pixels.copy()
     sources = None if match is None else match.copy()
-    found = windows(marked, params.margin, params.tileable)
+    wrap = wraps_after(params.tileable, texture)
+    if params.tileable is None and wrap:
+        _LOG.warning("keeps tiling, as the texture wraps; --set tileable=false does not")
+    if params.tileable is None and not wrap:
+        tell_borders(_LOG, texture, marked)
+    found = windows(marked, params.margin, wrap)
     for number, ((window, inside), random) in enumerate(zip(found, rng.spawn(len(found)), strict=True)):
         view = Image(np.ascontiguousarray(pixels[window.at]), texture.channels)
         traced = None if sources is None else np.ascontiguousarray(sources[window.at])
@@ -401,7 +414,7 @@ def revise(
         pixels[window.at] = replaced.pixels
         if sources is not None:
             sources[window.at] = origin
-    made = Image(pixels, texture.channels)
+    made = texture.with_pixels(pixels).wrapping(wrap)
     box = _around([window for window, _ in found])
     detail = Image(np.ascontiguousarray(pixels[box]), texture.channels)
     return Revised(made, ~marked, detail, np.ascontiguousarray(~marked[box]), sources)

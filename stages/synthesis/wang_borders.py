@@ -270,7 +270,7 @@ class Synthesis:
 
     def _level(self, image: Image, match: Correspondence, keep: Mask | None) -> Torus:
         """Heights, normals and occlusion without steps at seams."""
-        smooth = gradient_domain(self.image, image, match, GradientDomainParams(), True, keep)
+        smooth = gradient_domain(self.image, image.wrapping(True), match, GradientDomainParams(), keep)
         return Torus(smooth.image, match)
 
 

@@ -22,8 +22,6 @@ class WangTiles:
     """the atlas, a torus of tiles that fit"""
     match: Correspondence
     """source of each pixel in the exemplar"""
-    tileable: bool
-    """true"""
     table: dict[str, Any]
     """`size` of a tile, px; `kind`, `colors` and `variants`; `tiles`, in the order of their colours: for each `x`,
     `y`, the left and upper pixel in the atlas, and the colours of its sides `north`, `east`, `south`, `west`; of
@@ -77,7 +75,7 @@ def wang_tiles(
     made = synthesis.completed(Torus(borders, match), keep, shared, filled, rng)
     down, across = (_least_change(made.image, axis, size, border // 2) for axis in (0, 1))
     shifted = made.at(np.arange(borders.height)[:, None] + down, np.arange(borders.width) + across)
-    return WangTiles(shifted.image, shifted.match, True, _table(tiles, size))
+    return WangTiles(shifted.image.wrapping(True), shifted.match, _table(tiles, size))
 
 
 def _least_change(image: Image, axis: int, size: int, reach: int) -> int:

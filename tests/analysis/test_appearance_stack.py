@@ -47,7 +47,7 @@ def test_similar_places_are_alike_and_apart(rng: np.random.Generator) -> None:
     cell = (16, 20)
     image, _ = tiled(rng.random((*cell, 3)), 0, (64, 80))
     stack = appearance_stack(image, params(toroidal=True, coarsest=32, min_separation=0.1))
-    tileable = appearance_stack(image, params(coarsest=32, min_separation=0.1), tileable=True)
+    tileable = appearance_stack(image.wrapping(True), params(coarsest=32, min_separation=0.1))
     for one, same in zip(dataclasses.astuple(stack), dataclasses.astuple(tileable), strict=True):
         np.testing.assert_array_equal(one, same)
     rows, columns = np.indices((64, 80))

@@ -17,13 +17,13 @@ def image() -> Image:
 def test_a_larger_picture_is_cropped_to_its_centre(image: Image) -> None:
     result = external_result(image, ExternalResultParams(size=(16, 18)))
     np.testing.assert_array_equal(result.image.pixels, image.pixels[2:18, 3:21])
-    assert not result.tileable
+    assert not result.image.wraps
 
 
 def test_without_a_size_all_of_the_picture_is_the_result(image: Image) -> None:
     result = external_result(image, ExternalResultParams(tileable=True))
     np.testing.assert_array_equal(result.image.pixels, image.pixels)
-    assert result.tileable
+    assert result.image.wraps.both
 
 
 @pytest.mark.parametrize(

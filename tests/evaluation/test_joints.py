@@ -25,8 +25,8 @@ def copied(exemplar: Image, match: np.ndarray) -> Image:
     return Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels)
 
 
-def scored(exemplar: Image, match: np.ndarray, **options: object) -> Metrics:
-    return metrics(exemplar, copied(exemplar, match), MetricsParams(), match, **options)  # type: ignore[arg-type]
+def scored(exemplar: Image, match: np.ndarray, tileable: bool = False, keep: np.ndarray | None = None) -> Metrics:
+    return metrics(exemplar, copied(exemplar, match).wrapping(tileable), MetricsParams(), match, keep)
 
 
 def task(exemplar: Image, match: np.ndarray, tileable: bool = False) -> Task:

@@ -20,7 +20,8 @@ from texloom.stages.matrices import row_product
 
 
 def measure(exemplar: Image, result: Image, **options: Any) -> dict[str, dict[str, Any]]:
-    inputs = {name: options.pop(name) for name in ("match", "tileable", "keep") if name in options}
+    inputs = {name: options.pop(name) for name in ("match", "keep") if name in options}
+    result = result.wrapping(options.pop("tileable", False))
     return metrics(exemplar, result, MetricsParams(**options), **inputs).table["measures"]
 
 

@@ -274,7 +274,7 @@ def test_measures_without_a_score_are_listed_by_reason() -> None:
 
 def test_each_score_says_what_it_cannot_detect() -> None:
     one = encoded(np.random.default_rng(0).random((64, 64, 3)))
-    measures = metrics(one, one, MetricsParams(), tileable=True).table["measures"]
+    measures = metrics(one, one.wrapping(True), MetricsParams()).table["measures"]
     regular = regularity(one, one, RegularityParams()).table["measures"]
     for name in [*measures, *regular]:
         html = report(one, one, {"measures": {name: score_line("a", 0.5, 0.5)}}, ReportParams()).page

@@ -10,7 +10,7 @@ from texloom.stages.declare import find_stage
 @pytest.mark.parametrize(
     ("name", "optional"),
     [
-        ("metrics", {"match", "copies", "tileable", "keep"}),
+        ("metrics", {"match", "copies", "keep"}),
         ("regularity", {"generators"}),
         ("compare", {"more"}),
         ("tabulate", {"more"}),

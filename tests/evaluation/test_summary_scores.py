@@ -57,7 +57,11 @@ def test_neighbourhoods_across_the_border_of_a_tileable_compaction_count(rng: np
 
     def energy(tileable: bool) -> float:
         scores = summary_scores(
-            texture, texture.pixels * 100, SummaryScoresParams(), source=places(3, 5, 20, 20), tileable=tileable
+            texture,
+            texture.pixels * 100,
+            SummaryScoresParams(),
+            source=places(3, 5, 20, 20),
+            compaction=picture(np.zeros((20, 20))).wrapping(tileable),
         )
         value: float = scores.table["measures"]["compaction"]["value"]
         return value

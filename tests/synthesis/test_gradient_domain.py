@@ -30,7 +30,7 @@ def integrated_height(
 ) -> np.ndarray:
     """The height."""
     checked = GradientDomainParams.model_validate(params)
-    image = gradient_domain(exemplar, copied(exemplar, match), match, checked, tileable, keep).image
+    image = gradient_domain(exemplar, copied(exemplar, match).wrapping(tileable), match, checked, keep).image
     return image.pixels[..., image.channels.index("height")]
 
 

@@ -46,7 +46,7 @@ def test_pixels_are_copies_and_energy_is_that_of_their_seams(image: Image, place
     np.testing.assert_array_equal(result.image.pixels, copied)
     assert result.energy == pytest.approx(energy(image, result.match, wrap), rel=1e-9)
     assert result.energy > 0
-    assert result.tileable is wrap
+    assert result.image.wraps.both is wrap
 
 
 @pytest.mark.parametrize("placement", PLACEMENTS)

@@ -10,6 +10,7 @@ import pytest
 from tests.synthetic import blobs, identity, masked, picture, smooth_noise, tiled
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError, find_stage
+from texloom.stages.facts import TORUS
 from texloom.stages.synthesis.border_band import BorderBandParams, border_band
 from texloom.stages.synthesis.inpaint import Inpainted, InpaintParams, inpaint
 from texloom.stages.synthesis.optimise import OptimiseParams, optimise
@@ -103,3 +104,15 @@ def test_bands_run_along_all_borders(pattern: Image, width: int | None, expected
     with pytest.raises(InputError, match="too small for bands of 30 px") as caught:
         check(BorderBandParams(width=30), {"image": pattern})
     assert "\n" not in str(caught.value)
+
+
+def test_a_picture_that_wraps_stays_so(pattern: Image, caplog: pytest.LogCaptureFixture) -> None:
+    keep = np.ones((pattern.height, pattern.width), bool)
+    keep[:8, 20:40] = keep[-8:, 20:40] = False
+    asked = run(pattern, keep, tileable=True)
+    assert not caplog.records
+    kept = run(pattern.wrapping(True), keep)
+    assert "keeps tiling" in caplog.text
+    np.testing.assert_array_equal(kept.match, asked.match)
+    assert kept.image.wraps == asked.image.wraps == TORUS
+    assert not run(pattern.wrapping(True), keep, tileable=False).image.wraps

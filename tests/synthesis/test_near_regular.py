@@ -50,7 +50,7 @@ def test_every_pixel_is_the_one_that_match_says(
     expected = image.pixels[result.match[..., 0], result.match[..., 1]]
     np.testing.assert_array_equal(result.image.pixels, expected)
     assert result.image.channels == image.channels
-    assert result.tileable == tileable
+    assert result.image.wraps.both is tileable
 
 
 def test_blending_changes_only_what_is_beside_cuts(bricks: tuple[Image, np.ndarray]) -> None:

@@ -567,6 +567,15 @@ def test_holes_in_a_pattern_are_filled_with_the_pattern(
     assert float(np.abs(filled - whole.pixels)[~keep].mean()) < 0.25 * spread
 
 
+def test_kept_pixels_of_a_picture_that_wraps_decide_whether_the_result_does(large: Image, keep: np.ndarray) -> None:
+    torus = large.wrapping(True)
+    asked = run(large, identity(LARGE), keep=keep, tileable=True)
+    assert_same(run(torus, identity(LARGE), keep=keep), asked)
+    assert asked.image.wraps.both
+    assert not run(torus, identity(LARGE), keep=keep, tileable=False).image.wraps
+    assert not run(torus).image.wraps  # of a new texture it says nothing
+
+
 def test_guiding_pixels_are_matched_to_but_not_copied(large: Image, keep: np.ndarray) -> None:
     guiding = keep & (np.arange(keep.shape[1]) < keep.shape[1] // 2)
     params: dict[str, Any] = {"preset": "fast", "keep": keep}

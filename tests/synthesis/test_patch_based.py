@@ -38,7 +38,7 @@ def test_match_tells_where_pixels_come_from(image: Image, wrap: bool) -> None:
     plain = ~(blended(100, wrap)[:, None] | blended(120, wrap))
     np.testing.assert_array_equal(result.image.pixels[plain], copied[plain])
     assert (result.image.pixels[~plain] != copied[~plain]).any(axis=1).mean() > 0.5
-    assert result.tileable is wrap
+    assert result.image.wraps.both is wrap
     # and within the square between zones one patch is copied whole
     offset = result.match.astype(int) - np.indices((100, 120)).transpose(1, 2, 0)
     core = offset[2 * PATCH - ZONE : 3 * (PATCH - ZONE), PATCH : 2 * (PATCH - ZONE)]

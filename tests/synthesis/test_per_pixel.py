@@ -67,7 +67,7 @@ def test_every_pixel_is_the_one_that_match_says(image: Image, stack: AppearanceS
     assert (result.match < SHAPE).all()
     assert result.image.channels == image.channels
     np.testing.assert_array_equal(result.image.pixels, image.pixels[result.match[..., 0], result.match[..., 1]])
-    assert result.tileable == tileable
+    assert result.image.wraps.both is tileable
     # only whole neighbourhoods of an exemplar that is no torus
     assert (result.match >= 3).all()
     assert (result.match < np.array(SHAPE) - 3).all()
@@ -218,7 +218,7 @@ def test_a_rare_control_value_can_fill_the_result(block: int, rng: np.random.Gen
     wanted = np.zeros((64, 64))
     wanted[44:60, 40:56] = 1
     pixels = smooth_noise((64, 64, 3), 2.0, rng) + wanted[..., None]
-    stack = appearance_stack(picture(pixels), AppearanceStackParams(coarsest=12), tileable=True)
+    stack = appearance_stack(picture(pixels).wrapping(True), AppearanceStackParams(coarsest=12))
     inputs = {"control": picture(wanted), "target": picture(np.ones((96, 96)))}
     params = {"size": None, "block": block, "coherence": 1.1, "control_weight": 3.0}
     match = made(picture(pixels), stack, inputs=inputs, **params).match
@@ -227,7 +227,7 @@ def test_a_rare_control_value_can_fill_the_result(block: int, rng: np.random.Gen
 
 def test_a_target_beyond_control_gives_notes(image: Image, caplog: pytest.LogCaptureFixture) -> None:
     """A quarter of the target is above all values, and of those in it the upper half is in one row only."""
-    stack = appearance_stack(image, AppearanceStackParams(coarsest=24), tileable=True)
+    stack = appearance_stack(image.wrapping(True), AppearanceStackParams(coarsest=24))
     ramp = np.linspace(0, 0.5, SHAPE[0])[:, None] * np.ones(SHAPE)
     ramp[SHAPE[0] // 2] = 1
     target = picture(np.linspace(0, 4 / 3, 96)[:, None] * np.ones((96, 96)))

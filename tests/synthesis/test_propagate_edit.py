@@ -31,7 +31,7 @@ class Case:
     def edited(self, edited: Image, **params: Any) -> PropagateEdit:
         return propagate_edit(
             self.texture, **self.known, source=self.small.source, compaction=self.small.image, edited=edited,
-            params=PropagateEditParams(**params), tileable=self.small.tileable,
+            params=PropagateEditParams(**params),
         )  # fmt: skip
 
 

@@ -114,7 +114,7 @@ def test_the_result_follows_control(
     assert right(result, target) > 0.95
     sources = control.pixels[result.match[..., 0], result.match[..., 1], 0]
     assert (sources == target).mean() > 0.95
-    assert result.tileable is tileable
+    assert result.image.wraps.both is tileable
     assert result.correlation > 0.5
     assert result.notes == []
 
@@ -390,7 +390,7 @@ def test_pieces_of_a_toroidal_exemplar_continue_across_its_border(rng: np.random
     def crossings(toroidal: bool) -> float:
         """Share of neighbours that are copied from two ends of the exemplar."""
         params = ReconstructParams(solver="discrete", size=(96, 96))
-        match = reconstruct(image, params, np.random.default_rng(3), toroidal=toroidal).match.astype(np.int64)
+        match = reconstruct(image.wrapping(toroidal), params, np.random.default_rng(3)).match.astype(np.int64)
         assert (match < 48).all()
         return float((match[:, 1:] - match[:, :-1] == (0, -47)).all(axis=2).mean())
 

@@ -43,7 +43,7 @@ def run(exemplar: Image, match: np.ndarray, seed: int = 5, **options: Any) -> Re
 
 
 def joints(exemplar: Image, image: Image, match: np.ndarray, tileable: bool) -> dict[str, Any]:
-    measures = metrics(exemplar, image, MetricsParams(), match, tileable).table["measures"]
+    measures = metrics(exemplar, image.wrapping(tileable), MetricsParams(), match).table["measures"]
     return {name: measures[name]["value"] for name in ("joints", "coherence", "use")}
 
 

@@ -88,7 +88,7 @@ def test_tileable_continues_across_borders() -> None:
     exemplar = periodic(7)
     result = exemplar.texture(size=(100, 130), tileable=True, strength=0)
     pixels = result.image.pixels
-    assert result.tileable
+    assert result.image.wraps.both
     np.testing.assert_allclose(pixels, np.roll(pixels, (0, 26), (0, 1)), atol=0.02)
     if np.allclose(result.generators @ np.linalg.inv([[20, 7], [0, 26]]) % 1, 0, atol=1e-3):
         np.testing.assert_allclose(pixels, np.roll(pixels, (20, 7), (0, 1)), atol=0.02)

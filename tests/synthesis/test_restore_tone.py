@@ -62,10 +62,10 @@ def test_chroma_follows_the_picture_unless_turned_off(even: Image) -> None:
 def test_tileable_textures_stay_so(even: Image) -> None:
     flat = picture(np.full((64, 64), 0.3))
     shade = picture(np.linspace(0.2, 0.5, 50)[:, None].repeat(50, 1))
-    wrapped = restore_tone(flat, PARAMS, control=shade, tileable=True).image.pixels
+    wrapped = restore_tone(flat.wrapping(True), PARAMS, control=shade).image.pixels
     assert np.abs(wrapped[0] - wrapped[-1]).max() <= np.abs(np.diff(wrapped, axis=0)).max()
-    with pytest.raises(InputError, match="does not wrap"):
-        restore_tone(even, PARAMS, tone=np.zeros((4, 4, 3), np.float32), tileable=True)
+    with pytest.raises(InputError, match="it wraps, but the exemplar's drift does not"):
+        restore_tone(even.wrapping(True), PARAMS, tone=np.zeros((4, 4, 3), np.float32))
 
 
 def test_other_maps_and_strength_zero_change_nothing(even: Image) -> None:

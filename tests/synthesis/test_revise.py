@@ -9,6 +9,7 @@ from tests.runs import run_with_progress, run_with_threads
 from tests.synthetic import blobs, identity, masked, picture, tiled
 from texloom.stages.arrays import Image
 from texloom.stages.declare import InputError
+from texloom.stages.facts import TORUS
 from texloom.stages.synthesis.revise import Revised, ReviseParams, Revision, revise
 
 SHAPE, SIZE = (72, 80), (90, 84)
@@ -99,6 +100,19 @@ def test_a_region_across_the_border_continues_both_sides(exemplar: Image, textur
     rolled = Image(np.roll(texture.pixels, 40, axis=0), texture.channels)
     expected = run(rolled, exemplar, np.roll(region, 40, axis=0), tileable=True).image.pixels
     np.testing.assert_array_equal(np.roll(wrapped, 40, axis=0), expected)
+
+
+def test_a_texture_that_wraps_stays_so(exemplar: Image, texture: Image, caplog: pytest.LogCaptureFixture) -> None:
+    region = marked(np.s_[:8, 20:60], np.s_[-8:, 20:60])
+    asked = run(texture, exemplar, region, tileable=True).image
+    assert not caplog.records
+    kept = run(texture.wrapping(True), exemplar, region).image
+    assert "keeps tiling" in caplog.text
+    np.testing.assert_array_equal(kept.pixels, asked.pixels)
+    assert kept.wraps == asked.wraps == TORUS
+    undone = run(texture.wrapping(True), exemplar, region, tileable=False).image
+    assert not undone.wraps
+    assert (undone.pixels != asked.pixels).any()
 
 
 @pytest.mark.parametrize("shift", [(0, 0), (13, 22)])

@@ -92,7 +92,7 @@ def test_every_size_is_filled(
     assert result.image.channels == image.channels
     assert result.image.pixels.min() >= image.pixels.min() - 1e-6
     assert result.image.pixels.max() <= image.pixels.max() + 1e-6
-    assert result.tileable == tileable
+    assert result.image.wraps.both is tileable
 
 
 @pytest.mark.parametrize(

@@ -91,7 +91,7 @@ def test_tiles_keep_the_borders_and_are_listed_by_colour(result: tuple[WangBorde
     borders, tiles = result
     rows, columns = WangSet.of(borders.table).shape
     assert tiles.image.shape == borders.image.shape == (TILE * rows, TILE * columns, 3)
-    assert tiles.tileable
+    assert tiles.image.wraps.both
     assert len(shifts(borders, tiles)) == 1
     listed = tiles.table["tiles"]
     assert tiles.table["size"] == TILE

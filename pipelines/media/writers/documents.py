@@ -30,7 +30,7 @@ def write(job: Job) -> dict[str, str]:
     elif job.path.suffix == ".mtlx" and job.mesh is not None:
         text = document(name, maps, width=width_of(job.mesh))
     elif job.path.suffix == ".mtlx":
-        text = document(name, maps, size)
+        text = document(name, maps, size, wraps=image.wraps)
     else:
         text = usda.stage(name, maps, image, whole, mesh=job.mesh)
     content = text.encode()

@@ -19,11 +19,12 @@ from texloom.pipelines.store.png_file import png
 from texloom.stages.arrays import Image
 from texloom.stages.common.surface.mesh import along_texture, unit_tangents
 from texloom.stages.common.surface.weld import weld
+from texloom.stages.facts import TORUS, Wraps
 
 _LARGEST = 2**32 - 1  # bytes; lengths are of 32 bits
 _FLOAT, _SHORT, _INT = 5126, 5123, 5125
 _VERTICES, _INDICES = 34962, 34963
-_REPEAT, _LINEAR, _MIPMAPS = 10497, 9729, 9987
+_REPEAT, _CLAMP, _LINEAR, _MIPMAPS = 10497, 33071, 9729, 9987
 _OPAQUE = 0.999
 _CUTOFF = 0.5
 
@@ -82,12 +83,19 @@ def binary(name: str, image: Image, delivery: Delivery, mesh: np.ndarray | None 
             {"bufferView": len(arrays) + index, "mimeType": "image/png", "name": f"{name}_{part.suffix}"}
             for index, part in enumerate(parts)
         ],
-        "samplers": [{"magFilter": _LINEAR, "minFilter": _MIPMAPS, "wrapS": _REPEAT, "wrapT": _REPEAT}],
+        "samplers": [
+            _sampler(image.wraps if mesh is None else TORUS)
+        ],  # texture coordinates of meshes lie anywhere
         "accessors": accessors,
         "bufferViews": views,
         "buffers": [{"byteLength": len(content)}],
     }
     return _chunks(json.dumps(document, separators=(",", ":")).encode(), content)
+
+
+def _sampler(wraps: Wraps) -> dict[str, int]:
+    across, down = (_REPEAT if goes_on else _CLAMP for goes_on in (wraps.across, wraps.down))
+    return {"magFilter": _LINEAR, "minFilter": _MIPMAPS, "wrapS": across, "wrapT": down}
 
 
 def _plane(image: Image, delivery: Delivery) -> list[np.ndarray]:

@@ -17,8 +17,9 @@ from texloom.pipelines.media.material_set import COLORS
 from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
-from texloom.pipelines.store.png_file import png
+from texloom.pipelines.store.png_file import png, with_facts
 from texloom.stages.arrays import Image
+from texloom.stages.facts import TORUS, Wraps
 from texloom.stages.sizes import format_size, size_value
 
 SMOOTHNESS = "smoothness"
@@ -161,8 +162,7 @@ def bound_maps(image: Image, layout: Layout, files: Mapping[str, str]) -> list[B
 
 
 def write_maps_of(
-    image: Image, folder: Path, name: str, layout: Layout, delivery: Delivery, provenance: Mapping[str, Any],
-    is_tileable: bool = False,
+    image: Image, folder: Path, name: str, layout: Layout, delivery: Delivery, provenance: Mapping[str, Any]
 ) -> tuple[dict[str, str], dict[str, str]]:  # fmt: skip
     """Write the maps of an image as a layout has them into a folder, made if need be.
 
@@ -171,6 +171,9 @@ def write_maps_of(
     suffix of a part to the name of its file, with ``<UDIM>`` where there are tiles; and file name to digest.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    is_whole = delivery.udim in (None, (1, 1))
+    wraps = image.wraps if is_whole else Wraps()  # a tile alone does not
+    explained = with_facts(provenance, image.facts, image.height, image.width) if is_whole else provenance
     files: dict[str, str] = {}
     written: dict[str, str] = {}
     for part in parts_of(image, layout):
@@ -184,11 +187,10 @@ def write_maps_of(
             if is_tx:
                 from texloom.pipelines.media.writers.tx import write_texture
 
-                repeats = is_tileable and delivery.udim in (None, (1, 1))
                 color = part.role in COLORS
-                written[file] = write_texture(folder / file, piece, delivery, color, repeats)
+                written[file] = write_texture(folder / file, piece, delivery, color, wraps)
             else:
-                content = png(piece, provenance)
+                content = png(piece, explained)
                 write_atomically(folder / file, content)
                 written[file] = hashlib.sha256(content).hexdigest()
     return files, written
@@ -226,7 +228,7 @@ def _linear(image: Image, part: Part, layout: Layout, delivery: Delivery) -> np.
 
 
 def write_layout(
-    image: Image, folder: Path, name: str, delivery: Delivery, provenance: Mapping[str, Any], is_tileable: bool
+    image: Image, folder: Path, name: str, delivery: Delivery, provenance: Mapping[str, Any]
 ) -> dict[str, str]:
     """Write a material set in the delivery's layout into a folder, with the document that binds it, if any.
 
@@ -245,14 +247,15 @@ def write_layout(
     """
     layout = LAYOUTS[delivery.layout or ""]
     image = with_unit_normals(image, 16)
-    files, written = write_maps_of(image, folder, name, layout, delivery, provenance, is_tileable)
+    files, written = write_maps_of(image, folder, name, layout, delivery, provenance)
     if layout.document:
         from texloom.pipelines.media.writers import glb, usda
 
         maps = bound_maps(image, layout, files)
         if layout.document == "mtlx":
             size = delivery.size(image.height, image.width)
-            content = document(name, maps, size, layout.shader, delivery.color_space).encode()
+            wraps = image.wraps if delivery.udim in (None, (1, 1)) else TORUS  # tiles are continued by others
+            content = document(name, maps, size, layout.shader, delivery.color_space, wraps=wraps).encode()
         elif layout.document == "usda":
             content = usda.stage(name, maps, image, delivery, "").encode()
         else:

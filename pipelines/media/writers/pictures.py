@@ -15,6 +15,7 @@ import numpy as np
 from texloom.pipelines.media.material_export import channels_of, codes_of
 from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store.atomic import write_atomically
+from texloom.pipelines.store.clipping import tell_clipped
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.outputs import prepared
 from texloom.pipelines.store.types import Hint
@@ -40,7 +41,8 @@ def write(job: Job) -> dict[str, str]:
 def _eight_bits(job: Job) -> bytes:
     import PIL.Image
 
-    levels = prepared(job.value, Hint.of(job.hint)).picture()
+    output = prepared(job.value, Hint.of(job.hint))
+    levels = output.picture()
     if levels is None:
         raise ArtifactError(f"{job.path}: is no picture; export it as .exr")
     largest = _MAX_SIDE[job.path.suffix]
@@ -48,6 +50,7 @@ def _eight_bits(job: Job) -> bytes:
         raise ArtifactError(
             f"{job.path}: {format_size(levels.shape)}, {job.path.suffix} holds at most {largest} px a side"
         )
+    tell_clipped("colour", output.clipped)
     picture = PIL.Image.fromarray(levels)
     if job.path.suffix == ".webp" and isinstance(job.value, Image) and frame_count(job.value.channels) > 1:
         return animated_webp([frame.srgb for frame in frames_of(job.value)])

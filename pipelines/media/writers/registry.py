@@ -14,6 +14,8 @@ import numpy as np
 
 from texloom.pipelines.errors import refused
 from texloom.pipelines.media.delivery import AS_IS, Delivery
+from texloom.stages.arrays import Image
+from texloom.stages.facts import Wraps
 
 Takes = Literal["array", "picture", "image", "value", "html", "csv", "glsl", "mtlx"]
 
@@ -58,9 +60,13 @@ class Job:
     """the type of ``value``"""
     provenance: Mapping[str, Any]
     delivery: Delivery = AS_IS
-    is_tileable: bool = False
     mesh: np.ndarray | None = None
     """a `texloom.stages.arrays.Mesh` on which the image lies; None: a plane"""
+
+    @property
+    def wraps(self) -> Wraps:
+        """How the value continues across its borders; of other arrays than images nothing is known."""
+        return self.value.wraps if isinstance(self.value, Image) else Wraps()
 
 
 HEX_TILED = ".hex.mtlx"

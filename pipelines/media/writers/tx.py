@@ -24,6 +24,7 @@ from texloom.pipelines.store.outputs import prepared
 from texloom.pipelines.store.png_file import LARGE
 from texloom.pipelines.store.types import Hint
 from texloom.stages.arrays import Image
+from texloom.stages.facts import Wraps
 from texloom.stages.kernels.core.threads import thread_count
 from texloom.stages.scratch import bands, empty
 
@@ -55,12 +56,12 @@ def write(job: Job) -> dict[str, str]:
         places = [image.channels.index(name) for name in names]
         is_first = places == list(range(len(places)))  # then large images are not copied
         values, is_color = image.pixels[..., : len(places)] if is_first else image.pixels[..., places], True
-    digest = write_texture(job.path, values, job.delivery, is_color, job.is_tileable, slopes)
+    digest = write_texture(job.path, values, job.delivery, is_color, job.wraps, slopes)
     return {"": digest}
 
 
 def write_texture(
-    path: Path, values: np.ndarray, delivery: Delivery, is_color: bool, is_tileable: bool, slopes: bool = False
+    path: Path, values: np.ndarray, delivery: Delivery, is_color: bool, wraps: Wraps, slopes: bool = False
 ) -> str:
     """Write a texture file; its digest (SHA-256).
 
@@ -68,22 +69,22 @@ def write_texture(
     ----------
     values : float32, (h, w, c); ``c`` is 1 for ``slopes``.
     is_color : linear colour, kept in half floats; other values are data in floats.
-    is_tileable : lookups beyond the borders wrap around, else they take the pixels there.
+    wraps : lookups beyond borders where it wraps go on at the opposite ones, else they take the pixels there.
     slopes : whether heights become channels for bump mapping.
     """
     import OpenImageIO
 
     if slopes:
-        values = _slopes(values[..., 0], is_tileable)
+        values = _slopes(values[..., 0], wraps)
     height, width, count = values.shape
     spec = OpenImageIO.ImageSpec(width, height, count, "float")
     if slopes:
         spec.channelnames = _SLOPES
     config = OpenImageIO.ImageSpec(width, height, count, "half" if is_color else "float")
     config.tile_width = config.tile_height = _TILE
-    wrap = "periodic" if is_tileable else "clamp"
+    modes = ["periodic" if wraps_there else "clamp" for wraps_there in (wraps.across, wraps.down)]
     settings: dict[str, Any] = {
-        "wrapmodes": f"{wrap},{wrap}",
+        "wrapmodes": ",".join(modes),
         "colorInteropID": delivery.color_space if is_color else "data",
         "compression": "zip",
         "maketx:fileformatname": "openexr",
@@ -114,14 +115,14 @@ def write_texture(
         return file_digest(temporary)
 
 
-def _slopes(height: np.ndarray, is_tileable: bool) -> np.ndarray:
+def _slopes(height: np.ndarray, wraps: Wraps) -> np.ndarray:
     """The channels for bump mapping, float32, (h, w, 6)."""
     slopes = empty((*height.shape, len(_SLOPES)), np.float32)
     last = len(height) - 1
     for band in bands(len(height), height, slopes):
         rows = np.arange(band.start - 1, band.stop + 1)
-        rows = rows % len(height) if is_tileable else rows.clip(0, last)
-        padded = np.pad(height[rows], ((0, 0), (1, 1)), mode="wrap" if is_tileable else "edge")
+        rows = rows % len(height) if wraps.down else rows.clip(0, last)
+        padded = np.pad(height[rows], ((0, 0), (1, 1)), mode="wrap" if wraps.across else "edge")
         across, down = (padded[:, 2:] - padded[:, :-2]) / 2, (padded[2:] - padded[:-2]) / 2
         ds = (across[:-2] + 2 * across[1:-1] + across[2:]) / 4
         dt = (down[:, :-2] + 2 * down[:, 1:-1] + down[:, 2:]) / 4

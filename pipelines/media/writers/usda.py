@@ -15,6 +15,7 @@ from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.materialx import DISPLACEMENT, BoundMap
 from texloom.stages.arrays import Image
 from texloom.stages.common.surface.mesh import indexed, width_of
+from texloom.stages.facts import TORUS, Wraps
 
 _INPUTS = {
     "albedo": ("diffuseColor", "color3f"),
@@ -27,6 +28,7 @@ _INPUTS = {
     "height": ("displacement", "float"),
 }
 """role to the shader's input and its type"""
+_WRAP_MODES = {True: "repeat", False: "clamp"}
 
 
 def stage(
@@ -55,6 +57,8 @@ def stage(
         kind, geometry = "plane", _plane(height, width, delivery.udim or (1, 1))
     else:
         kind, geometry, width = "mesh", _mesh(mesh), width_of(mesh)
+    is_alone = mesh is None and delivery.udim in (None, (1, 1))
+    wraps = image.wraps if is_alone else TORUS  # coordinates of meshes and tiles lie beyond 0..1
     bound = [one for one in maps if one.role in _INPUTS]
     lines = [
         "#usda 1.0",
@@ -83,7 +87,7 @@ def stage(
         lines.append(f"        token outputs:displacement.connect = </{name}/material/shader.outputs:displacement>")
     lines += [*_shader(name, bound), *_coordinates()]
     for one in bound:
-        lines += _texture(name, one, DISPLACEMENT * width, up)
+        lines += _texture(name, one, DISPLACEMENT * width, up, wraps)
     return "\n".join([*lines, "    }", "}", ""])
 
 
@@ -151,7 +155,7 @@ def _coordinates() -> list[str]:
     ]
 
 
-def _texture(name: str, one: BoundMap, displacement: float, up: str) -> list[str]:
+def _texture(name: str, one: BoundMap, displacement: float, up: str, wraps: Wraps) -> list[str]:
     kind = _INPUTS[one.role][1]
     space = "sRGB" if one.encoded else "raw"
     lines = [
@@ -162,8 +166,8 @@ def _texture(name: str, one: BoundMap, displacement: float, up: str) -> list[str
         f"            asset inputs:file = @{up}{_path(one.file)}@",
         f"            float2 inputs:st.connect = </{name}/material/st.outputs:result>",
         f'            token inputs:sourceColorSpace = "{space}"',
-        '            token inputs:wrapS = "repeat"',
-        '            token inputs:wrapT = "repeat"',
+        f'            token inputs:wrapS = "{_WRAP_MODES[wraps.across]}"',
+        f'            token inputs:wrapT = "{_WRAP_MODES[wraps.down]}"',
     ]
     if one.role == "normal":
         green = (-2, 1) if one.directx else (2, -1)

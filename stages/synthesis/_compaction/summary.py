@@ -27,15 +27,15 @@ class Copied:
     """the texture pixel that each pixel is copied from"""
 
     @classmethod
-    def of(cls, texture: Image, control: Image | None, source: np.ndarray) -> "Copied":
-        """Copy from ``source``, (H, W, 2) rows and columns."""
+    def of(cls, texture: Image, control: Image | None, source: np.ndarray, wrap: bool = False) -> "Copied":
+        """Copy from ``source``, (H, W, 2) rows and columns; ``wrap``: what results is a torus."""
         row, column = source[..., 0], source[..., 1]
         carried = None
         if control is not None:
             resized = resize_control(control, texture.height, texture.width)
-            carried = Image(np.ascontiguousarray(resized.pixels[row, column]), control.channels)
+            carried = Image(np.ascontiguousarray(resized.pixels[row, column]), control.channels).wrapping(wrap)
         return cls(
-            Image(np.ascontiguousarray(texture.pixels[row, column]), texture.channels),
+            Image(np.ascontiguousarray(texture.pixels[row, column]), texture.channels).wrapping(wrap),
             carried,
             np.ascontiguousarray(source, np.uint32),
         )

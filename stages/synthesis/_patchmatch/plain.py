@@ -144,8 +144,6 @@ class PlainTexture:
     """all channels of the exemplar"""
     match: Correspondence
     """source of each pixel of the result in the exemplar, that of the most similar patch around it"""
-    tileable: bool
-    """whether it wraps around"""
     occurrence: ScalarMap
     """use of each exemplar pixel by the result's patches; 1 is uniform use of the unmasked pixels"""
     scales: list[dict[str, Any]]
@@ -167,9 +165,8 @@ class PlainTexture:
         source = correspondence.to_pixels(match, params.patch_size, params.tileable)
         used_area = None if usable is None else int(usable.sum())
         return cls(
-            image=Image(np.ascontiguousarray(whole.pixels[inner]), whole.channels),
+            image=Image(np.ascontiguousarray(whole.pixels[inner]), whole.channels).wrapping(params.tileable),
             match=np.ascontiguousarray(source[inner]),
-            tileable=params.tileable,
             occurrence=occurrence_map(match, (exemplar.height, exemplar.width), params.patch_size, used_area),
             scales=scales,
         )

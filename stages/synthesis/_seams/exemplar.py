@@ -35,8 +35,6 @@ class Stitched:
     match: Correspondence
     """for every pixel of the result its source in the exemplar, to the nearest pixel; of blended ones the one of
     larger weight"""
-    tileable: bool
-    """the result continues across its borders"""
 
 
 def check_exemplar(params: StitchingParams, known: Mapping[str, Any], min_side: int) -> None:

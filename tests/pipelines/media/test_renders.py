@@ -42,10 +42,10 @@ def material(rng: np.random.Generator) -> Image:
 def test_spheres_of_all_layouts_are_the_same(material: Image, tmp_path: Path) -> None:
     names = [name for name in LAYOUTS if name != "arnold" or importlib.util.find_spec("OpenImageIO")]
     for name in names:
-        write_layout(material, tmp_path / name, "moss", Delivery(name), {}, True)
+        write_layout(material.wrapping(True), tmp_path / name, "moss", Delivery(name), {})
     signs = np.array([1, 1, 1, 1, -1, 1, 1, 1], np.float32)  # of green of the normals
     flipped = Image(material.pixels * signs, material.channels)
-    write_layout(flipped, tmp_path / "wrong" / "unreal", "moss", Delivery("unreal"), {}, True)
+    write_layout(flipped.wrapping(True), tmp_path / "wrong" / "unreal", "moss", Delivery("unreal"), {})
     script = Path(__file__).with_name("render_sphere.py")
     for folder in (tmp_path, tmp_path / "wrong"):
         subprocess.run([BLENDER, str(script), str(folder), str(SIDE)], check=True, capture_output=True)

@@ -154,7 +154,7 @@ def read_tx(path: Path) -> tuple[Any, np.ndarray, int]:
 @pytest.mark.parametrize("is_tileable", [True, False])
 def test_tx_of_colour(image: Image, tmp_path: Path, is_tileable: bool) -> None:
     pytest.importorskip("OpenImageIO")
-    spec, pixels, levels = read_tx(made(tmp_path / "a.tx", image, delivery=TEXEL, is_tileable=is_tileable))
+    spec, pixels, levels = read_tx(made(tmp_path / "a.tx", image.wrapping(is_tileable), delivery=TEXEL))
     np.testing.assert_allclose(pixels, image.color, rtol=2**-11)  # half floats
     assert (spec.tile_width, spec.tile_height, levels, str(spec.format)) == (64, 64, 6, "half")
     wrap = "periodic" if is_tileable else "clamp"
@@ -190,10 +190,10 @@ def test_tx_of_large_pictures_is_made_from_a_file(
 def test_slopes_of_heights(image: Image, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("OpenImageIO")
     height = plane(image, "height").astype(np.float64)
-    whole = made(tmp_path / "a.slopes.tx", image, is_tileable=True)
+    whole = made(tmp_path / "a.slopes.tx", image.wrapping(True))
     monkeypatch.setattr(scratch, "_BAND", 5)
     with scratch.using(scratch.Scratch(tmp_path, 0)):
-        assert made(tmp_path / "bands.slopes.tx", image, is_tileable=True).read_bytes() == whole.read_bytes()
+        assert made(tmp_path / "bands.slopes.tx", image.wrapping(True)).read_bytes() == whole.read_bytes()
     spec, pixels, _ = read_tx(whole)
     assert spec.channelnames == ("b0_h", "b1_dhds", "b2_dhdt", "b3_dhds2", "b4_dhdt2", "b5_dh2dsdt")
     np.testing.assert_array_equal(pixels[..., 0], plane(image, "height"))
@@ -335,7 +335,7 @@ def test_the_names_of_layouts_agree() -> None:
     ],
 )
 def test_layouts(image: Image, tmp_path: Path, layout: str, names: str, green: int, bits: int) -> None:
-    written = write_layout(image, tmp_path / "out", "moss", Delivery(layout), {}, False)
+    written = write_layout(image, tmp_path / "out", "moss", Delivery(layout), {})
     assert {name.removesuffix(".png") for name in written if name.endswith(".png")} == set(names.split())
     assert {path.name for path in (tmp_path / "out").iterdir()} == set(written)
     files = {name.rpartition("_")[2].removesuffix(".png").lower(): png(tmp_path / "out" / name) for name in written
@@ -361,18 +361,18 @@ def test_layouts(image: Image, tmp_path: Path, layout: str, names: str, green: i
 
 def test_packed_maps_that_a_material_lacks(tmp_path: Path, rng: np.random.Generator) -> None:
     image = Image(rng.random((*SIDES, 4), np.float32), ("R", "G", "B", "roughness"))
-    write_layout(image, tmp_path, "moss", Delivery("unreal"), {}, False)
+    write_layout(image, tmp_path, "moss", Delivery("unreal"), {})
     orm = png(tmp_path / "T_moss_ORM.png")
     assert (orm[..., 0] == 255).all()
     assert (orm[..., 2] == 0).all()
     plain = Image(image.pixels[..., :3], ("R", "G", "B"))
-    assert set(write_layout(plain, tmp_path / "plain", "moss", Delivery("unreal"), {}, False)) == {"T_moss_BC.png"}
+    assert set(write_layout(plain, tmp_path / "plain", "moss", Delivery("unreal"), {})) == {"T_moss_BC.png"}
 
 
 def test_the_layout_of_arnold(image: Image, tmp_path: Path) -> None:
     pytest.importorskip("OpenImageIO")
     delivery = Delivery("arnold", 0.001, ACESCG)
-    write_layout(image, tmp_path, "moss", delivery, {}, True)
+    write_layout(image.wrapping(True), tmp_path, "moss", delivery, {})
     spec, pixels, _ = read_tx(tmp_path / "moss_baseColor.tx")
     assert spec["colorInteropID"] == ACESCG
     np.testing.assert_allclose(pixels, delivery.encoded(image).color, rtol=2**-10, atol=1e-6)
@@ -388,8 +388,8 @@ def test_the_layout_of_arnold(image: Image, tmp_path: Path) -> None:
 
 
 def test_udim_tiles_continue_each_other(image: Image, tmp_path: Path) -> None:
-    write_layout(image, tmp_path / "whole", "moss", Delivery("blender"), {}, True)
-    written = write_layout(image, tmp_path / "tiles", "moss", Delivery("blender", udim=(2, 3)), {}, True)
+    write_layout(image.wrapping(True), tmp_path / "whole", "moss", Delivery("blender"), {})
+    written = write_layout(image.wrapping(True), tmp_path / "tiles", "moss", Delivery("blender", udim=(2, 3)), {})
     numbers = ("1001", "1002", "1003", "1011", "1012", "1013")
     tiles = {number: png(tmp_path / "tiles" / f"moss_base_color.{number}.png") for number in numbers}
     assert len([name for name in written if name.startswith("moss_base_color.")]) == 6
@@ -398,7 +398,7 @@ def test_udim_tiles_continue_each_other(image: Image, tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.concatenate([upper, lower]), whole)
     assert "moss_base_color.<UDIM>.png@" in (tmp_path / "tiles" / "moss.usda").read_text()
     with pytest.raises(ArtifactError, match="36 x 24 px cannot be cut into 3x5 equal tiles"):
-        write_layout(image, tmp_path / "no", "moss", Delivery("blender", udim=(5, 3)), {}, True)
+        write_layout(image.wrapping(True), tmp_path / "no", "moss", Delivery("blender", udim=(5, 3)), {})
 
 
 @pytest.mark.parametrize(
@@ -435,6 +435,6 @@ def test_options_that_are_wrong(options: dict[str, str], words: str) -> None:
 
 
 def test_provenance_of_layouts(image: Image, tmp_path: Path) -> None:
-    write_layout(image, tmp_path, "moss", Delivery("unity"), {"seed": 3}, False)
+    write_layout(image, tmp_path, "moss", Delivery("unity"), {"seed": 3})
     with PIL.Image.open(tmp_path / "moss_BaseMap.png") as picture:
         assert json.loads(picture.info["texloom.provenance"]) == {"seed": 3}

@@ -74,7 +74,8 @@ def gpdm(image: Image, params: GpdmParams, rng: np.random.Generator) -> Gpdm:
             result = result + _step(result, target, allowed, params, rng, mode)
     if result is None:
         raise RuntimeError("there is always a finest level")
-    return Gpdm(Image(np.ascontiguousarray(result, np.float32), image.channels))
+    made = Image(np.ascontiguousarray(result, np.float32), image.channels)
+    return Gpdm(made.wrapping(params.tileable))
 
 
 def _reduced(image: Image, scale: int) -> tuple[np.ndarray, np.ndarray]:

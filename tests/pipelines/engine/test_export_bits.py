@@ -1,0 +1,76 @@
+"""The bits of exported pictures, and what is told of values that they cannot hold."""
+
+import logging
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from tests.pipelines.flows import open_run, run_local
+from texloom.pipelines.media.arrays import file_source
+from texloom.pipelines.media.material_export import write_maps
+from texloom.pipelines.store import codec
+from texloom.stages.arrays import Image
+
+FLOW = """
+flow: part
+sources:
+  exemplar: EXEMPLAR
+  guide: GUIDE
+steps:
+  part: {stage: analysis.crop, inputs: {image: exemplar}, params: {size: [16, 16]}}
+  other: {stage: analysis.crop, inputs: {image: guide}, params: {size: [16, 16]}}
+exports:
+  texture.png: part.image
+  guide.png: other.image
+"""
+CODES = np.random.default_rng(3).integers(0, 256, (20, 20, 3)).astype(np.uint8)
+
+
+def exported(folder: Path, exemplar: np.ndarray) -> tuple[dict[str, np.dtype], list[str]]:
+    """The types of the pictures that the flow writes, of which one comes from 8 bits, and what was told."""
+    sources = {"EXEMPLAR": file_source(exemplar, folder), "GUIDE": file_source(CODES, folder)}
+    text = FLOW
+    for word, file in sources.items():
+        text = text.replace(word, file)
+    (folder / "flow.yaml").write_text(text)
+    told = run_local(open_run(folder / "flow.yaml"), folder / "out")
+    values = {
+        name: cv2.imread(str(folder / "out" / name), cv2.IMREAD_UNCHANGED) for name in ("texture.png", "guide.png")
+    }
+    return {name: picture.dtype for name, picture in values.items() if picture is not None}, told.notes
+
+
+def test_a_picture_has_the_bits_of_what_it_is_made_from(tmp_path: Path) -> None:
+    """Also where a step of the same result was stored in a run of 8 bits, and the other way round."""
+    assert exported(tmp_path, CODES) == ({"texture.png": np.uint8, "guide.png": np.uint8}, [])
+    deep = CODES * np.uint16(257)  # the same light
+    assert exported(tmp_path, deep) == ({"texture.png": np.uint16, "guide.png": np.uint8}, [])
+    assert exported(tmp_path, CODES)[0]["texture.png"] == np.uint8
+    assert exported(tmp_path, deep / np.float32(2**16))[0]["texture.png"] == np.uint16
+
+
+def test_what_is_cut_off_is_told(tmp_path: Path) -> None:
+    bright = np.full((20, 20, 3), 0.5, np.float32)
+    bright[2:10] = 3
+    _, notes = exported(tmp_path, bright)
+    assert len(notes) == 1
+    assert notes[0].startswith("texture.png: albedo: 50.0 % of the values are outside of 0..1 and were cut off")
+
+
+def test_maps_and_8_bits_tell_too(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    pixels = np.full((8, 8, 4), 0.5, np.float32)
+    pixels[:2, :, 3] = -0.01  # m
+    image = Image(pixels, ("R", "G", "B", "height"))
+    with caplog.at_level(logging.WARNING):
+        write_maps(image, tmp_path / "maps", (), {})
+        codec.export(image, Image, tmp_path / "a.png", {})
+        codec.export(image, Image, tmp_path / "a.exr", {})
+    (told,) = [record.getMessage() for record in caplog.records]
+    assert told.startswith("height: 25.0 % of the values are outside of 0..1")
+    assert "heights from 0 to 1, and their scale" in told
+    pixels[0, 0, 0] = 1.5
+    with caplog.at_level(logging.WARNING):
+        codec.export(image, Image, tmp_path / "a.png", {})
+    assert caplog.records[-1].getMessage().startswith("colour: 0.5 % of the values")

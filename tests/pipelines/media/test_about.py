@@ -1,0 +1,39 @@
+"""What is known of a picture file."""
+
+from pathlib import Path
+
+import numpy as np
+import PIL.Image
+import pytest
+
+from texloom.pipelines.media.about import about_picture
+from texloom.pipelines.store import codec
+from texloom.stages.arrays import Image
+from texloom.stages.declare import InputError
+
+
+def test_our_files_tell_whether_they_wrap(tmp_path: Path) -> None:
+    image = Image(np.full((8, 8, 4), 0.25, np.float32), ("R", "G", "B", "height")).wrapping(True)
+    codec.export(image, Image, tmp_path / "a.exr", {})
+    codec.export(image, Image, tmp_path / "a.png", {})
+    assert about_picture(tmp_path / "a.exr") == {
+        "wraps": "both", "bits": 32, "range": {name: [0.25, 0.25] for name in image.channels}
+    }  # fmt: skip
+    known = about_picture(tmp_path / "a.png")
+    assert (known["wraps"], known["bits"]) == ("both", 8)
+
+
+def test_borders_of_other_files_are_measured(tmp_path: Path) -> None:
+    ramp = np.arange(0, 64, 4, np.uint8)[:, None].repeat(16, 1)
+    PIL.Image.fromarray(ramp).save(tmp_path / "wall_height.png")
+    assert about_picture(tmp_path / "wall_height.png") == {
+        "border_steps": {"down": 15.0}, "bits": 8, "range": {"Y": [0.0, 0.2353]}, "role": "height"
+    }  # fmt: skip
+
+
+def test_what_is_no_picture_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_text("none")
+    with pytest.raises(InputError, match=r"a\.png: is not a picture"):
+        about_picture(tmp_path / "a.png")
+    with pytest.raises(InputError, match=r"b\.png"):
+        about_picture(tmp_path / "b.png")
