@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 from jaxtyping import Bool, Float32, UInt8, UInt32
 
+from texloom.stages.color import linear_from_codes, srgb_from_linear
 from texloom.stages.declare import InputError
 from texloom.stages.facts import UNKNOWN, Facts, Wraps
 
@@ -71,8 +72,6 @@ class Image:
         >>> Image.of(np.array([[0, 188, 255]], np.uint8)).pixels[..., 0].round(2)
         array([[0. , 0.5, 1. ]], dtype=float32)
         """
-        from texloom.stages.color import linear_from_codes
-
         if isinstance(array, np.ma.MaskedArray):
             array, usable = split_mask(array)
             image = cls.of(array)
@@ -126,8 +125,6 @@ class Image:
     @property
     def srgb(self) -> UInt8[np.ndarray, "h w 3"]:
         """The colour as 8-bit sRGB, clipped to 0..1."""
-        from texloom.stages.color import srgb_from_linear
-
         return np.rint(srgb_from_linear(self.color) * 255).astype(np.uint8)
 
     @property

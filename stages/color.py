@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float32
 
-from texloom.stages.arrays import ColorField
 from texloom.stages.functions import cbrt, power
 from texloom.stages.matrices import inverse_of, matrix_product
 
@@ -18,7 +17,7 @@ _CACHED = 2**15  # pixels converted at once: what is made of them on the way fit
 _STRIP = 2**20  # values converted at once: numpy makes 8-byte indices of them
 
 
-def lab_from_linear(color: Float32[np.ndarray, "h w 3"]) -> ColorField:
+def lab_from_linear(color: Float32[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h w 3"]:
     """CIELAB (D65) of linear Rec.709 colour.
 
     L is 0..100 for 0..1 and above 100 for brighter light; negative light counts as 0.
@@ -37,7 +36,7 @@ def lab_from_linear(color: Float32[np.ndarray, "h w 3"]) -> ColorField:
     return lab
 
 
-def linear_from_lab(lab: ColorField) -> Float32[np.ndarray, "h w 3"]:
+def linear_from_lab(lab: Float32[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h w 3"]:
     """Linear Rec.709 colour of CIELAB (D65); colours outside Rec.709 have negative channels."""
     lightness = (lab[..., 0] + 16) / 116
     f = np.stack([lightness + lab[..., 1] / 500, lightness, lightness - lab[..., 2] / 200], axis=-1)
