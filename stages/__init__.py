@@ -22,6 +22,6 @@ def __getattr__(name: str) -> DirectCall:
 
 
 def __dir__() -> list[str]:
-    from texloom.stages.declare import stage_names
+    from texloom.stages.registry import stage_names
 
     return sorted({*globals(), *(name.rpartition(".")[2] for name in stage_names())})

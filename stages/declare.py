@@ -25,11 +25,9 @@ from __future__ import annotations
 import ast
 import dataclasses
 import functools
-import importlib
 import inspect
 import itertools
 import json
-import pkgutil
 import textwrap
 import typing
 from collections.abc import Callable, Mapping
@@ -38,16 +36,12 @@ from typing import Annotated, Any, ParamSpec, TypeVar
 
 import pydantic
 
-from texloom.stages.interruption import raised_by_code
 from texloom.stages.libraries import single_threaded
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 _PACKAGE = "texloom.stages"
-
-GROUPS = ("analysis", "synthesis", "evaluation")
-"""the packages of `stages` that hold stages, lowest layer first"""
 
 RESERVED = ("params", "rng", "checkpoints", "items", "provenance")
 """parameters of a stage function that the runner provides"""
@@ -182,7 +176,9 @@ class Stage:
     """One stage as the runner sees it."""
 
     name: str
-    """group and module, as in ``analysis.otsu``; of a plug-in its module"""
+    """group and module without its room, as in ``analysis.otsu``; of a plug-in its module"""
+    module: str
+    """the module that holds the stage"""
     version: int
     """raised when the result changes though the code does not, as when a library does"""
     function: Callable[..., Any]
@@ -207,17 +203,13 @@ class Stage:
     """distribution and version of the plug-in that it comes from"""
 
     @property
-    def module(self) -> str:
-        """The module that holds the stage."""
-        return self.name if self.origin else f"{_PACKAGE}.{self.name}"
-
-    @property
     def summary(self) -> str:
         """The first line of the docstring."""
         return (inspect.getdoc(self.function) or "").partition("\n")[0]
 
 
-_registry: dict[str, Stage] = {}
+declared: dict[str, Stage] = {}
+"""the stages whose modules have been imported, by name"""
 
 
 def stage(
@@ -234,7 +226,8 @@ def stage(
     """
 
     def register(function: Callable[P, R]) -> Callable[P, R]:
-        name = function.__module__.removeprefix(f"{_PACKAGE}.")
+        module = function.__module__
+        name = stage_name(module)
         if name.rpartition(".")[2] != function.__name__:
             raise TypeError(f"stage {function.__name__} must stand in a module of its own name, not {name}")
         hints = typing.get_type_hints(function, include_extras=True)
@@ -242,8 +235,9 @@ def stage(
         signature = inspect.signature(function).parameters
         inputs = {key: hint for key, hint in hints.items() if key not in RESERVED}
         function = single_threaded()(function if check is None else _checked(function, check, list(inputs)))
-        _registry[name] = Stage(
+        declared[name] = Stage(
             name=name,
+            module=module,
             version=version,
             function=function,
             params=hints.get("params", NoParams),
@@ -264,6 +258,12 @@ def stage(
     return register
 
 
+def stage_name(module: str) -> str:
+    """The name of the stage in ``module``: its group and its own name, not its room; of a plug-in its module."""
+    own = module.removeprefix(f"{_PACKAGE}.")
+    return module if own == module else f"{own.partition('.')[0]}.{own.rpartition('.')[2]}"
+
+
 def _checked(function: Callable[P, R], check: Check, inputs: list[str]) -> Callable[P, R]:
     """The function with its check of each call's inputs."""
     signature = inspect.signature(function)
@@ -276,51 +276,3 @@ def _checked(function: Callable[P, R], check: Check, inputs: list[str]) -> Calla
         return function(*args, **kwargs)
 
     return checked
-
-
-def stage_names() -> tuple[str, ...]:
-    """The names of all stages, by layer and then by letter, then those of plug-ins; without importing them."""
-    from texloom.stages.plugins import plugins
-
-    return (*shipped_stages(), *plugins("texloom.stages"))
-
-
-@functools.cache
-def shipped_stages() -> tuple[str, ...]:
-    """The names of the stages of texloom itself."""
-    names = []
-    for group in GROUPS:
-        package = importlib.import_module(f"{_PACKAGE}.{group}")
-        names += [f"{group}.{entry.name}" for entry in pkgutil.iter_modules(package.__path__) if not entry.ispkg]
-    return tuple(name for name in names if not name.rpartition(".")[2].startswith("_"))
-
-
-def find_stage(name: str) -> Stage:
-    """Import and return the stage called ``name``; `KeyError` where there is none.
-
-    Raises
-    ------
-    InputError : the module of a plug-in cannot be imported, or declares no stage of its name.
-    """
-    if name not in _registry:
-        if name not in shipped_stages():
-            return _plugin_stage(name)
-        importlib.import_module(f"{_PACKAGE}.{name}")
-    return _registry[name]
-
-
-def _plugin_stage(name: str) -> Stage:
-    from texloom.stages.plugins import plugins
-
-    plugin = plugins("texloom.stages")[name]
-    try:
-        importlib.import_module(plugin.module)
-    except (Exception, SystemExit, KeyboardInterrupt) as error:
-        if not isinstance(error, Exception) and not raised_by_code(error):
-            raise
-        problem = f"cannot be imported: {type(error).__name__}: {error}"
-        raise InputError(f"stage {name} of {plugin.origin}: {' '.join(problem.split())}") from None
-    if name not in _registry:
-        raise InputError(f"stage {name} of {plugin.origin}: its module declares no stage of its name")
-    _registry[name] = dataclasses.replace(_registry[name], origin=plugin.origin)
-    return _registry[name]

@@ -14,7 +14,8 @@ import pydantic
 
 from texloom.stages.arrays import Image
 from texloom.stages.checkpoints import NoCheckpoints
-from texloom.stages.declare import InputError, Params, Stage, find_stage, first_problem, shipped_stages, stage_names
+from texloom.stages.declare import InputError, Params, Stage, first_problem
+from texloom.stages.registry import find_stage, shipped_stages, stage_names
 
 SEED = 7
 """of the random numbers, unless another is given"""

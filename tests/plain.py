@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from texloom.stages.arrays import Image
-from texloom.stages.declare import find_stage
+from texloom.stages.registry import find_stage
 from texloom.stages.synthesis.bidirectional import BidirectionalScale
 from texloom.stages.synthesis.image_melding import ImageMeldingScale
 from texloom.stages.synthesis.initialise import InitialiseParams, initialise

@@ -18,18 +18,8 @@ import pytest
 from texloom.stages import declare
 from texloom.stages.arrays import Image, Mask, ScalarMap
 from texloom.stages.checkpoints import Checkpoints
-from texloom.stages.declare import (
-    GROUPS,
-    InputError,
-    NoParams,
-    OddSize,
-    Params,
-    field_help,
-    find_stage,
-    shipped_stages,
-    stage,
-    stage_names,
-)
+from texloom.stages.declare import InputError, NoParams, OddSize, Params, field_help, stage
+from texloom.stages.registry import GROUPS, find_stage, shipped_stages, stage_names
 
 NAMES = stage_names()
 
@@ -45,9 +35,10 @@ def test_names_are_grouped_and_hide_helpers() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_stage_is_found_and_described(name: str) -> None:
     declared = find_stage(name)
-    module = importlib.import_module(f"texloom.stages.{name}")
+    module = importlib.import_module(declared.module)
     assert declared.name == name
-    assert declared.module == module.__name__
+    assert module.__name__.startswith(f"texloom.stages.{name.partition('.')[0]}.")
+    assert module.__name__.rpartition(".")[2] == name.rpartition(".")[2]
     assert inspect.unwrap(declared.function).__module__ == module.__name__
     assert declared.version >= 1
     assert (module.__doc__ or "").strip()
@@ -155,7 +146,7 @@ class Result:
 @pytest.fixture
 def register(monkeypatch: pytest.MonkeyPatch) -> Callable[..., declare.Stage]:
     """Declares a function as if it were in a stage module of the given name."""
-    monkeypatch.setattr(declare, "_registry", {})
+    monkeypatch.setattr(declare, "declared", {})
 
     def as_stage(function: Callable[..., Any], module: str, **options: Any) -> declare.Stage:
         moved = types.FunctionType(
@@ -164,7 +155,7 @@ def register(monkeypatch: pytest.MonkeyPatch) -> Callable[..., declare.Stage]:
         moved.__annotations__ = inspect.get_annotations(function, eval_str=True)
         moved.__doc__, moved.__module__ = function.__doc__, f"texloom.stages.{module}"
         assert inspect.unwrap(stage(**{"version": 1, **options})(moved)) is moved
-        return declare._registry[module]
+        return declare.declared[module]
 
     return as_stage
 

@@ -12,7 +12,8 @@ import pytest
 import texloom
 from texloom.stages.analysis.crop import CropParams
 from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, find_stage, stage_names
+from texloom.stages.declare import InputError
+from texloom.stages.registry import find_stage, stage_names
 from texloom.stages.synthesis.quilting import QuiltingParams, quilting
 
 SHORT = [name.rpartition(".")[2] for name in stage_names()]

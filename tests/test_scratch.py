@@ -13,9 +13,9 @@ import pytest
 from texloom.pipelines.store import codec, exr
 from texloom.stages import scratch
 from texloom.stages.arrays import Image
-from texloom.stages.declare import find_stage
 from texloom.stages.kernels.core.threads import sharing
 from texloom.stages.masks import USABLE
+from texloom.stages.registry import find_stage
 from texloom.stages.scratch import Scratch, bands, empty, release, run_bands, using
 from texloom.stages.synthesis.initialise import InitialiseParams
 from texloom.stages.synthesis.optimise import OptimiseParams

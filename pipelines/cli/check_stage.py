@@ -15,8 +15,9 @@ from texloom.pipelines.store import codec
 from texloom.pipelines.store.types import Hint
 from texloom.stages.arrays import Image
 from texloom.stages.checkpoints import NoCheckpoints
-from texloom.stages.declare import InputError, Stage, find_stage
+from texloom.stages.declare import InputError, Stage
 from texloom.stages.normals import NORMAL
+from texloom.stages.registry import find_stage
 
 State = Literal["passed", "failed", "skipped"]
 _THREADS = "TEXLOOM_THREADS"

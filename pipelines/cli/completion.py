@@ -154,7 +154,7 @@ def flow_names(_context: click.Context, _parameter: click.Parameter, typed: str)
 
 def stage_names(_context: click.Context, _parameter: click.Parameter, typed: str) -> Items:
     """Stages by their short names, or with their groups."""
-    from texloom.stages.declare import stage_names
+    from texloom.stages.registry import stage_names
 
     return _plain([name if "." in typed else name.rpartition(".")[2] for name in stage_names()], typed)
 

@@ -20,9 +20,10 @@ from texloom.pipelines.media.sources import Source
 from texloom.pipelines.store.outputs import Outputs
 from texloom.pipelines.store.store import BrokenArtifactError, Store
 from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, Stage, find_stage
+from texloom.stages.declare import InputError, Stage
 from texloom.stages.kernels.core.threads import sharing
 from texloom.stages.progress import listening
+from texloom.stages.registry import find_stage
 
 
 @dataclasses.dataclass(frozen=True)

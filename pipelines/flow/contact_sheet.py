@@ -9,7 +9,7 @@ from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Flow, Overrides, Reference, Step
 from texloom.pipelines.store.types import Hint
 from texloom.stages.arrays import Image
-from texloom.stages.declare import find_stage
+from texloom.stages.registry import find_stage
 
 SHEET = "contact_sheet.png"
 

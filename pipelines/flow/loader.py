@@ -35,7 +35,8 @@ from texloom.pipelines.media.writers.registry import MODELS, writer_of
 from texloom.pipelines.store.types import TEXT_NAMES, Hint
 from texloom.pipelines.yaml import parse_yaml, read_document
 from texloom.stages.arrays import Image, Mesh
-from texloom.stages.declare import InputError, Stage, find_stage, stage_names
+from texloom.stages.declare import InputError, Stage
+from texloom.stages.registry import find_stage, stage_names
 
 __all__ = ["check_flow", "find_flow", "load_flow", "nearest_stage"]
 

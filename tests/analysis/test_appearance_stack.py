@@ -12,7 +12,8 @@ from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appe
 from texloom.stages.arrays import Image
 from texloom.stages.color import lab_from_linear
 from texloom.stages.common import appearance
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
+from texloom.stages.registry import find_stage
 from texloom.stages.sizes import format_size
 
 

@@ -18,8 +18,9 @@ from texloom.stages.analysis.offset_statistics import OffsetStatisticsParams, of
 from texloom.stages.analysis.otsu import OtsuParams, otsu
 from texloom.stages.analysis.signed_distance import signed_distance
 from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
 from texloom.stages.masks import USABLE
+from texloom.stages.registry import find_stage
 
 
 def under(image: Image, mask: np.ndarray | None, **params: Any) -> ExclusionMask:

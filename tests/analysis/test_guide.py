@@ -11,7 +11,8 @@ from tests.guided import COLORS, bands, disc, labelled, painted
 from tests.synthetic import masked, picture
 from texloom.stages.analysis.guide import Guide, GuideParams, guide
 from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
+from texloom.stages.registry import find_stage
 
 SHAPE, SIZE = (72, 80), (60, 90)
 

@@ -11,7 +11,8 @@ from tests.synthetic import picture, smooth_noise
 from texloom.stages.analysis.orientation_field import OrientationField, OrientationFieldParams, orientation_field
 from texloom.stages.arrays import Image
 from texloom.stages.common.orientation import angle_of, diffused, doubled
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
+from texloom.stages.registry import find_stage
 
 SHAPE = (120, 150)
 DEGREES = np.pi / 180

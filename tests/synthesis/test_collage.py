@@ -8,8 +8,9 @@ import pytest
 
 from tests.synthetic import blobs, picture
 from texloom.stages.arrays import Image
-from texloom.stages.declare import Document, InputError, find_stage
+from texloom.stages.declare import Document, InputError
 from texloom.stages.normals import NORMAL
+from texloom.stages.registry import find_stage
 from texloom.stages.synthesis.collage import Collage, CollageParams, collage
 
 SHAPE = (60, 80)

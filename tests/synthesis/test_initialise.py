@@ -9,7 +9,8 @@ import pytest
 from tests.runs import run_with_progress
 from tests.synthetic import blobs, continued, masked, picture, smooth_noise, tiled, wall
 from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
+from texloom.stages.registry import find_stage
 from texloom.stages.sizes import format_size
 from texloom.stages.synthesis.initialise import Initialised, InitialiseParams, initialise
 

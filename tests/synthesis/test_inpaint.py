@@ -9,8 +9,9 @@ import pytest
 
 from tests.synthetic import blobs, identity, masked, picture, smooth_noise, tiled
 from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
 from texloom.stages.facts import TORUS
+from texloom.stages.registry import find_stage
 from texloom.stages.synthesis.border_band import BorderBandParams, border_band
 from texloom.stages.synthesis.inpaint import Inpainted, InpaintParams, inpaint
 from texloom.stages.synthesis.optimise import OptimiseParams, optimise

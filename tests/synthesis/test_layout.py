@@ -9,7 +9,8 @@ import pytest
 from tests.runs import run_with_threads
 from tests.synthetic import blobs, masked, picture, tiled
 from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
+from texloom.stages.registry import find_stage
 from texloom.stages.synthesis.layout import Layout, LayoutParams, layout
 from texloom.stages.synthesis.optimise import Optimised, OptimiseParams, optimise
 

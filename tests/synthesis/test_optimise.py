@@ -11,9 +11,10 @@ from tests.kernels.patchmatch import naive
 from tests.runs import MemoryCheckpoints, run_with_progress, run_with_threads
 from tests.synthetic import blobs, identity, masked, picture, smooth_noise, tiled
 from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
 from texloom.stages.normals import rounding
 from texloom.stages.progress import Progress, listening
+from texloom.stages.registry import find_stage
 from texloom.stages.sizes import format_size
 from texloom.stages.synthesis import optimise as optimise_module
 from texloom.stages.synthesis.initialise import InitialiseParams, initialise

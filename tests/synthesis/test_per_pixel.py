@@ -12,8 +12,9 @@ from texloom.stages.analysis.appearance_stack import AppearanceStack, Appearance
 from texloom.stages.arrays import Image
 from texloom.stages.common.jacobians import rotations
 from texloom.stages.common.per_pixel.levels import Level, Levels, Rect
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
 from texloom.stages.normals import NORMAL
+from texloom.stages.registry import find_stage
 from texloom.stages.synthesis.per_pixel import PerPixel, PerPixelParams, flat, per_pixel
 
 SHAPE = (48, 56)

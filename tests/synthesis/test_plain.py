@@ -11,7 +11,8 @@ from tests.plain import BASELINES, SHAPE, SIZE, Baseline, distances
 from tests.runs import MemoryCheckpoints, run_with_progress, run_with_threads
 from tests.synthetic import blobs, identity, masked, picture
 from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
+from texloom.stages.registry import find_stage
 from texloom.stages.synthesis.initialise import InitialiseParams, initialise
 
 pytestmark = pytest.mark.parametrize("run", BASELINES, ids=lambda run: run.name)

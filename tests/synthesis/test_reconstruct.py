@@ -17,7 +17,8 @@ from texloom.pipelines.media.sources import open_source
 from texloom.stages.analysis.orientation_field import OrientationFieldParams, orientation_field
 from texloom.stages.arrays import Image
 from texloom.stages.color import srgb_from_linear
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
+from texloom.stages.registry import find_stage
 from texloom.stages.synthesis._kcoherence import discrete
 from texloom.stages.synthesis.reconstruct import (
     PRESETS,

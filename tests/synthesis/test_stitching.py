@@ -13,8 +13,9 @@ from tests.runs import run_with_progress, run_with_threads
 from tests.synthetic import continued, jump, masked, picture, points, smooth_noise, tiled
 from texloom.stages.analysis.straighten import straighten
 from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, NoParams, find_stage
+from texloom.stages.declare import InputError, NoParams
 from texloom.stages.normals import NORMAL, unit
+from texloom.stages.registry import find_stage
 from texloom.stages.synthesis._seams.exemplar import Exemplar, lab_of
 from texloom.stages.synthesis._seams.overlap import compared
 

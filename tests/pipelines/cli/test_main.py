@@ -36,8 +36,9 @@ from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.pipelines.store import codec
 from texloom.stages import declare
 from texloom.stages.common.per_pixel import device
-from texloom.stages.declare import InputError, find_stage, stage_names
+from texloom.stages.declare import InputError
 from texloom.stages.progress import Progress, report
+from texloom.stages.registry import find_stage, stage_names
 
 STEPS = ["tone", "offsets", "lattice", "edges", "structure", "distance", "guidance", "start", "texture", "scores"]
 SMALL = ["--set", "start.size=64", "--set", "texture.preset=fast"]
@@ -949,7 +950,7 @@ def test_plan_after_another_picture(again: Path) -> None:
 def test_plan_after_another_version_or_code(again: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stage = find_stage("analysis.otsu")
     changed = dataclasses.replace(stage, version=stage.version + 1)
-    monkeypatch.setitem(declare._registry, "analysis.otsu", changed)
+    monkeypatch.setitem(declare.declared, "analysis.otsu", changed)
     plan = planned()
     assert plan["edges"] == CACHED
     assert plan["structure"] == ("run", [f"version of analysis.otsu: {stage.version} -> {changed.version}"])
@@ -1008,7 +1009,7 @@ def replace(monkeypatch: pytest.MonkeyPatch) -> Callable[[str, Callable[[], None
             before()
             return stage.function(*arguments, **named)
 
-        monkeypatch.setitem(declare._registry, name, dataclasses.replace(stage, function=function))
+        monkeypatch.setitem(declare.declared, name, dataclasses.replace(stage, function=function))
 
     return replace
 
@@ -1024,7 +1025,7 @@ def test_a_stage_that_fails(folder: Path, replace: Any, monkeypatch: pytest.Monk
     with monkeypatch.context() as patch:
         stage = find_stage("analysis.otsu")
         failing = functools.wraps(stage.function)(lambda **_: raising(RuntimeError("no luck\nat \x1b[31mall"))())
-        patch.setitem(declare._registry, stage.name, dataclasses.replace(stage, function=failing))
+        patch.setitem(declare.declared, stage.name, dataclasses.replace(stage, function=failing))
         result = texloom("run", "flow.yaml", "--json", "--out", "out")
     assert result.code == 1
     assert result.states == {"edges": "ran", "structure": "failed"}

@@ -17,8 +17,7 @@ from tests.conftest import ROOT
 from texloom.pipelines.engine import code_digest as code_digests
 from texloom.pipelines.engine import user_cache
 from texloom.pipelines.engine.code_digest import code_digest
-from texloom.stages import declare
-from texloom.stages.declare import stage_names
+from texloom.stages.registry import GROUPS, find_stage, stage_names
 
 MODULE = '''
 """About it."""
@@ -205,7 +204,7 @@ def test_an_edit_of_a_template_changes_the_stages_that_use_it(
 ) -> None:
     def digests() -> dict[str, str]:
         forget()
-        return {name: code_digest(f"texloom.stages.{name}") for name in stage_names()}
+        return {name: code_digest(find_stage(name).module) for name in stage_names()}
 
     before = digests()
     shutil.copytree(ROOT / "stages", tmp_path / "stages", ignore=shutil.ignore_patterns("__pycache__"))
@@ -251,15 +250,15 @@ def test_digests_import_nothing() -> None:
     code = f"""
         import sys
         from texloom.pipelines.engine.code_digest import code_digest
-        for name in {stage_names()!r}:
-            code_digest(f"texloom.stages.{{name}}")
+        for module in {[find_stage(name).module for name in stage_names()]!r}:
+            code_digest(module)
         print(*sorted(sys.modules))
     """
     loaded = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(code)], check=True, capture_output=True, text=True, cwd=ROOT
     ).stdout.split()
     assert not {"numba", "cv2", "scipy", "skimage", "prefect", "OpenEXR", "PIL"} & set(loaded)
-    assert not [name for name in loaded if name.startswith(tuple(f"texloom.stages.{g}." for g in declare.GROUPS))]
+    assert not [name for name in loaded if name.startswith(tuple(f"texloom.stages.{g}." for g in GROUPS))]
 
 
 EVERYTHING = r"""

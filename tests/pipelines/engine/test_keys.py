@@ -16,7 +16,8 @@ from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Step
 from texloom.pipelines.store.atomic import file_digest
 from texloom.stages import declare
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
+from texloom.stages.registry import find_stage
 
 FLOW = """
 flow: contours
@@ -136,7 +137,7 @@ def test_threads_do_not_count(
 def test_version_of_the_stage_counts(load: Callable[..., dict[str, str]], monkeypatch: pytest.MonkeyPatch) -> None:
     before = load()
     changed = dataclasses.replace(find_stage("analysis.edges"), version=99)
-    monkeypatch.setitem(declare._registry, "analysis.edges", changed)
+    monkeypatch.setitem(declare.declared, "analysis.edges", changed)
     after = load()
     assert {step for step in before if before[step] != after[step]} == {DRAWS_NOT}
 

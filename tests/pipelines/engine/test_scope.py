@@ -20,7 +20,8 @@ from texloom.pipelines.store import exr
 from texloom.pipelines.store.outputs import outputs_of
 from texloom.pipelines.store.store import Store
 from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, find_stage
+from texloom.stages.declare import InputError
+from texloom.stages.registry import find_stage
 
 TWICE = SYNTHESIS.replace("exports:", "exports:\n  texture.png: texture.image\n  start.png: start.image")
 

@@ -10,7 +10,7 @@ from texloom.pipelines.engine.prefect.records import ArtifactSerializer
 from texloom.pipelines.store.record import SERIALIZER, record_name
 from texloom.pipelines.store.store import Artifact, Store
 from texloom.stages.analysis.otsu import Otsu
-from texloom.stages.declare import find_stage
+from texloom.stages.registry import find_stage
 
 STAGE = find_stage("analysis.otsu")
 KEY = "0123456789abcdef" * 4

@@ -36,7 +36,8 @@ from texloom.stages.arrays import (
     Vectors,
 )
 from texloom.stages.color import lab_from_linear, linear_from_srgb
-from texloom.stages.declare import InputError, find_stage, stage_names
+from texloom.stages.declare import InputError
+from texloom.stages.registry import find_stage, stage_names
 
 MADE = {"stage": "test.stage", "params": {"sigma": 0.5, "name": "größe"}}
 PAGE = "<!doctype html>\r\n<title>größe 𝛼</title>\n"
