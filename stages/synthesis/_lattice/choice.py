@@ -29,6 +29,7 @@ class TextonChoice:
         self.uses = np.zeros(len(textons.places), np.int64)
 
     def run(self) -> Int64[np.ndarray, "nodes"]:  # type: ignore[name-defined]
+        """The texton of each node, from the middle outwards."""
         lattice = self.lattice
         first = int(((lattice.places - np.array(lattice.size) / 2) ** 2).sum(axis=1).argmin())
         queue, seen = deque([first]), {first}

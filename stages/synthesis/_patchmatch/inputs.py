@@ -15,11 +15,16 @@ class PatchParams(Protocol):
     """The parameters that exemplar and start must fit."""
 
     @property
-    def patch_size(self) -> int: ...
+    def patch_size(self) -> int:
+        """A patch's side in pixels."""
+
     @property
-    def tileable(self) -> bool | None: ...
+    def tileable(self) -> bool | None:
+        """Whether the result wraps; None where the picture decides."""
+
     @property
-    def weights(self) -> Mapping[str, float]: ...
+    def weights(self) -> Mapping[str, float]:
+        """The weights of the exemplar's maps, by name."""
 
 
 def check_patches(params: PatchParams, known: Mapping[str, Any]) -> None:
