@@ -17,11 +17,11 @@ import numpy as np
 
 from benchmarks.timing import Seconds, fastest
 from texloom.pipelines.media.sources import open_source
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
 from texloom.stages.kernels.core.threads import thread_count
-from texloom.stages.registry import find_stage
-from texloom.stages.sizes import format_size
+from texloom.stages.lookup.registry import find_stage
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.sizes import format_size
 
 METHODS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("quilting", {}),

@@ -30,18 +30,18 @@ from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store import preview
 from texloom.pipelines.store.png_file import png
-from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
-from texloom.stages.analysis.k_coherence import KCoherenceParams, k_coherence
-from texloom.stages.analysis.tsvq import Tsvq, TsvqParams, tsvq
-from texloom.stages.arrays import Image
-from texloom.stages.common.pyramid import resize
+from texloom.stages.analysis.similarity.appearance_stack import AppearanceStackParams, appearance_stack
+from texloom.stages.analysis.similarity.k_coherence import KCoherenceParams, k_coherence
+from texloom.stages.analysis.similarity.tsvq import Tsvq, TsvqParams, tsvq
+from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.kernels.core.threads import thread_count
-from texloom.stages.synthesis.compact import Compacted, CompactParams, compact
-from texloom.stages.synthesis.control_features import ControlFeaturesParams, control_features
+from texloom.stages.synthesis.control_maps.control_features import ControlFeaturesParams, control_features
+from texloom.stages.synthesis.inverse.compact import Compacted, CompactParams, compact
 from texloom.stages.synthesis.inverse.level import Level, Matching, Tree
-from texloom.stages.synthesis.per_pixel import PerPixelParams, per_pixel
-from texloom.stages.synthesis.reconstruct import ReconstructParams, reconstruct
+from texloom.stages.synthesis.per_pixel.per_pixel import PerPixelParams, per_pixel
+from texloom.stages.synthesis.reconstruction.reconstruct import ReconstructParams, reconstruct
+from texloom.stages.vocabulary.arrays import Image
 
 CASES = [("banana", (540, 720), (64, 64), 14.0, 147.0), ("peeling", (488, 615), (128, 128), 263.0, 1637.0)]
 """name in the paper, texture, compaction, the paper's seconds with the improved and the basic solver"""

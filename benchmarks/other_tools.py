@@ -38,11 +38,11 @@ import numpy as np
 from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.yaml import read_document
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
 from texloom.stages.kernels.core.threads import thread_count
-from texloom.stages.registry import find_stage
-from texloom.stages.sizes import Size, format_size, size_value
+from texloom.stages.lookup.registry import find_stage
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.sizes import Size, format_size, size_value
 
 os.environ.pop("PREFECT_API_URL", None)
 

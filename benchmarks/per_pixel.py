@@ -18,11 +18,11 @@ import numpy as np
 
 from benchmarks.timing import timed
 from texloom.pipelines.media.sources import open_source
-from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
-from texloom.stages.arrays import Image
-from texloom.stages.common.pyramid import resize
+from texloom.stages.analysis.similarity.appearance_stack import AppearanceStackParams, appearance_stack
+from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.interactive.canvas import Canvas
 from texloom.stages.kernels.core.threads import thread_count
+from texloom.stages.vocabulary.arrays import Image
 
 DAB = 32
 

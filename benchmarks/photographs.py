@@ -22,13 +22,13 @@ import numpy as np
 
 from benchmarks.timing import peak_memory, timed
 from tests.photographs import analysed, made, psnr, reduced, repeating, surfaces
-from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
-from texloom.stages.analysis.gaussian_stack import GaussianStackParams, gaussian_stack
-from texloom.stages.analysis.jacobian_field import JacobianFieldParams, jacobian_field
-from texloom.stages.arrays import Image
+from texloom.stages.analysis.photographs.gaussian_stack import GaussianStackParams, gaussian_stack
+from texloom.stages.analysis.photographs.jacobian_field import JacobianFieldParams, jacobian_field
+from texloom.stages.analysis.similarity.appearance_stack import AppearanceStackParams, appearance_stack
 from texloom.stages.kernels.core.threads import thread_count
-from texloom.stages.synthesis.per_pixel import PerPixelParams, flat, per_pixel
-from texloom.stages.synthesis.place_texture import PlaceTextureParams, place_texture
+from texloom.stages.synthesis.per_pixel.per_pixel import PerPixelParams, flat, per_pixel
+from texloom.stages.synthesis.photographs.place_texture import PlaceTextureParams, place_texture
+from texloom.stages.vocabulary.arrays import Image
 
 
 def formatted(seconds: np.ndarray) -> str:

@@ -25,9 +25,9 @@ from typing import TypeAlias
 import numpy as np
 
 import texloom
-from texloom.stages.arrays import Image
-from texloom.stages.color import srgb_from_linear
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import srgb_from_linear
 
 _SIDE = 256  # px, of exemplars
 _SIZE = 384  # px, of results

@@ -30,7 +30,7 @@ from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store
 from texloom.stages.kernels.core.threads import thread_count
-from texloom.stages.synthesis import optimise
+from texloom.stages.synthesis.optimisation import optimise
 
 os.environ.pop("PREFECT_API_URL", None)
 
@@ -88,7 +88,8 @@ class Timing:
     cpu: dict[str, float]
     """CPU seconds of each step, with what is done before it"""
     scales: list[dict[str, Any]]
-    """as `texloom.stages.synthesis.optimise` reports them, with ``seconds`` and ``distances`` per pixel"""
+    """as `texloom.stages.synthesis.optimisation.optimise` reports them, with
+    ``seconds`` and ``distances`` per pixel"""
 
 
 def run_flow(exemplar: str, params: dict[str, str]) -> Timing:

@@ -18,8 +18,8 @@ import numpy as np
 from texloom.pipelines.media.arrays import PathOrArray, Picture, file_source, masked
 from texloom.pipelines.store.location import cache_store, default_store
 from texloom.pipelines.store.store import Store
-from texloom.stages.arrays import Image, split_mask
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.arrays import Image, split_mask
+from texloom.stages.vocabulary.declare import InputError
 
 if TYPE_CHECKING:
     from texloom.pipelines.engine.events import Listener

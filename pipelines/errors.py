@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Iterable
 from typing import Any
 
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 _LONGEST = 80  # characters of a value in an error
 _LONGEST_LINE = 2000  # characters of an error

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from texloom.pipelines.byte_size import format_byte_size, parse_byte_size
 from texloom.pipelines.errors import shown
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 VARIABLE = "TEXLOOM_MEMORY"
 _SHARE = 0.5  # of the machine's memory

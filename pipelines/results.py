@@ -21,9 +21,9 @@ from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.png_file import png, with_facts
 from texloom.pipelines.store.store import Artifact, Store
 from texloom.pipelines.store.types import Hint
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
-from texloom.stages.sizes import format_size
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.sizes import format_size
 
 if TYPE_CHECKING:
     from texloom.pipelines.engine.events import Recorder, StepReport

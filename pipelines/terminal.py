@@ -22,8 +22,8 @@ from texloom.pipelines.engine.events import (
     describe_progress,
 )
 from texloom.pipelines.errors import one_line
-from texloom.stages.progress import Progress
-from texloom.stages.sizes import format_size
+from texloom.stages.vocabulary.progress import Progress
+from texloom.stages.vocabulary.sizes import format_size
 
 _PLAIN_SECONDS = 10.0  # between two lines where there is no terminal
 _MIN_DONE = 0.01  # of a step, from which the time left is known; before that, kernels may have been compiled

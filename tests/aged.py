@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.synthetic import picture, smooth_noise
-from texloom.stages.arrays import Image
+from texloom.stages.vocabulary.arrays import Image
 
 _METAL, _RUST, _SCALE = (
     np.array(color, np.float32) for color in ((0.3, 0.32, 0.36), (0.25, 0.07, 0.02), (0.06, 0.02, 0.01))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.synthetic import blobs, picture
-from texloom.stages.arrays import Image
+from texloom.stages.vocabulary.arrays import Image
 
 COLORS = np.array([[255, 40, 40], [40, 200, 40], [40, 60, 255]], np.uint8)
 

@@ -8,16 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from texloom.stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
-from texloom.stages.analysis.feature_distance import FeatureDistanceParams, feature_distance
-from texloom.stages.analysis.gaussian_stack import GaussianStack, GaussianStackParams, gaussian_stack
-from texloom.stages.analysis.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
-from texloom.stages.analysis.lattice_selection import LatticeSelectionParams, lattice_selection
-from texloom.stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
-from texloom.stages.analysis.repetition import RepetitionParams, repetition
-from texloom.stages.analysis.unroll import UnrollParams, unroll
-from texloom.stages.arrays import Image
-from texloom.stages.synthesis.per_pixel import PerPixel, PerPixelParams, per_pixel
+from texloom.stages.analysis.photographs.feature_distance import FeatureDistanceParams, feature_distance
+from texloom.stages.analysis.photographs.gaussian_stack import GaussianStack, GaussianStackParams, gaussian_stack
+from texloom.stages.analysis.photographs.jacobian_field import JacobianField, JacobianFieldParams, jacobian_field
+from texloom.stages.analysis.photographs.unroll import UnrollParams, unroll
+from texloom.stages.analysis.regularity.lattice_selection import LatticeSelectionParams, lattice_selection
+from texloom.stages.analysis.regularity.offset_statistics import OffsetStatisticsParams, offset_statistics
+from texloom.stages.analysis.regularity.repetition import RepetitionParams, repetition
+from texloom.stages.analysis.similarity.appearance_stack import (
+    AppearanceStack,
+    AppearanceStackParams,
+    appearance_stack,
+)
+from texloom.stages.synthesis.per_pixel.per_pixel import PerPixel, PerPixelParams, per_pixel
+from texloom.stages.vocabulary.arrays import Image
 
 
 def surfaces(photo: Image, folder: Path, detail: float = 0.3, **content: Any) -> JacobianField:

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from texloom.stages.arrays import Image
-from texloom.stages.registry import find_stage
-from texloom.stages.synthesis.bidirectional import BidirectionalScale
-from texloom.stages.synthesis.image_melding import ImageMeldingScale
-from texloom.stages.synthesis.initialise import InitialiseParams, initialise
+from texloom.stages.lookup.registry import find_stage
+from texloom.stages.synthesis.optimisation.bidirectional import BidirectionalScale
+from texloom.stages.synthesis.optimisation.image_melding import ImageMeldingScale
+from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
+from texloom.stages.vocabulary.arrays import Image
 
 SHAPE, SIZE = (40, 44), (56, 60)
 """an exemplar and a result, px"""

@@ -7,8 +7,8 @@ from typing import Any, TypeVar
 
 import pytest
 
-from texloom.stages.checkpoints import Checkpoints
-from texloom.stages.progress import Progress, listening
+from texloom.stages.vocabulary.checkpoints import Checkpoints
+from texloom.stages.vocabulary.progress import Progress, listening
 
 Result = TypeVar("Result")
 

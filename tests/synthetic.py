@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from texloom.stages.arrays import Image
+from texloom.stages.vocabulary.arrays import Image
 
 LATTICES: dict[str, np.ndarray] = {
     "rectangular": np.array([[40.0, 0.0], [0.0, 56.0]]),

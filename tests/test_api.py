@@ -21,8 +21,8 @@ from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store import codec, housekeeping
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.yaml import read_document
-from texloom.stages.arrays import Image
-from texloom.stages.color import linear_from_srgb
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import linear_from_srgb
 
 FAST = {"method": "quilting", "size": (48, 64), "seed": 3}
 
@@ -334,7 +334,7 @@ def test_stage_failures_name_the_step(rgb: np.ndarray, monkeypatch: pytest.Monke
     def fails(*_: Any, **__: Any) -> None:
         raise RuntimeError("out of luck")
 
-    monkeypatch.setattr("texloom.stages.synthesis.quilting._Quilt", fails)
+    monkeypatch.setattr("texloom.stages.synthesis.stitching.quilting._Quilt", fails)
     with pytest.raises(texloom.StepFailedError, match="texture") as caught:
         texloom.synthesize(rgb, **FAST)
     assert "out of luck" in str(caught.value.__cause__)

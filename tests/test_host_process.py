@@ -128,7 +128,7 @@ def test_nothing_of_the_host_process_changes(call: str, tmp_path: Path) -> None:
 DURING = """
 import sys, threading
 import numpy as np
-from texloom.stages.libraries import single_threaded
+from texloom.stages.vocabulary.libraries import single_threaded
 assert "cv2" not in sys.modules and "threadpoolctl" not in sys.modules
 
 both, ended = threading.Barrier(2), threading.Event()
@@ -197,7 +197,7 @@ try:
     main()
 except SystemExit:
     import cv2, threadpoolctl, numpy
-    from texloom.stages import libraries
+    from texloom.stages.vocabulary import libraries
     blas = {one["num_threads"] for one in threadpoolctl.threadpool_info()}
     print(libraries._is_limited, cv2.getNumThreads(), blas)
 """

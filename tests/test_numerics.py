@@ -51,17 +51,17 @@ OPENCV = set(
 """functions of OpenCV"""
 
 ALLOWED = {
-    "matrices.py: linalg": "the class of its errors alone",
-    "common/screened_poisson.py: @": "of a sparse matrix: SciPy adds in the order of the entries",
+    "numerics/matrices.py: linalg": "the class of its errors alone",
+    "common/grids/screened_poisson.py: @": "of a sparse matrix: SciPy adds in the order of the entries",
     "common/surface/vertex_graph.py: @": "of a sparse matrix",
-    "analysis/deformed_lattice.py: @": "of a sparse matrix",
-    "analysis/_distortion/flattening.py: @": "of a sparse matrix",
-    "synthesis/epitome.py: @": "of a sparse matrix",
-    "common/surface/phases.py: splu": "on meshes alone; phases are rounded to 2^-32 cycles",
-    "analysis/lattice.py: cv2.filter2D": "adds entries, all with weight 1",
-    "common/lattice_cells.py: cv2.filter2D": "of 64 bits, which has one version",
-    "synthesis/_seams/similar_places.py: cv2.filter2D": "multiples of 2^-12, whose sums are exact",
-    "analysis/orientation_field.py: cv2.filter2D": "of 13 px, which is done by Fourier transforms of one version",
+    "analysis/regularity/deformed_lattice.py: @": "of a sparse matrix",
+    "analysis/photographs/flattening.py: @": "of a sparse matrix",
+    "synthesis/inverse/epitome.py: @": "of a sparse matrix",
+    "common/surface/surface_phases.py: splu": "on meshes alone; phases are rounded to 2^-32 cycles",
+    "analysis/regularity/lattice.py: cv2.filter2D": "adds entries, all with weight 1",
+    "common/regularity/lattice_cells.py: cv2.filter2D": "of 64 bits, which has one version",
+    "synthesis/stitching/similar_places.py: cv2.filter2D": "multiples of 2^-12, whose sums are exact",
+    "analysis/control/orientation_field.py: cv2.filter2D": "of 13 px, which is done by Fourier transforms of one version",
     "interactive/photo_session.py: cv2.remap": "draws a preview",
 }
 """what may be called where, and why"""

@@ -10,7 +10,7 @@ import PIL.Image
 import pytest
 
 from benchmarks.other_tools import Made, filled, lines, measured, read_tools
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 SIZE = (48, 40)
 COPY = "import shutil, sys; sys.exit(shutil.copy(sys.argv[1], sys.argv[2]) == 0)"

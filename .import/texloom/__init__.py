@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from texloom.pipelines.api import synthesize as synthesize
     from texloom.pipelines.engine.run import StepFailedError as StepFailedError
     from texloom.pipelines.media.deep_zoom import write_deep_zoom as write_deep_zoom
-    from texloom.stages.analysis.jacobian_field import control_points as control_points
-    from texloom.stages.arrays import Image as Image
-    from texloom.stages.declare import InputError as InputError
+    from texloom.stages.analysis.photographs.jacobian_field import control_points as control_points
     from texloom.stages.interactive.canvas import Canvas as Canvas
     from texloom.stages.interactive.lattice_session import LatticeSession as LatticeSession
     from texloom.stages.interactive.photo_session import PhotoSession as PhotoSession
+    from texloom.stages.vocabulary.arrays import Image as Image
+    from texloom.stages.vocabulary.declare import InputError as InputError
 
     __version__: str
 
@@ -34,12 +34,12 @@ if not os.path.isdir(f"{_HERE}/stages"):
 # Each is imported when it is first used.
 _PUBLIC = {
     "Canvas": "texloom.stages.interactive.canvas",
-    "Image": "texloom.stages.arrays",
-    "InputError": "texloom.stages.declare",
+    "Image": "texloom.stages.vocabulary.arrays",
+    "InputError": "texloom.stages.vocabulary.declare",
     "LatticeSession": "texloom.stages.interactive.lattice_session",
     "PhotoSession": "texloom.stages.interactive.photo_session",
     "StepFailedError": "texloom.pipelines.engine.run",
-    "control_points": "texloom.stages.analysis.jacobian_field",
+    "control_points": "texloom.stages.analysis.photographs.jacobian_field",
     "plan": "texloom.pipelines.api",
     "run": "texloom.pipelines.api",
     "stages": "",

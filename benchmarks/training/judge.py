@@ -21,10 +21,10 @@ from jaxtyping import Bool
 
 from benchmarks.training.boundaries import THRESHOLDS, Counts, count, ods, ois, thinned
 from benchmarks.training.pictures import Picture, picture_of
-from texloom.stages.analysis.edges import EdgesParams, edges
-from texloom.stages.analysis.otsu import otsu_threshold
-from texloom.stages.arrays import Image, ScalarMap
-from texloom.stages.color import linear_from_srgb
+from texloom.stages.analysis.structure.edges import EdgesParams, edges
+from texloom.stages.analysis.structure.otsu import otsu_threshold
+from texloom.stages.vocabulary.arrays import Image, ScalarMap
+from texloom.stages.vocabulary.color import linear_from_srgb
 
 TOLERANCES = (1.0, 2.0, 3.0)
 """px"""

@@ -32,7 +32,7 @@ def bins_of(strengths: np.ndarray) -> np.ndarray:
 
 
 def tables_of(trees: Sequence[Tree]) -> dict[str, np.ndarray]:
-    """The tables of `texloom.stages.analysis._contours.forest.Forest`; all trees as large as the largest one."""
+    """The tables of `stages.analysis.structure.structured_forest.Forest`; all trees as large as the largest one."""
     shape = len(trees), max(len(tree.children) for tree in trees)
     tables: dict[str, np.ndarray] = {
         "children": np.zeros(shape, np.uint16),

@@ -8,10 +8,10 @@ import numpy as np
 from PIL import Image
 
 from texloom.pipelines.media.sources import open_source
-from texloom.stages.analysis.edges import EdgesParams, edges
-from texloom.stages.analysis.otsu import OtsuParams, otsu
-from texloom.stages.arrays import Image as Exemplar
-from texloom.stages.color import linear_from_srgb, srgb_from_linear
+from texloom.stages.analysis.structure.edges import EdgesParams, edges
+from texloom.stages.analysis.structure.otsu import OtsuParams, otsu
+from texloom.stages.vocabulary.arrays import Image as Exemplar
+from texloom.stages.vocabulary.color import linear_from_srgb, srgb_from_linear
 
 PICTURES = Path(__file__).parents[1] / "pictures"
 GAP = 12  # px

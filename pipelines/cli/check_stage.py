@@ -13,11 +13,11 @@ import numpy as np
 from texloom.pipelines.cli.describe import description
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.types import Hint
-from texloom.stages.arrays import Image
-from texloom.stages.checkpoints import NoCheckpoints
-from texloom.stages.declare import InputError, Stage
-from texloom.stages.normals import NORMAL
-from texloom.stages.registry import find_stage
+from texloom.stages.lookup.registry import find_stage
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.checkpoints import NoCheckpoints
+from texloom.stages.vocabulary.declare import InputError, Stage
+from texloom.stages.vocabulary.normals import NORMAL
 
 State = Literal["passed", "failed", "skipped"]
 _THREADS = "TEXLOOM_THREADS"

@@ -94,7 +94,7 @@ def compare(
     from texloom.pipelines.request import request
     from texloom.pipelines.store.atomic import write_atomically
     from texloom.pipelines.store.store import Store
-    from texloom.stages.declare import InputError
+    from texloom.stages.vocabulary.declare import InputError
 
     began = time.perf_counter()
     overrides = request(
@@ -123,7 +123,7 @@ def compare(
 @contextlib.contextmanager
 def _named_as_over() -> Iterator[None]:
     """Errors of the exemplars name the option, which gives them whatever the flows call that source."""
-    from texloom.stages.declare import InputError
+    from texloom.stages.vocabulary.declare import InputError
 
     try:
         yield

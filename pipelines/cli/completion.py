@@ -23,7 +23,7 @@ from click.shell_completion import split_arg_string as words_of
 
 if TYPE_CHECKING:
     from texloom.pipelines.flow.model import Flow
-    from texloom.stages.declare import Params
+    from texloom.stages.vocabulary.declare import Params
 
 _VARIABLE = "_TEXLOOM_COMPLETE"
 
@@ -154,7 +154,7 @@ def flow_names(_context: click.Context, _parameter: click.Parameter, typed: str)
 
 def stage_names(_context: click.Context, _parameter: click.Parameter, typed: str) -> Items:
     """Stages by their short names, or with their groups."""
-    from texloom.stages.registry import stage_names
+    from texloom.stages.lookup.registry import stage_names
 
     return _plain([name if "." in typed else name.rpartition(".")[2] for name in stage_names()], typed)
 
@@ -244,7 +244,7 @@ def _pictures(before: str, typed: str) -> Items:
 def _flow(context: click.Context) -> Flow | None:
     """The flow that has been typed, unless it is wrong."""
     from texloom.pipelines.flow.loader import find_flow, load_flow
-    from texloom.stages.declare import InputError
+    from texloom.stages.vocabulary.declare import InputError
 
     # click leaves the arguments unread where an option before them still lacks its value
     given = context.params.get("flow"), *context.params.get("flows", ()), *context.args

@@ -19,9 +19,9 @@ from texloom.pipelines.flow.schema import MOST_ROUNDS, OPTIONAL
 from texloom.pipelines.flow.shipped import flow_head
 from texloom.pipelines.store.types import Hint
 from texloom.pipelines.yaml import read_document
-from texloom.stages.declare import Document, InputError, Stage, field_help
-from texloom.stages.registry import find_stage, stage_names
-from texloom.stages.sizes import SIDES
+from texloom.stages.lookup.registry import find_stage, stage_names
+from texloom.stages.vocabulary.declare import Document, InputError, Stage, field_help
+from texloom.stages.vocabulary.sizes import SIDES
 
 _WORDS = {bool: "true | false", types.NoneType: "null", str: "text", Path: "file", Document: "file"}
 

@@ -110,7 +110,7 @@ def _kernels() -> dict[str, Any]:
 
 def _store(folder: Path) -> dict[str, Any]:
     from texloom.pipelines.store.store import Store
-    from texloom.stages.declare import InputError
+    from texloom.stages.vocabulary.declare import InputError
 
     opened = Store(folder)
     there = next(path for path in (opened.root, *opened.root.parents) if path.exists())

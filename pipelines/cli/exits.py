@@ -6,7 +6,7 @@ import signal
 from enum import IntEnum
 
 from texloom.pipelines.interruption import interruption_of
-from texloom.stages.interruption import Interruption
+from texloom.stages.vocabulary.interruption import Interruption
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 

@@ -92,7 +92,7 @@ def _exit_code() -> int:
         complain(f"{command}: {error.format_message()}{_hint_at_file(error)}")
         return Exit.WRONG
     except ValueError as error:
-        from texloom.stages.declare import InputError  # not at the top, as help does not need it
+        from texloom.stages.vocabulary.declare import InputError  # not at the top, as help does not need it
 
         if not isinstance(error, InputError):
             raise

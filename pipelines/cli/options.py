@@ -218,7 +218,7 @@ def with_options(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]],
 @contextlib.contextmanager
 def named_as_given(params: Mapping[str, Any]) -> Iterator[None]:
     """Errors of params that are not among those of ``--set`` name the short option."""
-    from texloom.stages.declare import InputError
+    from texloom.stages.vocabulary.declare import InputError
 
     try:
         yield

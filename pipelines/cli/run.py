@@ -154,7 +154,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
     from texloom.pipelines.store.codec import ArtifactError
     from texloom.pipelines.store.store import BrokenStoreError
     from texloom.pipelines.terminal import Terminal
-    from texloom.stages.declare import InputError
+    from texloom.stages.vocabulary.declare import InputError
 
     opened.check(folder, force)
     terminal = Terminal(text_stream(as_json))

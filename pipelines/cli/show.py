@@ -16,7 +16,7 @@ from texloom.pipelines.cli.exits import Exit
 from texloom.pipelines.cli.options import memory_option
 from texloom.pipelines.cli.output import print_json, say
 from texloom.pipelines.media.material_set import is_picture
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 
 @click.command(short_help="Show the contents and provenance of EXR files, and facts of pictures.")

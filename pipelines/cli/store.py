@@ -255,7 +255,7 @@ def _print_removed(removed: Sequence[Entry], verb: str, as_json: bool) -> int:
 def _existing(folder: Path) -> Store:
     from texloom.pipelines.store.location import passed_over
     from texloom.pipelines.store.store import Store
-    from texloom.stages.declare import InputError
+    from texloom.stages.vocabulary.declare import InputError
 
     found = Store(folder)
     if not (found.root / "cache").is_dir():

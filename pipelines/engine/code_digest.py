@@ -34,7 +34,7 @@ def code_digest(module: str) -> str:
 
     Comments, docstrings and layout do not count. The data files of a module do: those beside it that have its name,
     as ``report.html.j2`` beside ``report.py``. Of any other file that a stage reads, its module must hold a digest,
-    as `texloom.stages.analysis.edges` does of the contour model.
+    as `texloom.stages.analysis.structure.edges` does of the contour model.
     """
     known = len(_known())
     pending, seen = [module], set()

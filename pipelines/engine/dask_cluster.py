@@ -19,7 +19,7 @@ from texloom.pipelines.engine.scheduler import InFlight, Outcome
 from texloom.pipelines.engine.worker_progress import DaskReceiver
 from texloom.pipelines.engine.workers import worker_count
 from texloom.pipelines.store.store import program_version
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 _SECONDS = 10.0  # to wait for a scheduler, and for its first worker
 _ANSWER = 5.0  # seconds to wait for the answer of a task that has ended, before asking once more

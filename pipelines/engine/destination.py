@@ -13,7 +13,7 @@ from texloom.pipelines.flow.model import Each, Flow, Reference
 from texloom.pipelines.flow.source_files import is_pattern
 from texloom.pipelines.media.writers.registry import writer_of
 from texloom.pipelines.store.types import Hint
-from texloom.stages.arrays import Image
+from texloom.stages.vocabulary.arrays import Image
 
 _MAIN = "texture."
 _PICTURES = ("array", "picture", "image")

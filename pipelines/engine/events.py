@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-from texloom.stages.progress import Progress
+from texloom.stages.vocabulary.progress import Progress
 
 State = Literal["cached", "ran", "failed"]
 

@@ -30,8 +30,8 @@ from texloom.pipelines.store import written
 from texloom.pipelines.store.atomic import file_digest
 from texloom.pipelines.store.history import file_state
 from texloom.pipelines.store.store import Store, small_file
-from texloom.stages.arrays import Image
-from texloom.stages.frames import frame_count
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.frame_stacks import frame_count
 
 States = dict[str, Any]
 """the key of an export, and the `file_state` of each of its files"""

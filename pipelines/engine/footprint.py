@@ -1,7 +1,8 @@
 """What memory and disk the steps of large pictures take, told before any of them runs.
 
 Disk is what self-tuning stores, its checkpoints of all scales, its exports and its scratch files (see
-`texloom.stages.scratch`), all of them raw and at the same time; and the image of each further step of synthesis.
+`texloom.stages.vocabulary.scratch`), all of them raw and at the same time; and the image of each
+further step of synthesis.
 """
 
 from __future__ import annotations

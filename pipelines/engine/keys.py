@@ -16,7 +16,7 @@ from texloom.pipelines.engine.code_digest import code_digest
 from texloom.pipelines.flow.model import Step
 from texloom.pipelines.flow.step_params import document_params, file_params
 from texloom.pipelines.store.atomic import file_digest
-from texloom.stages.declare import InputError, Stage
+from texloom.stages.vocabulary.declare import InputError, Stage
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,7 +13,7 @@ from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.request import RunRequest
 from texloom.pipelines.store.location import default_store
 from texloom.pipelines.store.store import Store
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 
 def open_request(asked: RunRequest) -> tuple[Run, Path]:

@@ -30,10 +30,10 @@ from texloom.pipelines.errors import format_error, is_resource_error, one_line
 from texloom.pipelines.media.sources import SourceError
 from texloom.pipelines.store.keep import keep_record
 from texloom.pipelines.store.store import BrokenArtifactError, Store
-from texloom.stages.declare import InputError
 from texloom.stages.kernels.core.threads import thread_count
-from texloom.stages.progress import Progress
-from texloom.stages.registry import find_stage
+from texloom.stages.lookup.registry import find_stage
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.progress import Progress
 
 
 class WorkerError(Exception):

@@ -37,9 +37,9 @@ from texloom.pipelines.store.location import passed_over
 from texloom.pipelines.store.ownership import keeps_no_key
 from texloom.pipelines.store.run_log import LoggedRun
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
-from texloom.stages.sizes import format_size, size_value
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.sizes import format_size, size_value
 
 State = Literal["cached", "run", "wait", "refused"]
 
@@ -505,7 +505,7 @@ class Run:
         return about
 
     def _facts(self, scope: Scope) -> dict[str, str]:
-        """What a page says of this run, see `texloom.stages.arrays.Page`."""
+        """What a page says of this run, see `texloom.stages.vocabulary.arrays.Page`."""
         sources = list(scope.sources.values())
         name = scope.name or (self.flow.name if self.flow.is_set or not sources else sources[0].picture)
         about = [self.flow.name, *(source.label for source in sources)]

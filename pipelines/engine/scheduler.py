@@ -39,9 +39,9 @@ from texloom.pipelines.interruption import interruption_of
 from texloom.pipelines.media.sources import SourceError
 from texloom.pipelines.store.keep import keep_record
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, BrokenStoreError, Store
-from texloom.stages.declare import InputError
-from texloom.stages.interruption import Interruption
 from texloom.stages.kernels.core.threads import thread_count
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.interruption import Interruption
 
 T = TypeVar("T")
 

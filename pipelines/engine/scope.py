@@ -18,8 +18,8 @@ from texloom.pipelines.media.known_files import KnownFiles, using
 from texloom.pipelines.media.sources import Source, SourceError, open_mesh, open_source
 from texloom.pipelines.store.outputs import Array, Outputs, copied
 from texloom.pipelines.store.store import Artifact, Store
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, Outline
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError, Outline
 
 _MAX_KEPT = 2**28  # bytes of results in memory for each scope
 

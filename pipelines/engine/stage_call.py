@@ -10,8 +10,8 @@ import numpy as np
 from texloom.pipelines.errors import one_line, shown
 from texloom.pipelines.store.outputs import Array, Outputs, prepared
 from texloom.pipelines.store.types import hints_of
-from texloom.stages.declare import Stage
-from texloom.stages.interruption import raised_by_code
+from texloom.stages.vocabulary.declare import Stage
+from texloom.stages.vocabulary.interruption import raised_by_code
 
 
 class StageError(Exception):

@@ -19,11 +19,11 @@ from texloom.pipelines.flow.model import Reference, Step
 from texloom.pipelines.media.sources import Source
 from texloom.pipelines.store.outputs import Outputs
 from texloom.pipelines.store.store import BrokenArtifactError, Store
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, Stage
 from texloom.stages.kernels.core.threads import sharing
-from texloom.stages.progress import listening
-from texloom.stages.registry import find_stage
+from texloom.stages.lookup.registry import find_stage
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError, Stage
+from texloom.stages.vocabulary.progress import listening
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from texloom.pipelines.store.atomic import probe_folder
 from texloom.pipelines.store.store import Store, program_version
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 PROBE = "probe"
 """the lock that a run holds while it asks workers whether it keeps them out"""

@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from texloom.stages.progress import Progress
+from texloom.stages.vocabulary.progress import Progress
 
 _SECONDS = 0.25  # between two reports of a step
 _LARGEST = 4096  # bytes of a report

@@ -15,8 +15,8 @@ from texloom.pipelines.flow.model import Each, Flow, Overrides
 from texloom.pipelines.flow.schema import NAME, REQUIRED
 from texloom.pipelines.flow.shipped import plugin_flows, shipped_flows
 from texloom.pipelines.media.material_set import pictures_in
-from texloom.stages.declare import InputError
-from texloom.stages.sizes import format_size, size_value
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.sizes import format_size, size_value
 
 EXPORTS = {
     "comparison.html": "page.page",

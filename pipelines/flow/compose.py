@@ -29,7 +29,7 @@ from texloom.pipelines.flow.shipped import plugin_flows, shipped_flows
 from texloom.pipelines.flow.variants import merged, prune
 from texloom.pipelines.media.material_set import is_picture
 from texloom.pipelines.yaml import read_document
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 STRUCTURAL = ("include", "repeat")
 """the fields that a param of a flow may stand for, besides STEP.PARAM"""

@@ -8,8 +8,8 @@ from pathlib import Path
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Flow, Overrides, Reference, Step
 from texloom.pipelines.store.types import Hint
-from texloom.stages.arrays import Image
-from texloom.stages.registry import find_stage
+from texloom.stages.lookup.registry import find_stage
+from texloom.stages.vocabulary.arrays import Image
 
 SHEET = "contact_sheet.png"
 

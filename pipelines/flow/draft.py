@@ -9,7 +9,7 @@ from typing import Any
 
 from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.schema import FolderPart
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 EACH = "*"
 """in labels, file names and ``draws_as``: the label of each variant"""

@@ -34,9 +34,9 @@ from texloom.pipelines.media.stack import SCHEME
 from texloom.pipelines.media.writers.registry import MODELS, writer_of
 from texloom.pipelines.store.types import TEXT_NAMES, Hint
 from texloom.pipelines.yaml import parse_yaml, read_document
-from texloom.stages.arrays import Image, Mesh
-from texloom.stages.declare import InputError, Stage
-from texloom.stages.registry import find_stage, stage_names
+from texloom.stages.lookup.registry import find_stage, stage_names
+from texloom.stages.vocabulary.arrays import Image, Mesh
+from texloom.stages.vocabulary.declare import InputError, Stage
 
 __all__ = ["check_flow", "find_flow", "load_flow", "nearest_stage"]
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from texloom.pipelines.errors import refused
 from texloom.pipelines.media.delivery import AS_IS, Delivery
-from texloom.stages.declare import Params, Stage
+from texloom.stages.vocabulary.declare import Params, Stage
 
 _SHIPPED = Path(__file__).parents[2] / "configs"
 RUNNERS = {

@@ -10,7 +10,7 @@ from typing import Any
 
 from texloom.pipelines.errors import hint, one_of, refused, shown
 from texloom.pipelines.flow.model import RUNNERS, WITH_WORKERS, Runner
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 _FIELDS = ("name", "workers", "address")
 _MAX_WORKERS = 1024

@@ -18,8 +18,8 @@ def plugin_flows() -> dict[str, tuple[Path, str]]:
     """Name to file and origin (distribution and version) of the flows of plug-ins; those that ship come first."""
     import importlib.util
 
-    from texloom.stages.interruption import raised_by_code
-    from texloom.stages.plugins import plugins
+    from texloom.stages.lookup.plugins import plugins
+    from texloom.stages.vocabulary.interruption import raised_by_code
 
     found: dict[str, tuple[Path, str]] = {}
     for plugin in plugins("texloom.flows").values():

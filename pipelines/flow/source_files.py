@@ -9,7 +9,7 @@ from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.model import Each
 from texloom.pipelines.media.material_set import holds_maps, holds_one_material, pictures_in
 from texloom.pipelines.media.stack import SCHEME, path_of
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 
 def source_of(name: str, references: Sequence[str], pair: str | None, takes_maps: bool) -> str | Each:

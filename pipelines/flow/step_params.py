@@ -18,8 +18,8 @@ from texloom.pipelines.errors import closest, hint, one_of, refused, shown
 from texloom.pipelines.flow.compose import is_structural
 from texloom.pipelines.flow.draft import Draft
 from texloom.pipelines.yaml import parse_yaml, read_document
-from texloom.stages.declare import Document, InputError, InputFile, Params, Stage
-from texloom.stages.sizes import SIDES, size_value, takes_sides
+from texloom.stages.vocabulary.declare import Document, InputError, InputFile, Params, Stage
+from texloom.stages.vocabulary.sizes import SIDES, size_value, takes_sides
 
 
 class StepParams:

@@ -10,8 +10,8 @@ import numpy as np
 from texloom.pipelines.media import locate
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.material_set import COLORS, recognised
-from texloom.stages.common.borders import border_steps
-from texloom.stages.declare import InputError
+from texloom.stages.common.grids.border_steps import border_steps
+from texloom.stages.vocabulary.declare import InputError
 
 
 def about_picture(path: Path) -> dict[str, Any]:
@@ -20,8 +20,8 @@ def about_picture(path: Path) -> dict[str, Any]:
     Returns
     -------
     ``wraps``: ``off``, ``x``, ``y`` or ``both``, where texloom has written it; elsewhere ``border_steps`` down and
-    across, see `texloom.stages.common.borders`, if they are finite. ``bits``, of which 32 are floats; ``range`` of
-    each channel; ``role`` of a map, by the file's name.
+    across, see `stages.common.grids.border_steps`, if they are finite. ``bits``, of which 32 are floats; ``range``
+    of each channel; ``role`` of a map, by the file's name.
     """
     role = recognised(path.stem)
     is_data = role is not None and role[0] not in COLORS

@@ -20,8 +20,8 @@ from texloom.pipelines.media.material_set import recognised
 from texloom.pipelines.media.sources import Source
 from texloom.pipelines.media.stack import ROLE
 from texloom.pipelines.store.atomic import file_digest, write_atomically
-from texloom.stages.arrays import Image, split_mask
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.arrays import Image, split_mask
+from texloom.stages.vocabulary.declare import InputError
 
 PathOrArray = str | os.PathLike[str] | np.ndarray | Image
 """a file or an array"""

@@ -8,7 +8,7 @@ _COLUMNS = {"normal": slice(3, 6), "texture": slice(6, 8), "direction": slice(8,
 
 
 def placed(points: np.ndarray, transform: np.ndarray, **attributes: np.ndarray | None) -> np.ndarray:
-    """An object as part of a `texloom.stages.arrays.Mesh`.
+    """An object as part of a `texloom.stages.vocabulary.arrays.Mesh`.
 
     Parameters
     ----------

@@ -26,10 +26,10 @@ from texloom.pipelines.media.icc import Decoding
 from texloom.pipelines.store import codec, exr
 from texloom.pipelines.store.capture import capture_output
 from texloom.pipelines.store.png_file import PROVENANCE, facts_in
-from texloom.stages.color import linear_from_codes
-from texloom.stages.facts import UNKNOWN, Facts
-from texloom.stages.frames import stack_channels
-from texloom.stages.sizes import format_size
+from texloom.stages.vocabulary.color import linear_from_codes
+from texloom.stages.vocabulary.facts import UNKNOWN, Facts
+from texloom.stages.vocabulary.frame_stacks import stack_channels
+from texloom.stages.vocabulary.sizes import format_size
 
 _FORMATS = {
     b"\x89PNG\r\n\x1a\n": "PNG",

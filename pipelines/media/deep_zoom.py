@@ -17,7 +17,7 @@ import numpy as np
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.png_file import png
 from texloom.pipelines.store.preview import eight_bits
-from texloom.stages.scratch import empty, release
+from texloom.stages.vocabulary.scratch import empty, release
 
 TILE = 512  # px
 

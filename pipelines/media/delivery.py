@@ -10,9 +10,9 @@ from typing import Any
 
 from texloom.pipelines.errors import hint, refused, shown
 from texloom.pipelines.media.color_spaces import ACESCG, PRIMARIES, REC709, conversion, converted
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
-from texloom.stages.frames import name_in_frame
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.frame_stacks import name_in_frame
 
 LAYOUTS = ("unreal", "unity", "blender", "gltf", "arnold", "substance")
 """programs whose file names, channel packing, direction of green and bits a material set can have"""

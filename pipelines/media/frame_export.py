@@ -13,8 +13,8 @@ from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.png_file import png, with_facts
-from texloom.stages.arrays import Image
-from texloom.stages.frames import frames_of
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.frame_stacks import frames_of
 
 
 def write_frames(

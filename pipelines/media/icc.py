@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.pipelines.media.color_spaces import PRIMARIES, REC709, conversion, converted, from_d50, same_primaries
-from texloom.stages.color import linear_from_srgb
+from texloom.stages.vocabulary.color import linear_from_srgb
 
 _SAMPLES = np.linspace(0, 1, 256)
 _CURVE = 0.003  # largest difference of linear light from sRGB's that counts as rounding

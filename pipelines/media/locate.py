@@ -19,7 +19,7 @@ from texloom.pipelines.media import known_files
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.store.atomic import file_digest
-from texloom.stages.arrays import Image
+from texloom.stages.vocabulary.arrays import Image
 
 _VERSION = 3  # to be raised when files are decoded to other values
 _LARGEST = 2**31  # bytes

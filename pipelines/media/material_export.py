@@ -16,10 +16,10 @@ from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.clipping import count_clipped, tell_clipped
 from texloom.pipelines.store.png_file import LARGE, png, with_facts, write_png
-from texloom.stages.arrays import Image
-from texloom.stages.color import srgb_from_linear
-from texloom.stages.normals import NORMAL, rounding, unit
-from texloom.stages.scratch import bands, empty, release
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.normals import NORMAL, rounding, unit
+from texloom.stages.vocabulary.scratch import bands, empty, release
 
 _NAME = "material"
 _BITS = {"height": 16}

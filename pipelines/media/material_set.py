@@ -33,12 +33,12 @@ from texloom.pipelines.errors import hint, shown
 from texloom.pipelines.media import locate as picture_files
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.yaml import read_document
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
-from texloom.stages.facts import Facts
-from texloom.stages.masks import HALF, USABLE
-from texloom.stages.normals import NORMAL, rounding, unit
-from texloom.stages.sizes import format_size
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import Facts
+from texloom.stages.vocabulary.masks import HALF, USABLE
+from texloom.stages.vocabulary.normals import NORMAL, rounding, unit
+from texloom.stages.vocabulary.sizes import format_size
 
 _VERSION = 1  # raised when the same files are read to other values
 ROLES: Mapping[str, tuple[str, ...]] = {

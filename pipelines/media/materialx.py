@@ -8,7 +8,7 @@ from typing import Any
 
 from texloom.pipelines.media.color_spaces import ACESCG
 from texloom.pipelines.media.material_set import COLORS
-from texloom.stages.facts import TORUS, Wraps
+from texloom.stages.vocabulary.facts import TORUS, Wraps
 
 DISPLACEMENT = 0.05
 """height of white over black, as a share of the texture's width; no map tells it"""

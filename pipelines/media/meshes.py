@@ -73,7 +73,7 @@ def _word_count(file: BinaryIO) -> int:
 
 
 def read(reference: str, digest: str) -> np.ndarray:
-    """A mesh as `texloom.stages.arrays.Mesh`; all objects of a file in one, where the scene has them.
+    """A mesh as `texloom.stages.vocabulary.arrays.Mesh`; all objects of a file in one, where the scene has them.
 
     Raises
     ------

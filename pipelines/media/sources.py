@@ -19,8 +19,8 @@ from texloom.pipelines.media import locate, material_set, meshes, stack
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.memory import check_memory
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
 
 _MAX_FILES = 10_000  # among which a similar name is searched
 
@@ -66,7 +66,7 @@ class Source:
         return any(re.fullmatch(r"[0-9a-f]{64}", name) for name in (path.stem, path.parent.name))
 
     def value(self) -> Image | np.ndarray:
-        """A decoded picture, see `read`, or a `texloom.stages.arrays.Mesh`."""
+        """A decoded picture, see `read`, or a `texloom.stages.vocabulary.arrays.Mesh`."""
         if self.kind == "picture":
             return self.read()
         with _place(self.name, self.reference):

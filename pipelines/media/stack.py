@@ -1,4 +1,4 @@
-"""Frame stacks: the pictures of a texture at several times as one image, see `texloom.stages.frames`.
+"""Frame stacks: the pictures of a texture at several times as one image, see `stages.vocabulary.frame_stacks`.
 
 The frames are the pictures of a folder or those that match a pattern, in the order of the numbers in their names;
 or the parts of an EXR. A single picture is a stack of one frame.
@@ -16,10 +16,10 @@ from texloom.pipelines.media import locate
 from texloom.pipelines.media.decode import MAX_FRAMES, Refusal
 from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.media.material_set import Map, is_picture, pictures_in
-from texloom.stages.arrays import Image
-from texloom.stages.facts import Facts
-from texloom.stages.frames import stack_channels
-from texloom.stages.sizes import format_size
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.facts import Facts
+from texloom.stages.vocabulary.frame_stacks import stack_channels
+from texloom.stages.vocabulary.sizes import format_size
 
 SCHEME = "stack:"
 """begins the reference of a source that is a frame stack"""

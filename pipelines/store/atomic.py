@@ -14,7 +14,7 @@ from typing import BinaryIO
 
 from texloom.pipelines.errors import refused
 from texloom.pipelines.store.folders import Folder, named
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 _LONGEST_NAME = 255
 _LONGEST_PATH = 3800  # of the 4096 that Linux has, as names are added

@@ -42,11 +42,11 @@ from texloom.pipelines.store.page import with_run
 from texloom.pipelines.store.png_file import LARGE, png, write_png
 from texloom.pipelines.store.preview import picture
 from texloom.pipelines.store.types import Hint, hints_of
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
-from texloom.stages.facts import Facts
 from texloom.stages.kernels.core.threads import run_all
-from texloom.stages.scratch import empty, release
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import Facts
+from texloom.stages.vocabulary.scratch import empty, release
 
 __all__ = [
     "ArtifactError", "check_pictures", "describe", "digests", "export", "facts_in", "pictures", "read", "sizes",

@@ -20,8 +20,8 @@ import numpy as np
 from texloom.pipelines.memory import check_memory
 from texloom.pipelines.store import chunks
 from texloom.stages.kernels.core.threads import thread_count
-from texloom.stages.scratch import release
-from texloom.stages.sizes import format_size
+from texloom.stages.vocabulary.scratch import release
+from texloom.stages.vocabulary.sizes import format_size
 
 Planes = dict[str, np.ndarray]
 """2-D arrays of one size, by channel"""

@@ -16,9 +16,9 @@ from texloom.pipelines.store.clipping import count_clipped
 from texloom.pipelines.store.png_file import LARGE, with_facts
 from texloom.pipelines.store.preview import color_strips, colors_of, picture
 from texloom.pipelines.store.types import Hint, hints_of
-from texloom.stages.arrays import Channels, Image, Layers
-from texloom.stages.facts import UNKNOWN, Facts
-from texloom.stages.scratch import bands, release
+from texloom.stages.vocabulary.arrays import Channels, Image, Layers
+from texloom.stages.vocabulary.facts import UNKNOWN, Facts
+from texloom.stages.vocabulary.scratch import bands, release
 
 _ROWS = 64  # of a smaller picture that are copied at a time
 

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from texloom.pipelines.store.atomic import atomic_path, file_digest
-from texloom.stages.facts import Facts
+from texloom.stages.vocabulary.facts import Facts
 
 LARGE = 2**24
 """pixels of a picture above which it is written in strips"""

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
-from texloom.stages.color import linear_from_lab, srgb_from_linear
-from texloom.stages.masks import EXCLUSION_CHANNELS
-from texloom.stages.scratch import release
+from texloom.stages.vocabulary.color import linear_from_lab, srgb_from_linear
+from texloom.stages.vocabulary.masks import EXCLUSION_CHANNELS
+from texloom.stages.vocabulary.scratch import release
 
 _MAX_PLANES = 4  # side by side in a picture
 _STRIP = 2**20  # pixels converted at once

@@ -47,9 +47,9 @@ from texloom.pipelines.store.atomic import check_folder, file_digest, probe_fold
 from texloom.pipelines.store.folders import Folder, LinkError, named
 from texloom.pipelines.store.lease import Lease
 from texloom.pipelines.store.record import ForeignRecordError, decode_record, record_name
-from texloom.stages.declare import InputError, Stage
 from texloom.stages.kernels.core.threads import run_all
-from texloom.stages.scratch import Scratch, using
+from texloom.stages.vocabulary.declare import InputError, Stage
+from texloom.stages.vocabulary.scratch import Scratch, using
 
 if TYPE_CHECKING:
     import filelock
@@ -364,7 +364,7 @@ class Store:
 
 
 class StoredCheckpoints:
-    """The checkpoints of one step, see `texloom.stages.checkpoints.Checkpoints`."""
+    """The checkpoints of one step, see `texloom.stages.vocabulary.checkpoints.Checkpoints`."""
 
     def __init__(self, root: Path, stage: str, key: str):
         self.folder = root / "checkpoints" / stage / key

@@ -8,7 +8,7 @@ import typing
 from typing import Annotated, Any
 
 from texloom.pipelines.store import exr
-from texloom.stages.arrays import Channels, Glsl, Image, Layers, MaterialX, Mesh, Page, Spreadsheet
+from texloom.stages.vocabulary.arrays import Channels, Glsl, Image, Layers, MaterialX, Mesh, Page, Spreadsheet
 
 TEXTS = {"html": Page, "csv": Spreadsheet, "glsl": Glsl, "mtlx": MaterialX}
 """kinds of text that are files of their own, by suffix"""

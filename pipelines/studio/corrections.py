@@ -16,9 +16,9 @@ from texloom.pipelines.studio.messages import AlternativePicture, AlternativesRe
 from texloom.pipelines.studio.pixels import rgba
 from texloom.pipelines.studio.recipes import image_of, open_recipe, open_texture
 from texloom.pipelines.studio.work import InsightWork, Places, library_of
-from texloom.stages.arrays import Image
-from texloom.stages.common.places import worst_places
-from texloom.stages.synthesis.revise import marked_pixels
+from texloom.stages.common.source_maps.places import worst_places
+from texloom.stages.synthesis.edits.revise import marked_pixels
+from texloom.stages.vocabulary.arrays import Image
 
 _COUNT = 8
 _SEPARATION = 0.04  # of the longer side, between bad places

@@ -19,7 +19,7 @@ from texloom.pipelines.studio.messages import Recipe
 from texloom.pipelines.studio.recipes import open_recipe, output_of, steps_alone, upstream_of
 from texloom.pipelines.studio.tiles import SIDE
 from texloom.pipelines.studio.work import Encoded, EndlessWork, Places, library_of
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 FLOW = "per_pixel"
 _RESULT = "texture"  # the step of the flow of which windows are made

@@ -10,7 +10,7 @@ from texloom.pipelines.store import run_log
 from texloom.pipelines.store.run_log import LoggedRun
 from texloom.pipelines.store.store import BrokenArtifactError, read_manifest
 from texloom.pipelines.studio.messages import PastRun, PastStep
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 _MOST = 200  # runs that are listed
 _MAIN = ("texture", "result", "revised", "refined", "filled")  # what makes the picture, the likeliest first

@@ -13,7 +13,7 @@ from typing import Any
 from texloom.pipelines.studio.messages import Job, JobChanged, JobPicture, Recipe, packed, unpacked
 from texloom.pipelines.studio.processes import WorkCancelledError, WorkerProcess
 from texloom.pipelines.studio.work import Places, Ran, Running, RunWork
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 Listener = Callable[[bytes], None]
 

@@ -13,7 +13,7 @@ from texloom.pipelines.studio.messages import (
     packed,
 )
 from texloom.pipelines.studio.processes import WorkCancelledError, WorkerProcess
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 Request = AlternativesRequest | PhotoRequest | PreviewRequest
 

@@ -15,7 +15,7 @@ from texloom.pipelines.store import codec, exr
 from texloom.pipelines.store.capture import capture_output
 from texloom.pipelines.studio.messages import Layer, Layers
 from texloom.pipelines.studio.work import Described, LayersWork
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 _TOGETHER = ({*"RGB"}, {*"Y"}, {*"Lab"}, {"row", "column"})
 """channels that make one picture"""

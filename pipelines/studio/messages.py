@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import pydantic
 from pydantic import Field
 
-from texloom.stages.sizes import SIDES
+from texloom.stages.vocabulary.sizes import SIDES
 
 Side = Annotated[int, Field(ge=2, le=32768)]
 """px"""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 BUILT = Path(__file__).parent / "page"
 _CLIENT = Path(__file__).parent / "client"

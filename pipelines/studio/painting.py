@@ -25,12 +25,12 @@ from texloom.pipelines.studio.messages import (
 )
 from texloom.pipelines.studio.recipes import open_recipe, output_of, steps_alone, upstream_of
 from texloom.pipelines.studio.work import Places, library_of
-from texloom.stages.analysis.appearance_stack import AppearanceStack
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
+from texloom.stages.analysis.similarity.appearance_stack import AppearanceStack
 from texloom.stages.interactive.canvas import Canvas, Rect
-from texloom.stages.sizes import format_size
-from texloom.stages.synthesis.per_pixel import ArrangementParams
+from texloom.stages.synthesis.per_pixel.per_pixel import ArrangementParams
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.sizes import format_size
 
 FLOW = "per_pixel_control"
 _RESULT = "result"  # the step of the flow that the canvas stands for

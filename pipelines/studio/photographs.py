@@ -23,8 +23,8 @@ from texloom.pipelines.studio.messages import (
     PhotoState,
 )
 from texloom.pipelines.studio.work import KeepPhotoWork, Places, library_of
-from texloom.stages.analysis.dog_mask import DogMaskParams
-from texloom.stages.analysis.plane_proposal import PlaneProposalParams, plane_proposal
+from texloom.stages.analysis.photographs.plane_proposal import PlaneProposalParams, plane_proposal
+from texloom.stages.analysis.structure.dog_mask import DogMaskParams
 from texloom.stages.interactive.photo_session import PhotoSession
 
 _SESSIONS = 2

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from texloom.stages.arrays import Image
 from texloom.stages.evaluation.thumbnail import ThumbnailParams, thumbnail
+from texloom.stages.vocabulary.arrays import Image
 
 
 def rgba(image: Image) -> bytes:

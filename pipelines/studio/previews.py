@@ -21,7 +21,7 @@ from texloom.pipelines.studio.pixels import rgba
 from texloom.pipelines.studio.recipes import image_of, open_texture
 from texloom.pipelines.studio.reduced import Reducer, reduced_document, reduced_size, scale_of
 from texloom.pipelines.studio.work import Places
-from texloom.stages.arrays import Image
+from texloom.stages.vocabulary.arrays import Image
 
 _MOST_BYTES = 2**29  # of the results of previews; those that were used least recently are removed
 _INTERVAL = 0.06  # seconds between pictures of one preview

@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from texloom.pipelines.studio.messages import packed, unpacked
 from texloom.pipelines.studio.work import Ended, Places, Work
 from texloom.pipelines.studio.worker import CANCEL, serve
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 _PATIENCE = 15.0
 """seconds after which a worker that does not cancel its work is killed"""

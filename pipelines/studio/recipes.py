@@ -24,9 +24,9 @@ from texloom.pipelines.request import request
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages import Described, Method, PlannedStep, Recipe
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
-from texloom.stages.sizes import size_value
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.sizes import size_value
 
 METHODS = {
     "self_tuning": "Most materials; structures stay connected",

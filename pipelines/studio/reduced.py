@@ -10,8 +10,8 @@ import numpy as np
 
 from texloom.pipelines.media.arrays import file_source
 from texloom.pipelines.media.sources import Source
-from texloom.stages.arrays import Image
-from texloom.stages.masks import valid_pixels, without_usable
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.masks import valid_pixels, without_usable
 
 _EXEMPLAR = 208  # px of an exemplar's shorter side, at most
 _LEAST_EXEMPLAR = 72  # px of it, at least

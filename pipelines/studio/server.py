@@ -59,7 +59,7 @@ from texloom.pipelines.studio.work import (
     TileWork,
     library_of,
 )
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 _MOST_JSON = 2**20  # bytes of a request that is no file
 _MOST_FILES = 32  # that are dropped together

@@ -22,7 +22,7 @@ from texloom.pipelines.studio.messages import (
 )
 from texloom.pipelines.studio.processes import Spares, WorkCancelledError, WorkerProcess
 from texloom.pipelines.studio.work import Places
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 _MOST_FRAMES = 64
 """that wait for a slow page; older pictures are then left out"""

@@ -20,7 +20,7 @@ from texloom.pipelines.store.png_file import png
 from texloom.pipelines.store.preview import picture, range_of
 from texloom.pipelines.studio.layers import Channels, layers_of
 from texloom.pipelines.studio.work import Encoded, Places, TileWork
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 SIDE = 512
 """px of a tile"""

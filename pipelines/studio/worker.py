@@ -43,7 +43,7 @@ from texloom.pipelines.studio.work import (
     RunWork,
     TileWork,
 )
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 CANCEL = b""
 _PLACE = re.compile(r"^\S+\.yaml: |steps\.| \(\w+ is [^()]*\)$")

@@ -5,9 +5,9 @@ from typing import Any
 
 from pydantic import Field
 
-from texloom.stages.arrays import Image
-from texloom.stages.declare import Params, stage
 from texloom.stages.evaluation._measures.table import rounded
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import Params, stage
 
 
 class ChoiceParams(Params):

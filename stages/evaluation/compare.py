@@ -9,8 +9,6 @@ import numpy as np
 from jaxtyping import Float64
 from pydantic import Field
 
-from texloom.stages.arrays import Spreadsheet
-from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._measures.table import csv_text, rounded
 from texloom.stages.evaluation._pages.gathered import (
     Scores,
@@ -20,6 +18,8 @@ from texloom.stages.evaluation._pages.gathered import (
     measures_of,
     require_length,
 )
+from texloom.stages.vocabulary.arrays import Spreadsheet
+from texloom.stages.vocabulary.declare import InputError, Params, stage
 
 _MIN_EXEMPLARS = 6  # that differ; with five, p is at least 1/16
 _DECIMALS = 9  # of differences; digits beyond are rounding errors and must not break ties between ranks

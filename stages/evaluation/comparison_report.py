@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.arrays import Image
-from texloom.stages.declare import Params, stage
 from texloom.stages.evaluation._pages import page, plots
 from texloom.stages.evaluation._pages.gathered import item_at, require_length
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import Params, stage
 
 _VARYING = ("created", "seconds")  # of provenance, from run to run
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError, Params, stage
 
 _GAP = 8  # px around pictures
 _LABEL = 18  # px of a line of text

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.arrays import Image, Mask, ScalarMap
-from texloom.stages.color import linear_from_srgb
-from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._pages import page
 from texloom.stages.evaluation._pages.gathered import item_at, require_length
+from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
+from texloom.stages.vocabulary.color import linear_from_srgb
+from texloom.stages.vocabulary.declare import InputError, Params, stage
 
 
 class ContourReportParams(Params):

@@ -9,16 +9,16 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
-from texloom.stages.analysis.k_coherence import Candidates
-from texloom.stages.analysis.tsvq import Leaf, Nodes
-from texloom.stages.arrays import Image
-from texloom.stages.common.neighbourhoods import Rectangles, inside_of
-from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.analysis.similarity.k_coherence import Candidates
+from texloom.stages.analysis.similarity.tsvq import Leaf, Nodes
+from texloom.stages.common.similarity.neighbourhoods import Rectangles, inside_of
 from texloom.stages.evaluation._pages.plots import size_curve
-from texloom.stages.progress import part
-from texloom.stages.sizes import format_size
-from texloom.stages.synthesis.compact import CompactParams, compact
+from texloom.stages.synthesis.inverse.compact import CompactParams, compact
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.progress import part
+from texloom.stages.vocabulary.sizes import format_size
 
 
 class EnergyCurveParams(Params):

@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Int64, UInt32
 from pydantic import Field
 
-from texloom.stages.arrays import Correspondence, Image, Mask
-from texloom.stages.color import lab_from_linear
-from texloom.stages.common.neighbourhoods import UNIT, fixed_point
-from texloom.stages.declare import OddSize, Params, stage
+from texloom.stages.common.similarity.neighbourhoods import UNIT, fixed_point
 from texloom.stages.kernels.core.threads import run_all, run_spans, spans
-from texloom.stages.masks import count_excluded, fill_excluded, valid_pixels
+from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask
+from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.declare import OddSize, Params, stage
+from texloom.stages.vocabulary.masks import count_excluded, fill_excluded, valid_pixels
 
 _STRIP = 32  # rows that are searched one after the other
 _SETTLED = 0.001  # share of changed matches below which the search ends

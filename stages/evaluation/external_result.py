@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, Params, stage
-from texloom.stages.sizes import Size, format_size
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.sizes import Size, format_size
 
 
 class ExternalResultParams(Params):

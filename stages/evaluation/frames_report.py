@@ -7,15 +7,15 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.arrays import Image, Page
-from texloom.stages.color import lab_from_linear
-from texloom.stages.common.patch_distance import blurred
-from texloom.stages.common.sizes import check_same_size
-from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.common.grids.size_checks import check_same_size
+from texloom.stages.common.similarity.patch_distance import blurred
 from texloom.stages.evaluation._pages import page
 from texloom.stages.evaluation._pages.curve import energy_curve
 from texloom.stages.evaluation._pages.gathered import measures_of
-from texloom.stages.frames import frames_of
+from texloom.stages.vocabulary.arrays import Image, Page
+from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.frame_stacks import frames_of
 
 
 class FramesReportParams(Params):

@@ -5,8 +5,6 @@ from typing import Any
 
 from pydantic import Field
 
-from texloom.stages.arrays import Image
-from texloom.stages.declare import Params, stage
 from texloom.stages.evaluation._pages import page
 from texloom.stages.evaluation._pages.curve import energy_curve
 from texloom.stages.evaluation._pages.gathered import (
@@ -17,7 +15,9 @@ from texloom.stages.evaluation._pages.gathered import (
     require_length,
     seconds_by_step,
 )
-from texloom.stages.sizes import format_size
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import Params, stage
+from texloom.stages.vocabulary.sizes import format_size
 
 
 class InverseReportParams(Params):

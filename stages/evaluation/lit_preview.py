@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
-from texloom.stages.arrays import Image, ScalarMap
-from texloom.stages.declare import Params, stage
-from texloom.stages.normals import NORMAL, unit
+from texloom.stages.vocabulary.arrays import Image, ScalarMap
+from texloom.stages.vocabulary.declare import Params, stage
+from texloom.stages.vocabulary.normals import NORMAL, unit
 
 _GAP = 8  # px between pictures
 _BACKGROUND = 0.02

@@ -8,8 +8,6 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.arrays import Correspondence, Image, Mask, ScalarMap
-from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._measures import (
     joints,
     objects,
@@ -25,9 +23,11 @@ from texloom.stages.evaluation._measures.pictures import UnmeasurableError, prep
 from texloom.stages.evaluation._measures.table import Figures, lines, table, unmeasured
 from texloom.stages.evaluation._measures.task import Task
 from texloom.stages.kernels.core.threads import run_all
-from texloom.stages.masks import fill_excluded
-from texloom.stages.scratch import bands, empty
-from texloom.stages.sizes import format_size
+from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap
+from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.masks import fill_excluded
+from texloom.stages.vocabulary.scratch import bands, empty
+from texloom.stages.vocabulary.sizes import format_size
 
 
 class MetricsParams(Params):

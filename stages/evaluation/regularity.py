@@ -7,11 +7,9 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int64
 from pydantic import Field
 
-from texloom.stages.arrays import Channels, Image, Vectors
-from texloom.stages.common import lattice_cells
-from texloom.stages.common.lattice_cells import Peaks, Tracked, reduced, track
-from texloom.stages.common.repetition import autocorrelation
-from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.common.regularity import lattice_cells
+from texloom.stages.common.regularity.excess_repetition import autocorrelation
+from texloom.stages.common.regularity.lattice_cells import Peaks, Tracked, reduced, track
 from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,
@@ -21,6 +19,8 @@ from texloom.stages.evaluation._measures.pictures import (
     require_variation,
 )
 from texloom.stages.evaluation._measures.table import Figures, lines, table, unmeasured
+from texloom.stages.vocabulary.arrays import Channels, Image, Vectors
+from texloom.stages.vocabulary.declare import InputError, Params, stage
 
 _PHASES = 3  # origins of the cells tried along each generator
 _MIN_CELLS = 3

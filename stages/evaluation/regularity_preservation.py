@@ -7,11 +7,11 @@ from typing import Any
 
 from pydantic import Field
 
-from texloom.stages.arrays import Image, Page, Spreadsheet
-from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._measures.table import csv_text, rounded
 from texloom.stages.evaluation._pages import page
 from texloom.stages.evaluation._pages.gathered import Scores, measures_of, require_length
+from texloom.stages.vocabulary.arrays import Image, Page, Spreadsheet
+from texloom.stages.vocabulary.declare import InputError, Params, stage
 
 _KINDS = ("regular", "near-regular")
 _MEASURES = ("recall", "geometry", "appearance", "period")

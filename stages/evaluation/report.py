@@ -9,15 +9,15 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
-from texloom.stages.arrays import Image, Mask, ScalarMap, Vectors
-from texloom.stages.color import srgb_from_linear
-from texloom.stages.common.maps import map_channels
-from texloom.stages.common.places import worst_places
-from texloom.stages.declare import InputError, Params, stage
+from texloom.stages.common.features.maps import map_channels
+from texloom.stages.common.source_maps.places import worst_places
 from texloom.stages.evaluation._pages import page, plots
 from texloom.stages.kernels.core.threads import run_all
-from texloom.stages.normals import NORMAL
-from texloom.stages.sizes import format_size
+from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap, Vectors
+from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.normals import NORMAL
+from texloom.stages.vocabulary.sizes import format_size
 
 
 class ReportParams(Params):

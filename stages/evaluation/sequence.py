@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, stage
 from texloom.stages.evaluation._measures.table import rounded
 from texloom.stages.evaluation._pages.gathered import mean_of
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError, stage
 
 _GAP = 8  # px of white between pictures of the strip
 

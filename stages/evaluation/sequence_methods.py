@@ -7,10 +7,10 @@ from typing import Any
 
 from pydantic import Field
 
-from texloom.stages.arrays import Image, Page
-from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._pages import page
 from texloom.stages.evaluation._pages.gathered import require_length
+from texloom.stages.vocabulary.arrays import Image, Page
+from texloom.stages.vocabulary.declare import InputError, Params, stage
 
 
 class SequenceMethodsParams(Params):

@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 
-from texloom.stages.arrays import Correspondence, Image
-from texloom.stages.declare import stage
-from texloom.stages.sizes import format_size
+from texloom.stages.vocabulary.arrays import Correspondence, Image
+from texloom.stages.vocabulary.declare import stage
+from texloom.stages.vocabulary.sizes import format_size
 
 _PLAIN = 0.35  # share of the exemplar's lightness in the key
 

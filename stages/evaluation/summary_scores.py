@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
-from texloom.stages.arrays import Correspondence, Image
-from texloom.stages.color import lab_from_linear
-from texloom.stages.common.patch_distance import blurred
-from texloom.stages.declare import InputError, OddSize, Params, stage
+from texloom.stages.common.similarity.patch_distance import blurred
 from texloom.stages.evaluation._measures.table import Figures, table
-from texloom.stages.sizes import format_size
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
+from texloom.stages.vocabulary.arrays import Correspondence, Image
+from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.declare import InputError, OddSize, Params, stage
+from texloom.stages.vocabulary.sizes import format_size
 
 _WHAT = {
     "compaction": "Energy of the compaction: what it lacks of the texture, and what is foreign to the texture.",

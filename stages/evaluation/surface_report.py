@@ -8,13 +8,13 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32
 from pydantic import Field
 
-from texloom.stages.arrays import Correspondence, Image, Jacobian, Mesh, Page
-from texloom.stages.color import lab_from_linear
-from texloom.stages.common.exemplar_use import use_of_exemplar
+from texloom.stages.common.source_maps.exemplar_use import use_of_exemplar
+from texloom.stages.common.surface.chart_seams import Pairs, neighbours
 from texloom.stages.common.surface.faces import Faces
-from texloom.stages.common.surface.seams import Pairs, neighbours
-from texloom.stages.declare import Params, stage
 from texloom.stages.evaluation._pages import page
+from texloom.stages.vocabulary.arrays import Correspondence, Image, Jacobian, Mesh, Page
+from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.declare import Params, stage
 
 _CONTINUES = 1.5  # px of the exemplar by which neighbours may be off and still continue each other
 _MAX_SAMPLED = 2**20  # pixels from which stretch is measured

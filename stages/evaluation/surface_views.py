@@ -7,11 +7,11 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from pydantic import Field
 
-from texloom.stages.arrays import Image, Mesh
 from texloom.stages.common.surface.mesh import along_texture, shares_at, unit_tangents
-from texloom.stages.declare import stage
 from texloom.stages.evaluation.lit_preview import LitPreviewParams, light_directions, lit
-from texloom.stages.normals import NORMAL
+from texloom.stages.vocabulary.arrays import Image, Mesh
+from texloom.stages.vocabulary.declare import stage
+from texloom.stages.vocabulary.normals import NORMAL
 
 _BACKGROUND = 0.02
 _MARGIN = 0.04  # of a view around the mesh, as a share of its side

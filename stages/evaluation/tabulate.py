@@ -3,10 +3,10 @@
 import dataclasses
 from typing import Any
 
-from texloom.stages.arrays import Spreadsheet
-from texloom.stages.declare import stage
 from texloom.stages.evaluation._measures.table import csv_text, rounded
 from texloom.stages.evaluation._pages.gathered import Scores, joined, mean_of, measures_of, require_length
+from texloom.stages.vocabulary.arrays import Spreadsheet
+from texloom.stages.vocabulary.declare import stage
 
 _PARTS = ("summary", "scores", "values")
 

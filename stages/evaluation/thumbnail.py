@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.arrays import Image
-from texloom.stages.declare import Params, stage
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import Params, stage
 
 
 class ThumbnailParams(Params):

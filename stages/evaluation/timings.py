@@ -5,10 +5,10 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from texloom.stages.arrays import Spreadsheet
-from texloom.stages.declare import InputError, Params, stage
 from texloom.stages.evaluation._measures.table import csv_text, rounded
 from texloom.stages.evaluation._pages.gathered import mean_of, measures_of, require_length, seconds_by_step
+from texloom.stages.vocabulary.arrays import Spreadsheet
+from texloom.stages.vocabulary.declare import InputError, Params, stage
 
 
 class TimingsParams(Params):

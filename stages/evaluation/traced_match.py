@@ -6,9 +6,9 @@ from typing import Annotated
 import numpy as np
 from jaxtyping import UInt32
 
-from texloom.stages.arrays import Channels, Correspondence
-from texloom.stages.declare import InputError, stage
-from texloom.stages.sizes import format_size
+from texloom.stages.vocabulary.arrays import Channels, Correspondence
+from texloom.stages.vocabulary.declare import InputError, stage
+from texloom.stages.vocabulary.sizes import format_size
 
 _Former = Annotated[UInt32[np.ndarray, "rows columns 2"], Channels(("row", "column"))]
 

@@ -7,12 +7,12 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
-from texloom.stages.arrays import Image
-from texloom.stages.color import lab_from_linear
-from texloom.stages.common.maps import map_channels
-from texloom.stages.common.wang import WangSet
-from texloom.stages.declare import Params, stage
-from texloom.stages.masks import fill_excluded
+from texloom.stages.common.features.maps import map_channels
+from texloom.stages.common.grids.wang import WangSet
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.declare import Params, stage
+from texloom.stages.vocabulary.masks import fill_excluded
 
 
 class WangTilingParams(Params):

@@ -5,16 +5,20 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float32, UInt8, UInt32
 
-from texloom.stages.analysis.appearance_stack import AppearanceStack, AppearanceStackParams, appearance_stack
-from texloom.stages.arrays import Image
-from texloom.stages.color import srgb_from_linear
-from texloom.stages.common.control import check_aspect, check_control
+from texloom.stages.analysis.similarity.appearance_stack import (
+    AppearanceStack,
+    AppearanceStackParams,
+    appearance_stack,
+)
+from texloom.stages.common.features.control import check_aspect, check_control
 from texloom.stages.common.per_pixel.device import Device, levels_on, target_on
 from texloom.stages.common.per_pixel.levels import Rect
 from texloom.stages.common.per_pixel.target import normalised
-from texloom.stages.declare import InputError
-from texloom.stages.sizes import format_size
-from texloom.stages.synthesis.per_pixel import ArrangementParams, check_divisible, prepare, style_of
+from texloom.stages.synthesis.per_pixel.per_pixel import ArrangementParams, check_divisible, prepare, style_of
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.sizes import format_size
 
 __all__ = ["Canvas", "Rect"]
 

@@ -11,22 +11,22 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from texloom.stages.analysis._lattice.vertices import Vertices
-from texloom.stages.analysis.deformed_lattice import (
+from texloom.stages.analysis.regularity.deformed_lattice import (
     DeformedLattice,
     DeformedLatticeParams,
     check_lattice,
     deformed_lattice,
     lattice_through,
 )
-from texloom.stages.analysis.lattice_selection import LatticeSelectionParams, lattice_selection
-from texloom.stages.analysis.offset_statistics import OffsetStatisticsParams, offset_statistics
-from texloom.stages.analysis.straighten import straighten
-from texloom.stages.arrays import Image, Vectors
-from texloom.stages.color import srgb_from_linear
-from texloom.stages.common.pyramid import reduced
-from texloom.stages.declare import InputError, NoParams
+from texloom.stages.analysis.regularity.lattice_selection import LatticeSelectionParams, lattice_selection
+from texloom.stages.analysis.regularity.offset_statistics import OffsetStatisticsParams, offset_statistics
+from texloom.stages.analysis.regularity.straighten import straighten
+from texloom.stages.analysis.regularity.vertices import Vertices
+from texloom.stages.common.grids.pyramid import reduced
 from texloom.stages.interactive.flow_file import flow_text
+from texloom.stages.vocabulary.arrays import Image, Vectors
+from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.declare import InputError, NoParams
 
 Step = tuple[int, int]
 """of a vertex, along the two vectors"""

@@ -13,19 +13,19 @@ import numpy as np
 from jaxtyping import Bool, Float64, UInt8
 from numpy.typing import ArrayLike
 
-from texloom.stages.analysis._distortion import bezier
-from texloom.stages.analysis._distortion.field import Coverage, Distortion, coverage, distortion
-from texloom.stages.analysis._distortion.geometry import Area, Geometry, Patch, parsed_geometry, pixels_inside
-from texloom.stages.analysis._distortion.grid import grid_lines, grid_parameters, outlined
-from texloom.stages.analysis.dog_mask import DogMaskParams, dog_mask
-from texloom.stages.analysis.plane_proposal import PlaneProposalParams, plane_proposal
-from texloom.stages.arrays import Image, Mask
-from texloom.stages.color import lab_from_linear, srgb_from_linear
-from texloom.stages.common.pyramid import reduced
-from texloom.stages.declare import Document, InputError
+from texloom.stages.analysis.photographs import bezier
+from texloom.stages.analysis.photographs.field import Coverage, Distortion, coverage, distortion
+from texloom.stages.analysis.photographs.geometry import Area, Geometry, Patch, parsed_geometry, pixels_inside
+from texloom.stages.analysis.photographs.grid import grid_lines, grid_parameters, outlined
+from texloom.stages.analysis.photographs.plane_proposal import PlaneProposalParams, plane_proposal
+from texloom.stages.analysis.structure.dog_mask import DogMaskParams, dog_mask
+from texloom.stages.common.grids.pyramid import reduced
 from texloom.stages.interactive.flow_file import flow_text, yaml_value
 from texloom.stages.interactive.photo_texture import flat_texture
 from texloom.stages.interactive.streamlines import streamlets
+from texloom.stages.vocabulary.arrays import Image, Mask
+from texloom.stages.vocabulary.color import lab_from_linear, srgb_from_linear
+from texloom.stages.vocabulary.declare import Document, InputError
 
 _PREVIEW_SIDE = 1024  # px of the longer side of the photograph that previews are sampled from
 _AREAS = ("region", "without", "hole")

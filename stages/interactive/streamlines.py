@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float64
 
-from texloom.stages.arrays import Jacobian, Mask
+from texloom.stages.vocabulary.arrays import Jacobian, Mask
 
 _POINTS = 9  # of a line
 _LENGTH = 0.9  # of a line, as a share of the distance between lines

@@ -10,7 +10,7 @@ from PIL import Image
 
 from tests.conftest import ROOT
 from texloom.pipelines.store import codec
-from texloom.stages.arrays import Image as Pixels
+from texloom.stages.vocabulary.arrays import Image as Pixels
 
 SIDE, REGULAR, RESULT = 160, 320, 512
 """px: of a picture, of one whose lattice or courses are found, and of a result of another program"""

@@ -22,8 +22,8 @@ from texloom.pipelines.cli.main import texloom as command_line
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.shipped import flow_catalogue, shipped_flows
 
-_MODULES = ("arrays", "declare", "masks", "sizes")
-"""of `texloom.stages`, which stages of other packages import"""
+_MODULES = ("vocabulary",)
+"""of `texloom.stages`, whose modules stages of other packages import"""
 TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
 
 

@@ -13,8 +13,8 @@ import PIL.Image
 import skimage.data
 
 from tests.synthetic import picture
-from texloom.stages.arrays import Image
-from texloom.stages.color import linear_from_srgb
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import linear_from_srgb
 
 EVIL = "<script>alert(1)</script><img src=http://example.invalid/x onerror=alert(1)>\"'&\udcff"
 

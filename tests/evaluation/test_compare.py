@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from tests.evaluation.helpers import Table, Tables, score_line
-from texloom.stages.declare import InputError
 from texloom.stages.evaluation.compare import CompareParams, compare
+from texloom.stages.vocabulary.declare import InputError
 
 AXES = {"colors": "fidelity", "patches": "fidelity", "sharpness": "detail"}
 MISSING = None

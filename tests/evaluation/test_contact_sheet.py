@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
 from texloom.stages.evaluation.contact_sheet import ContactSheetParams, contact_sheet
 from texloom.stages.evaluation.thumbnail import ThumbnailParams, thumbnail
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
 
 
 def plain(value: float, height: int = 20, width: int = 30) -> Image:

@@ -10,8 +10,8 @@ import pytest
 
 from tests.evaluation.helpers import EVIL, load, pictures
 from tests.synthetic import picture
-from texloom.stages.declare import InputError
 from texloom.stages.evaluation.contour_report import ContourReportParams, contour_report
+from texloom.stages.vocabulary.declare import InputError
 
 
 def page(count: int, failed: int | None = None, detectors: tuple[str, ...] = ("one", "other")) -> str:

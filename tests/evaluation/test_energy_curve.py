@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from tests.synthetic import picture, smooth_noise
-from texloom.stages.analysis.k_coherence import KCoherenceParams, k_coherence
-from texloom.stages.analysis.tsvq import TsvqParams, check_channels, tsvq
-from texloom.stages.declare import InputError, Outline
+from texloom.stages.analysis.similarity.k_coherence import KCoherenceParams, k_coherence
+from texloom.stages.analysis.similarity.tsvq import TsvqParams, check_channels, tsvq
 from texloom.stages.evaluation.energy_curve import EnergyCurve, EnergyCurveParams, check_sizes, energy_curve, knee
-from texloom.stages.synthesis.atlas import AtlasParams, atlas
-from texloom.stages.synthesis.control_features import ControlFeaturesParams, control_features, outlines
+from texloom.stages.synthesis.control_maps.control_features import ControlFeaturesParams, control_features, outlines
+from texloom.stages.synthesis.inverse.atlas import AtlasParams, atlas
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
+from texloom.stages.vocabulary.declare import InputError, Outline
 
 
 def run(seed: int = 3, **params: int) -> EnergyCurve:

@@ -7,10 +7,10 @@ import pytest
 
 import texloom
 from tests.evaluation.helpers import encoded, tinted
-from texloom.stages.arrays import Image
 from texloom.stages.evaluation.estimated_match import EstimatedMatch, EstimatedMatchParams, estimated_match
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
-from texloom.stages.masks import USABLE
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.masks import USABLE
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tests.synthetic import picture
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
 from texloom.stages.evaluation.external_result import ExternalResultParams, external_result
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
 
 
 @pytest.fixture

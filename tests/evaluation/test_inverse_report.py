@@ -11,9 +11,9 @@ import pytest
 
 from tests.evaluation.helpers import EVIL, load, score_line
 from tests.synthetic import picture
-from texloom.stages.declare import InputError
 from texloom.stages.evaluation._pages.curve import energy_curve
 from texloom.stages.evaluation.inverse_report import InverseReportParams, inverse_report
+from texloom.stages.vocabulary.declare import InputError
 
 ROUNDS = [{"level": level, "energy": 100.0 / (level + number)} for level in (1, 2) for number in range(3)]
 

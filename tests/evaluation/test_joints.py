@@ -7,14 +7,14 @@ import pytest
 from scipy import ndimage
 
 from tests.evaluation.helpers import encoded, tinted
-from texloom.stages.arrays import Image
-from texloom.stages.common.joints import joint_contrast, worst_of_cells
-from texloom.stages.common.patch_distance import NearestPatches
+from texloom.stages.common.similarity.patch_distance import NearestPatches
+from texloom.stages.common.source_maps.source_joints import joint_contrast, worst_of_cells
 from texloom.stages.evaluation._measures import joints as _joints
 from texloom.stages.evaluation._measures.pictures import prepare, shuffled_blocks
 from texloom.stages.evaluation._measures.task import Task
 from texloom.stages.evaluation.metrics import Metrics, MetricsParams, metrics
-from texloom.stages.masks import USABLE
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.masks import USABLE
 
 
 def grid(height: int, width: int) -> np.ndarray:

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from texloom.stages.arrays import Image
 from texloom.stages.evaluation.lit_preview import LitPreviewParams, light_directions, lit, lit_preview
-from texloom.stages.normals import NORMAL, unit
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.normals import NORMAL, unit
 
 MAPS = ("R", "G", "B", *NORMAL, "roughness", "metallic", "ao", "specular", "emissive.R", "emissive.G", "emissive.B")
 

@@ -7,16 +7,16 @@ import skimage.data
 from scipy import ndimage
 
 from tests.evaluation.helpers import encoded, tinted
-from texloom.stages.arrays import Image
-from texloom.stages.common import patch_distance as _patch_distance
-from texloom.stages.declare import InputError
+from texloom.stages.common.similarity import patch_distance as _patch_distance
 from texloom.stages.evaluation._measures import patches as _patches
 from texloom.stages.evaluation._measures import pixels as _pixels
 from texloom.stages.evaluation._measures import reuse, spectrum, windows
 from texloom.stages.evaluation._measures.pictures import prepare
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
-from texloom.stages.masks import USABLE
-from texloom.stages.matrices import row_product
+from texloom.stages.numerics.matrices import row_product
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.masks import USABLE
 
 
 def measure(exemplar: Image, result: Image, **options: Any) -> dict[str, dict[str, Any]]:

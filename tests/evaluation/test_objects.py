@@ -8,14 +8,14 @@ from scipy import ndimage
 
 from tests.evaluation.helpers import encoded, tinted
 from tests.evaluation.test_joints import copied, grid, task, with_block
-from texloom.stages.arrays import Image
 from texloom.stages.evaluation._measures import joints
 from texloom.stages.evaluation._measures.objects import departures, objects
 from texloom.stages.evaluation._measures.pictures import prepare
 from texloom.stages.evaluation._measures.table import lines
 from texloom.stages.evaluation._measures.task import Task
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
-from texloom.stages.masks import USABLE
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.masks import USABLE
 
 PERIOD = 32
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tests.synthetic import LATTICES, difference, picture, points, smooth_noise, stamped, tiled
-from texloom.stages.arrays import Image
-from texloom.stages.common import lattice_cells
-from texloom.stages.declare import InputError
+from texloom.stages.common.regularity import lattice_cells
 from texloom.stages.evaluation.regularity import Regularity, RegularityParams, regularity
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
 
 NAMES = ("recall", "geometry", "appearance", "period")
 

@@ -7,13 +7,13 @@ import pytest
 
 from tests.evaluation.helpers import Tables, score_line
 from tests.synthetic import picture
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
 from texloom.stages.evaluation.regularity_preservation import (
     RegularityPreservation,
     RegularityPreservationParams,
     regularity_preservation,
 )
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
 
 ITEMS = [{"name": name, "seed": None, "sources": {"exemplar": f"{name}.png"}} for name in ("wall", "paper", "sky")]
 

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from tests.evaluation.helpers import EVIL, encoded, load, pictures, score_line
-from texloom.stages.arrays import Image
-from texloom.stages.color import linear_from_srgb
-from texloom.stages.declare import InputError
 from texloom.stages.evaluation._pages import page as pages
 from texloom.stages.evaluation._pages import plots, text
 from texloom.stages.evaluation.comparison_report import ComparisonReportParams, comparison_report
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.evaluation.regularity import RegularityParams, regularity
 from texloom.stages.evaluation.report import ReportParams, lattice_path, report
-from texloom.stages.normals import NORMAL
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import linear_from_srgb
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.normals import NORMAL
 
 PROVENANCE = [
     {

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from tests.synthetic import smooth_noise
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.evaluation.regularity import RegularityParams, regularity
 from texloom.stages.evaluation.sequence import Sequence, sequence
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
 
 HEIGHT, WIDTH = 48, 56
 GAP = 8

@@ -4,9 +4,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
 from texloom.stages.evaluation.sequence_methods import SequenceMethodsParams, sequence_methods
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
 
 ITEMS = [{"name": "moss", "seed": 3}, {"name": "bark", "seed": 3}]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from texloom.stages.registry import find_stage
+from texloom.stages.lookup.registry import find_stage
 
 
 @pytest.mark.parametrize(

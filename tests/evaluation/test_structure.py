@@ -9,12 +9,12 @@ import pytest
 from scipy import ndimage
 
 from tests.evaluation.helpers import encoded, tinted
-from texloom.stages.arrays import Image
 from texloom.stages.evaluation._measures import structure
 from texloom.stages.evaluation._measures.pictures import prepare
 from texloom.stages.evaluation._measures.table import lines
 from texloom.stages.evaluation._measures.task import Task
-from texloom.stages.masks import USABLE
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.masks import USABLE
 
 
 def measure(exemplar: np.ndarray | Image, result: np.ndarray, keep: np.ndarray | None = None) -> dict[str, Any]:

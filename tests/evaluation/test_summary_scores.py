@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tests.synthetic import picture, smooth_noise
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
 from texloom.stages.evaluation.summary_scores import SummaryScoresParams, summary_scores
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
 
 
 @pytest.fixture

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from tests.surfaces import cylinder, square
-from texloom.stages.analysis.surface_charts import SurfaceChartsParams, surface_charts
-from texloom.stages.analysis.surface_direction import SurfaceDirectionParams, surface_direction
-from texloom.stages.arrays import Image
+from texloom.stages.analysis.surfaces.surface_charts import SurfaceChartsParams, surface_charts
+from texloom.stages.analysis.surfaces.surface_direction import SurfaceDirectionParams, surface_direction
+from texloom.stages.common.surface.chart_seams import neighbours
 from texloom.stages.common.surface.faces import Faces
-from texloom.stages.common.surface.seams import neighbours
 from texloom.stages.evaluation.surface_report import SurfaceReport, SurfaceReportParams, surface_report
+from texloom.stages.vocabulary.arrays import Image
 
 SIDE = 32
 

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 
 from tests.surfaces import square
-from texloom.stages.arrays import Image
 from texloom.stages.common.surface.mesh import with_normals
 from texloom.stages.evaluation.surface_views import SurfaceViewsParams, surface_views
-from texloom.stages.normals import NORMAL
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.normals import NORMAL
 
 
 def views(image: Image, **params: object) -> np.ndarray:

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from tests.evaluation.helpers import score_line
-from texloom.stages.declare import InputError
 from texloom.stages.evaluation.tabulate import tabulate
+from texloom.stages.vocabulary.declare import InputError
 
 ITEMS = [{"name": "wall, old", "seed": seed, "sources": {"exemplar": "wall.png"}} for seed in (1, 2, 3)]
 

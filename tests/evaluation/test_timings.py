@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 
 from tests.evaluation.helpers import Tables, score_line
-from texloom.stages.declare import InputError
 from texloom.stages.evaluation.timings import TimingsParams, timings
+from texloom.stages.vocabulary.declare import InputError
 
 ITEMS = [{"name": name, "seed": None, "sources": {}} for name in ("wall", "paper", "sky")]
 

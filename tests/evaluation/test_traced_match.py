@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from texloom.stages.declare import InputError
 from texloom.stages.evaluation.traced_match import traced_match
+from texloom.stages.vocabulary.declare import InputError
 
 
 def test_pixels_are_traced_through_all_generations(rng: np.random.Generator) -> None:

@@ -11,11 +11,11 @@ import pytest
 
 from tests.photographs import analysed, made, repeating, surfaces, unit_square
 from tests.synthetic import picture
-from texloom.stages.analysis.hole_window import HoleWindowParams, hole_window
-from texloom.stages.analysis.unroll import UnrollParams, unroll
-from texloom.stages.arrays import Image
+from texloom.stages.analysis.photographs.hole_window import HoleWindowParams, hole_window
+from texloom.stages.analysis.photographs.unroll import UnrollParams, unroll
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
-from texloom.stages.synthesis.place_texture import PlaceTextureParams, place_texture
+from texloom.stages.synthesis.photographs.place_texture import PlaceTextureParams, place_texture
+from texloom.stages.vocabulary.arrays import Image
 
 SIDE = 128
 FINER = 6  # samples a px and side of the rendering

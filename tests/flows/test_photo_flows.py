@@ -11,7 +11,7 @@ import skimage.data
 
 from tests.pipelines.media.test_material_export import saved
 from tests.pipelines.media.test_material_set import save
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 SIDES = (100, 110)
 PLANE = "patches: [{name: ground, corners: [[-10, 20], [-10, 90], [110, 120], [110, -10]], size: 80x100}]\n"

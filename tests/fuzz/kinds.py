@@ -31,11 +31,11 @@ from texloom.pipelines.media.sources import open_mesh, open_source
 from texloom.pipelines.media.writers.registry import Job, write
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.store import Store
-from texloom.stages.analysis.surface_charts import SurfaceChartsParams, surface_charts
-from texloom.stages.analysis.surface_direction import SurfaceDirectionParams, surface_direction
-from texloom.stages.arrays import Image
+from texloom.stages.analysis.surfaces.surface_charts import SurfaceChartsParams, surface_charts
+from texloom.stages.analysis.surfaces.surface_direction import SurfaceDirectionParams, surface_direction
 from texloom.stages.common.surface.mesh import has_texture, of_faces, sound, with_normals
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
 
 MEMORY = "300MB"
 """limit of the memory for the pictures of a case"""

@@ -30,7 +30,7 @@ from texloom.pipelines.studio.photographs import Photographer
 from texloom.pipelines.studio.previews import Previewer
 from texloom.pipelines.studio.recipes import open_recipe
 from texloom.pipelines.studio.work import Places
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 _RECIPE = {"flow": "quilting", "sources": {"exemplar": "folder:a.png"}, "size": "32x32", "seed": 3}
 _SQUARE = [[2, 2], [2, 20], [20, 20], [20, 2]]

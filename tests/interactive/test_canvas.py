@@ -8,12 +8,12 @@ import pytest
 
 from tests.runs import run_with_threads
 from tests.synthetic import picture, smooth_noise
-from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
-from texloom.stages.arrays import Image
-from texloom.stages.color import srgb_from_linear
-from texloom.stages.declare import InputError
+from texloom.stages.analysis.similarity.appearance_stack import AppearanceStackParams, appearance_stack
 from texloom.stages.interactive.canvas import Canvas, Rect
-from texloom.stages.synthesis.per_pixel import ArrangementParams
+from texloom.stages.synthesis.per_pixel.per_pixel import ArrangementParams
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.declare import InputError
 
 SHAPE = (48, 48)
 SIZE = (96, 112)

@@ -7,9 +7,9 @@ import pytest
 
 import texloom
 from tests.synthetic import LATTICES, bent, difference, stamped
-from texloom.stages.analysis.deformed_lattice import DeformedLatticeParams, deformed_lattice
-from texloom.stages.declare import InputError
+from texloom.stages.analysis.regularity.deformed_lattice import DeformedLatticeParams, deformed_lattice
 from texloom.stages.interactive.lattice_session import LatticeSession
+from texloom.stages.vocabulary.declare import InputError
 
 
 def test_the_lattice_is_bit_identical_to_that_of_the_saved_file(rng: np.random.Generator, tmp_path: Path) -> None:

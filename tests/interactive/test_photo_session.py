@@ -10,11 +10,11 @@ import yaml
 import texloom
 from tests.photographs import unit_square
 from tests.synthetic import picture, smooth_noise
-from texloom.stages.analysis.dog_mask import DogMaskParams
-from texloom.stages.analysis.jacobian_field import JacobianFieldParams, jacobian_field
-from texloom.stages.arrays import Image
-from texloom.stages.declare import Document, InputError
+from texloom.stages.analysis.photographs.jacobian_field import JacobianFieldParams, jacobian_field
+from texloom.stages.analysis.structure.dog_mask import DogMaskParams
 from texloom.stages.interactive.photo_session import PhotoSession
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import Document, InputError
 
 SHAPE = (96, 128)
 CORNERS = [[20.0, 30.0], [25.0, 95.0], [90.0, 120.0], [85.0, 5.0]]

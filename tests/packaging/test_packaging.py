@@ -220,8 +220,10 @@ def test_clone_without_links_is_imported(project: Path, tmp_path: Path) -> None:
             (own / path.name).write_text(str(path.readlink()))
         elif path.is_file():
             shutil.copy(path, own)
-    code = "import texloom.stages.declare as one; print(one.__file__)"
-    assert python("-c", code, at=project, path=clone / ".import") == str(clone / "stages" / "declare.py")
+    code = "import texloom.stages.vocabulary.declare as one; print(one.__file__)"
+    assert python("-c", code, at=project, path=clone / ".import") == str(
+        clone / "stages" / "vocabulary" / "declare.py"
+    )
     assert python("-m", "texloom", "--version", at=project, path=clone / ".import") == "texloom, version 0.1.0"
     assert "quilting" in python("-m", "texloom", "flows", at=project, path=clone / ".import")
 
@@ -235,10 +237,10 @@ def test_package_without_links_or_folders_says_so(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "statement",
     [
-        "import stages.color",
+        "import stages.vocabulary.color",
         "import pipelines",
         "from pipelines import api",
-        "from stages.color import lab_from_linear",
+        "from stages.vocabulary.color import lab_from_linear",
     ],
 )
 def test_bare_imports_are_refused(statement: str) -> None:

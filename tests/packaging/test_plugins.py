@@ -20,7 +20,7 @@ from tests.packaging.test_packaging import build
 from tests.pipelines.cli.test_main import assert_refused, texloom
 from tests.pipelines.flows import environment, paint
 from texloom.pipelines.cli.check_stage import check_stage
-from texloom.stages.plugins import VARIABLE
+from texloom.stages.lookup.plugins import VARIABLE
 
 PLUGIN = ROOT / "tests" / "plugin"
 SMALL = (
@@ -116,8 +116,8 @@ import dataclasses
 
 import numpy as np
 
-from texloom.stages.arrays import Correspondence, Image
-from texloom.stages.declare import Params, stage
+from texloom.stages.vocabulary.arrays import Correspondence, Image
+from texloom.stages.vocabulary.declare import Params, stage
 
 
 class BadParams(Params):
@@ -238,8 +238,8 @@ from pathlib import Path
 
 import numpy as np
 
-from texloom.stages.arrays import Image, ScalarMap
-from texloom.stages.declare import Params, stage
+from texloom.stages.vocabulary.arrays import Image, ScalarMap
+from texloom.stages.vocabulary.declare import Params, stage
 
 
 class BadParams(Params):

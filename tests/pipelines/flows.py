@@ -17,7 +17,7 @@ from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store
-from texloom.stages.progress import Progress
+from texloom.stages.vocabulary.progress import Progress
 
 ANALYSIS = """
 flow: small

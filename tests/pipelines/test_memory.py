@@ -18,7 +18,7 @@ from texloom.pipelines.media import locate
 from texloom.pipelines.media.sources import SourceError, open_source
 from texloom.pipelines.memory import memory_limit, parse_memory
 from texloom.pipelines.store import codec
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 FREED = """
 import pathlib, threading

@@ -18,7 +18,7 @@ from texloom.pipelines.engine.prefect.flow_run import run_flow
 from texloom.pipelines.request import RunRequest, request
 from texloom.pipelines.request_fields import ABOUT
 from texloom.pipelines.studio.messages import Recipe
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 FIELDS = set(RunRequest.model_fields)
 OPTIONS = {"store": "store_folder"}

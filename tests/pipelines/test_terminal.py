@@ -13,7 +13,7 @@ import pytest
 
 from texloom.pipelines.engine.events import ItemReport, Note, RunStarted, StepProgress, StepReport, StepStarted
 from texloom.pipelines.terminal import Terminal
-from texloom.stages.progress import Progress
+from texloom.stages.vocabulary.progress import Progress
 
 
 class Screen(io.StringIO):

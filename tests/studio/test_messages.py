@@ -10,7 +10,7 @@ from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages import PaintOpenRequest, PreviewFailed, Recipe, packed, unpacked
 from texloom.pipelines.studio.recipes import overrides_of
 from texloom.pipelines.studio.typescript import FILE, types
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 
 def test_the_types_of_the_page_are_current() -> None:

@@ -31,7 +31,7 @@ from texloom.pipelines.studio import processes
 from texloom.pipelines.studio.messages import PreviewRequest, Recipe, packed, unpacked
 from texloom.pipelines.studio.work import PictureWork, Places, RunWork
 from texloom.pipelines.studio.worker import Worker
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 RECIPE = {
     "flow": "quilting",

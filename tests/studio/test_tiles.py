@@ -21,7 +21,7 @@ from texloom.pipelines.studio.messages import Recipe
 from texloom.pipelines.studio.recipes import image_of, open_texture
 from texloom.pipelines.studio.tiles import SIDE, Tiler
 from texloom.pipelines.studio.work import EndlessWork, Places, TileWork
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 SHAPE = (1100, 1300)
 

@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.training.contours import MODEL, Plan, corners_of, train, train_tree
 from benchmarks.training.model_file import write_model
 from benchmarks.training.trees import Growth
-from texloom.stages.analysis import edges
+from texloom.stages.analysis.structure import edges
 
 TINY = Plan(trees=4, pictures=4, patches=40, side=96, features=0.02, growth=Growth(min_samples=8, candidates=30))
 

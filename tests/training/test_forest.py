@@ -12,7 +12,7 @@ from benchmarks.training import kernels
 from benchmarks.training.features import CELL, CHANNELS, DIRECT, FEATURES, GRID, Reader, triangle
 from benchmarks.training.model_file import VOTES, bins_of, write_model
 from benchmarks.training.trees import LEVELS, STRENGTHS, Growth, Tree, described, grow, levels_of, steps_of
-from texloom.stages.analysis._contours.forest import load_forest
+from texloom.stages.analysis.structure.structured_forest import load_forest
 
 
 def random_tree(splits: int, rng: np.random.Generator) -> Tree:

@@ -20,7 +20,7 @@ from texloom.pipelines.engine.task import Inputs, Output
 from texloom.pipelines.store.preview import eight_bits
 from texloom.pipelines.store.store import BrokenArtifactError, Store
 from texloom.pipelines.store.types import hints_of
-from texloom.stages.progress import Progress
+from texloom.stages.vocabulary.progress import Progress
 
 import prefect  # isort: skip
 from prefect.artifacts import (  # isort: skip

@@ -28,7 +28,7 @@ from texloom.pipelines.request import request
 from texloom.pipelines.store.location import default_store
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.yaml import parse_yaml
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 import prefect  # isort: skip
 from prefect.settings import PREFECT_API_URL, PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings  # isort: skip

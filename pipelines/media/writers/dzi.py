@@ -7,7 +7,7 @@ import numpy as np
 from texloom.pipelines.media.deep_zoom import write_deep_zoom
 from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store.preview import colors_of
-from texloom.stages.scratch import release
+from texloom.stages.vocabulary.scratch import release
 
 
 def write(job: Job) -> dict[str, str]:

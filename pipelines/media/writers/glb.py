@@ -16,10 +16,10 @@ from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.png_file import png
-from texloom.stages.arrays import Image
 from texloom.stages.common.surface.mesh import along_texture, unit_tangents
 from texloom.stages.common.surface.weld import weld
-from texloom.stages.facts import TORUS, Wraps
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.facts import TORUS, Wraps
 
 _LARGEST = 2**32 - 1  # bytes; lengths are of 32 bits
 _FLOAT, _SHORT, _INT = 5126, 5123, 5125
@@ -47,7 +47,7 @@ def binary(name: str, image: Image, delivery: Delivery, mesh: np.ndarray | None 
     ----------
     image : normals of unit length, green up.
     delivery : its texel size gives the plane's, m; without one the longer side is 1.
-    mesh : what the image lies on, see `texloom.stages.arrays.Mesh`; None: the plane.
+    mesh : what the image lies on, see `texloom.stages.vocabulary.arrays.Mesh`; None: the plane.
     """
     arrays = _plane(image, delivery) if mesh is None else _indexed(mesh)
     blobs = [array.astype(array.dtype.newbyteorder("<")).tobytes() for array in arrays]

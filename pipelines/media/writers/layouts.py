@@ -18,9 +18,9 @@ from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.png_file import png, with_facts
-from texloom.stages.arrays import Image
-from texloom.stages.facts import TORUS, Wraps
-from texloom.stages.sizes import format_size, size_value
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.facts import TORUS, Wraps
+from texloom.stages.vocabulary.sizes import format_size, size_value
 
 SMOOTHNESS = "smoothness"
 """plane of 1 - roughness"""

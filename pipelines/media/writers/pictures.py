@@ -19,10 +19,10 @@ from texloom.pipelines.store.clipping import tell_clipped
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.outputs import prepared
 from texloom.pipelines.store.types import Hint
-from texloom.stages.animation import animated_webp
-from texloom.stages.arrays import Image
-from texloom.stages.frames import frame_count, frames_of
-from texloom.stages.sizes import format_size
+from texloom.stages.vocabulary.animation import animated_webp
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.frame_stacks import frame_count, frames_of
+from texloom.stages.vocabulary.sizes import format_size
 
 _MAX_SIDE = {".jpg": 65500, ".webp": 16383}  # px
 _OPTIONS = {

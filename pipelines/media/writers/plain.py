@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store import codec
-from texloom.stages.arrays import Image
+from texloom.stages.vocabulary.arrays import Image
 
 
 def write(job: Job) -> dict[str, str]:

@@ -14,8 +14,8 @@ import numpy as np
 
 from texloom.pipelines.errors import refused
 from texloom.pipelines.media.delivery import AS_IS, Delivery
-from texloom.stages.arrays import Image
-from texloom.stages.facts import Wraps
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.facts import Wraps
 
 Takes = Literal["array", "picture", "image", "value", "html", "csv", "glsl", "mtlx"]
 
@@ -61,7 +61,7 @@ class Job:
     provenance: Mapping[str, Any]
     delivery: Delivery = AS_IS
     mesh: np.ndarray | None = None
-    """a `texloom.stages.arrays.Mesh` on which the image lies; None: a plane"""
+    """a `texloom.stages.vocabulary.arrays.Mesh` on which the image lies; None: a plane"""
 
     @property
     def wraps(self) -> Wraps:

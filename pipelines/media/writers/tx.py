@@ -23,10 +23,10 @@ from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.outputs import prepared
 from texloom.pipelines.store.png_file import LARGE
 from texloom.pipelines.store.types import Hint
-from texloom.stages.arrays import Image
-from texloom.stages.facts import Wraps
 from texloom.stages.kernels.core.threads import thread_count
-from texloom.stages.scratch import bands, empty
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.facts import Wraps
+from texloom.stages.vocabulary.scratch import bands, empty
 
 _TILE = 64  # px
 _INCH = 0.0254  # m

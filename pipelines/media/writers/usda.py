@@ -13,9 +13,9 @@ import numpy as np
 
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.materialx import DISPLACEMENT, BoundMap
-from texloom.stages.arrays import Image
 from texloom.stages.common.surface.mesh import indexed, width_of
-from texloom.stages.facts import TORUS, Wraps
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.facts import TORUS, Wraps
 
 _INPUTS = {
     "albedo": ("diffuseColor", "color3f"),
@@ -47,7 +47,7 @@ def stage(
     maps : files relative to the stage.
     image : gives the proportions of the plane; its longer side is 1 m without a texel size.
     up : what references to files begin with.
-    mesh : what the image lies on, see `texloom.stages.arrays.Mesh`, m; None: the plane.
+    mesh : what the image lies on, see `texloom.stages.vocabulary.arrays.Mesh`, m; None: the plane.
     """
     height, width = delivery.size(image.height, image.width) or (
         image.height / max(image.height, image.width),

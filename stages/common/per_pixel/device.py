@@ -10,9 +10,9 @@ from jaxtyping import Float32, Integer
 from texloom.stages.common.per_pixel.levels import NOTHING, Level, Levels, Rect, Style
 from texloom.stages.common.per_pixel.tables import Tables
 from texloom.stages.common.per_pixel.target import Limits, Target
-from texloom.stages.declare import InputError
 from texloom.stages.kernels.core.threads import run_spans, thread_count
 from texloom.stages.kernels.per_pixel.arguments import Distortion, Subpass
+from texloom.stages.vocabulary.declare import InputError
 
 Device = Literal["cpu", "gpu", "auto"]
 """``auto``: the GPU where there is one"""

@@ -7,13 +7,13 @@ from typing import Any, TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float32, Int16, Int32, Integer
 
-from texloom.stages.arrays import Jacobian
 from texloom.stages.common.per_pixel.phases import Phases
 from texloom.stages.common.per_pixel.tables import Tables
-from texloom.stages.functions import log2
+from texloom.stages.kernels.core.elementary_functions import log2
 from texloom.stages.kernels.core.threads import run_all, spans, thread_count
 from texloom.stages.kernels.per_pixel.arguments import Bonuses, Distortion, LevelState, Pieces, Repetition, Subpass
-from texloom.stages.progress import Progress, report
+from texloom.stages.vocabulary.arrays import Jacobian
+from texloom.stages.vocabulary.progress import Progress, report
 
 SUBPASSES = ((0, 0), (1, 1), (0, 1), (1, 0))
 """row and column, modulo 2, of the pixels of each subpass of a correction pass"""

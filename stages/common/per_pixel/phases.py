@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64, UInt32
 
 from texloom.stages.kernels.per_pixel.arguments import Repetition
-from texloom.stages.matrices import determinant, inverse_of, matrix_product
+from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
 
 _WHOLE = 2.0**32  # of a phase
 _PIXEL = 256  # units of a generator in a px

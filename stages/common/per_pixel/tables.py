@@ -6,12 +6,12 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float32, Int16, Int32
 
-from texloom.stages.arrays import Jacobian
-from texloom.stages.common.appearance import COMPONENTS, FAR
-from texloom.stages.common.control import by_plane
-from texloom.stages.common.distorted_appearance import block_side
+from texloom.stages.common.features.control import by_plane
+from texloom.stages.common.similarity.appearance import COMPONENTS, FAR
+from texloom.stages.common.similarity.distorted_appearance import block_side
 from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.kernels.per_pixel.arguments import Appearance, Exemplar
+from texloom.stages.vocabulary.arrays import Jacobian
 
 _MAX_CONTROL_LENGTH = 16000  # of the vector of control values: squared distances stay within 31 bits
 
@@ -95,12 +95,12 @@ def make_tables(
 
     Parameters
     ----------
-    appearance, basis, candidates, toroidal : see `texloom.stages.analysis.appearance_stack`.
+    appearance, basis, candidates, toroidal : see `texloom.stages.analysis.similarity.appearance_stack`.
     control : the exemplar's control at each level, 0..1 a plane.
     control_weight : variance of all control divided by that of the neighbourhoods.
     """
     from texloom.stages.kernels.core.short_vectors import paired
-    from texloom.stages.kernels.distortion.windows import describe_whole
+    from texloom.stages.kernels.distortion.distorted_windows import describe_whole
     from texloom.stages.kernels.per_pixel.correction import describe
 
     appearance, candidates = np.ascontiguousarray(appearance), np.ascontiguousarray(candidates)

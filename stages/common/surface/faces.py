@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float32, Float64, Int64
 
-from texloom.stages.arrays import Mesh
 from texloom.stages.kernels.core.threads import run_spans, thread_count
+from texloom.stages.vocabulary.arrays import Mesh
 
 _MIN_SINE = 1e-6  # of the angle between a triangle's images of rows and columns
 

@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int, Int64
 
-from texloom.stages.arrays import Mesh
 from texloom.stages.common.surface.weld import weld
+from texloom.stages.vocabulary.arrays import Mesh
 
 _SMOOTH = 0.8  # cosine between a vertex's and a face's normal from which the face is smooth there
 _MIN_TANGENT = 1e-6  # of a vector's part in the surface, as a share of its length

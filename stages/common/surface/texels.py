@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64, Int32, Int64
 
-from texloom.stages.arrays import Jacobian
 from texloom.stages.common.surface.borders import Borders, Links, Sites
 from texloom.stages.common.surface.faces import Faces
 from texloom.stages.kernels.core.threads import run_all, spans, thread_count
+from texloom.stages.vocabulary.arrays import Jacobian
 
 _BORDER = 3  # texels around a chart
 _ROUNDS = 3  # of adding texels where nothing is near

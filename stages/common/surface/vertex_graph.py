@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Float64
 
-from texloom.stages.arrays import Mesh
 from texloom.stages.common.surface.mesh import at_vertices, tangential, vertex_normals, vertices
+from texloom.stages.vocabulary.arrays import Mesh
 
 _MIN_AGREEING = 1e-6  # product of neighbouring lines below which neither tells the sense of the other
 

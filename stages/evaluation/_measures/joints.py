@@ -5,12 +5,18 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from texloom.stages.arrays import ScalarMap
-from texloom.stages.common.joints import NoPatchError, PatchRatios, cell_side, joint_contrast, worst_of_cells
-from texloom.stages.common.patch_distance import SIDE, Places
+from texloom.stages.common.similarity.patch_distance import SIDE, Places
+from texloom.stages.common.source_maps.source_joints import (
+    NoPatchError,
+    PatchRatios,
+    cell_side,
+    joint_contrast,
+    worst_of_cells,
+)
 from texloom.stages.evaluation._measures.pictures import UnmeasurableError, require_side, require_variation
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import Task
+from texloom.stages.vocabulary.arrays import ScalarMap
 
 _WORST = 0.1  # share of the joints; people see the worst ones
 _GOOD, _BAD = 1.4, 3.0  # of worst joints: usual of good results; usual of blocks joined at random

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float32
 
-from texloom.stages.common.patch_distance import Places, blurred
+from texloom.stages.common.similarity.patch_distance import Places, blurred
 from texloom.stages.evaluation._measures.joints import worst_joints
 from texloom.stages.evaluation._measures.pictures import (
     Picture,

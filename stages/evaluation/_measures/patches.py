@@ -7,8 +7,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from jaxtyping import Float32, Int64
 
-from texloom.stages.arrays import Correspondence
-from texloom.stages.common.patch_distance import (
+from texloom.stages.common.similarity.patch_distance import (
     SIDE,
     Patches,
     Places,
@@ -30,7 +29,8 @@ from texloom.stages.evaluation._measures.pictures import (
 from texloom.stages.evaluation._measures.pixels import halved, quantiles
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import GIVEN, Task
-from texloom.stages.matrices import row_product
+from texloom.stages.numerics.matrices import row_product
+from texloom.stages.vocabulary.arrays import Correspondence
 
 _PATCHES = 8192  # of the sliced distance; their sampling noise is a fifth of the distance between two crops
 _PROJECTIONS = 64

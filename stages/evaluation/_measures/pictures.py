@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
-from texloom.stages.arrays import ColorField, Image, Mask
-from texloom.stages.color import lab_from_linear
-from texloom.stages.masks import count_excluded, fill_excluded, valid_pixels
-from texloom.stages.scratch import bands
+from texloom.stages.vocabulary.arrays import ColorField, Image, Mask
+from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.masks import count_excluded, fill_excluded, valid_pixels
+from texloom.stages.vocabulary.scratch import bands
 
 FLAT = 1e-3
 """CIELAB units; a picture that varies less has one colour, the rest is rounding"""

@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
-from texloom.stages.arrays import Mask
-from texloom.stages.common.patch_distance import blurred
+from texloom.stages.common.similarity.patch_distance import blurred
 from texloom.stages.evaluation._measures.pictures import (
     FLAT,
     Picture,
@@ -19,6 +18,7 @@ from texloom.stages.evaluation._measures.pictures import (
 )
 from texloom.stages.evaluation._measures.table import Figures, share
 from texloom.stages.evaluation._measures.task import Task
+from texloom.stages.vocabulary.arrays import Mask
 
 _QUANTILES = 1024
 _MAX_PIXELS = 1 << 18  # of which quantiles are taken

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 from jaxtyping import Int64
 
-from texloom.stages.arrays import Correspondence, Mask
-from texloom.stages.common.exemplar_use import source_counts, use_of_exemplar
+from texloom.stages.common.source_maps.exemplar_use import source_counts, use_of_exemplar
 from texloom.stages.evaluation._measures.pictures import UnmeasurableError, any_true
 from texloom.stages.evaluation._measures.pixels import local_contrast
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import Task
+from texloom.stages.vocabulary.arrays import Correspondence, Mask
 
 
 def match_entropy(match: Correspondence, shape: tuple[int, int], count: int | None = None) -> float:

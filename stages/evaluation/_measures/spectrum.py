@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from texloom.stages.common.repetition import autocorrelation, repetition
+from texloom.stages.common.regularity.excess_repetition import autocorrelation, repetition
 from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,

@@ -3,8 +3,7 @@
 import numpy as np
 from jaxtyping import Float32
 
-from texloom.stages.arrays import Mask
-from texloom.stages.common.patch_distance import blurred
+from texloom.stages.common.similarity.patch_distance import blurred
 from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,
@@ -13,6 +12,7 @@ from texloom.stages.evaluation._measures.pictures import (
 )
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import Task
+from texloom.stages.vocabulary.arrays import Mask
 
 _ANGLE = 6.0  # degrees between directions that are tried
 _LINE = (16, 32)  # px, range of the length along which lines are straight

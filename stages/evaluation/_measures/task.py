@@ -2,8 +2,8 @@
 
 import dataclasses
 
-from texloom.stages.arrays import Correspondence, Mask
 from texloom.stages.evaluation._measures.pictures import Picture, UnmeasurableError
+from texloom.stages.vocabulary.arrays import Correspondence, Mask
 
 GIVEN = "part of the result was given, not made"
 

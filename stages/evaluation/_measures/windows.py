@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from texloom.stages.arrays import Image
 from texloom.stages.evaluation._measures.table import rounded
+from texloom.stages.vocabulary.arrays import Image
 
 LARGEST = 4096**2
 """pixels of a result above which it is measured in windows"""

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 Scores = dict[str, dict[str, Any]]
 """the lines of a table of `metrics` or of the same form, by measure"""

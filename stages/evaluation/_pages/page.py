@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from texloom.stages.animation import animated_webp
-from texloom.stages.arrays import Image, Mask, Page
-from texloom.stages.color import srgb_from_linear
 from texloom.stages.evaluation._pages.text import css_color, number, score_color, seconds, writable
-from texloom.stages.scratch import bands
+from texloom.stages.vocabulary.animation import animated_webp
+from texloom.stages.vocabulary.arrays import Image, Mask, Page
+from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.scratch import bands
 
 _BLUE_TO_RED = (
     (5, 48, 97),

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from texloom.stages.arrays import Image
-from texloom.stages.color import linear_from_srgb
 from texloom.stages.evaluation._pages.text import writable
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import linear_from_srgb
 
 _INK = "#010203"  # placeholder for the text colour of the page
 _BLUE, _ORANGE, _PURPLE = "#0072b2", "#e69f00", "#cc79a7"  # Okabe and Ito's, for colour-blind eyes too

@@ -30,7 +30,7 @@ class Texture(NamedTuple):
     inside: Any
     """(h, w) bool, the pixels that may be copied"""
     candidates: Any
-    """(p, q, k) int32, see `texloom.stages.analysis.k_coherence`; all -1 where there is no neighbourhood"""
+    """(p, q, k) int32, see `texloom.stages.analysis.similarity.k_coherence`; all -1 where there is none"""
     size: int
     """side of a neighbourhood, px"""
 

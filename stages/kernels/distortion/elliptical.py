@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from texloom.stages.functions import sin
 from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.elementary_functions import sin
 
 _LARGEST = 256.0  # px of a footprint's axis
 _SUPPORT = 3.0  # px, of Lanczos' kernel

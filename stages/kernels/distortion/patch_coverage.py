@@ -133,7 +133,7 @@ def cover(controls, space, unit, cells, total, count, place, first, last):
 
     Parameters
     ----------
-    controls : (4, 4, 3) float64, see `texloom.stages.analysis._distortion.bezier`
+    controls : (4, 4, 3) float64, see `texloom.stages.analysis.photographs.bezier`
     space : (4, 4, 3) float64, the same surface in space, whose derivatives are the speed of texture along u and v
     unit : (2,) float64, of ``space`` a unit of texture, down and across
     total : (h, w, 4) float64, sums of Jacobians: row by down, row by across, column by down, column by across

@@ -12,7 +12,7 @@ import numpy as np
 from texloom.stages.kernels.compaction.oriented import sample
 from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.core.row_distance import two_row_distance
-from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS, round_vector
+from texloom.stages.kernels.kcoherence.discrete_pixels import DIMENSIONS, round_vector
 from texloom.stages.kernels.patchmatch.search import random_bits, square_step, wrap_index
 
 _HALF = (np.int8(0),) * (DIMENSIONS // 2)
@@ -113,7 +113,7 @@ def _project(old, exemplar, control, orientation, wrap, y, x, wanted):
 def choose_oriented_sources(old, new, control, exemplar, orientation, subpass, first, last):
     """Choose the sources of the pixels of one parity in rows ``first`` to ``last``.
 
-    As `texloom.stages.kernels.kcoherence.discrete.choose_sources`, but neighbourhoods of the target are read along
+    As `stages.kernels.kcoherence.discrete_pixels.choose_sources`, but neighbourhoods of the target are read along
     its Jacobians, the sources of neighbours are continued along them, the exemplar's neighbourhoods are
     interpolated between pixels, and pixels that continue all their neighbours take the mean of what those propose.
 
@@ -121,10 +121,10 @@ def choose_oriented_sources(old, new, control, exemplar, orientation, subpass, f
     ----------
     old, new : (H, W, 2) float32, sources before and after
     control : (H, W, k) float32, of the target, which is not copied
-    exemplar : texloom.stages.kernels.kcoherence.discrete.Exemplar, with ``texture`` as (h, w * c) int16 and
+    exemplar : texloom.stages.kernels.kcoherence.discrete_pixels.Exemplar, with ``texture`` as (h, w * c) int16 and
         ``vectors`` as (h, w * DIMENSIONS) int16
     orientation : Orientation
-    subpass : texloom.stages.kernels.kcoherence.discrete.Subpass
+    subpass : texloom.stages.kernels.kcoherence.discrete_pixels.Subpass
 
     Returns
     -------

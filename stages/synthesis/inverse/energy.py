@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float32, Int16
 
-from texloom.stages.common.neighbourhoods import UNIT, Components, fixed_point, places, whole, windows
+from texloom.stages.common.similarity.neighbourhoods import UNIT, Components, fixed_point, places, whole, windows
 from texloom.stages.kernels.core.vector_size import DIMENSIONS
 from texloom.stages.synthesis.inverse.level import Level, nearest
 

@@ -8,9 +8,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float32, Int16, Int32, Int64
 
-from texloom.stages.analysis.k_coherence import Candidates, KCoherenceParams, similar_places
-from texloom.stages.analysis.tsvq import Leaf, Nodes, TsvqParams, cut, grow
-from texloom.stages.common.neighbourhoods import UNIT, Components, fixed_point, places, whole
+from texloom.stages.analysis.similarity.k_coherence import Candidates, KCoherenceParams, similar_places
+from texloom.stages.analysis.similarity.tsvq import Leaf, Nodes, TsvqParams, cut, grow
+from texloom.stages.common.similarity.neighbourhoods import UNIT, Components, fixed_point, places, whole
 from texloom.stages.kernels.core.threads import run_all, run_spans, spans
 
 _PIECES = 16  # of work that threads share; any number gives the same result

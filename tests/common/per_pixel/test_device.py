@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from tests.synthetic import picture, smooth_noise
-from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
+from texloom.stages.analysis.similarity.appearance_stack import AppearanceStackParams, appearance_stack
 from texloom.stages.common.per_pixel import device as _device
 from texloom.stages.common.per_pixel.device import on_gpu
 from texloom.stages.common.per_pixel.levels import Rect
-from texloom.stages.declare import InputError
 from texloom.stages.interactive.canvas import Canvas
-from texloom.stages.synthesis.per_pixel import ArrangementParams
+from texloom.stages.synthesis.per_pixel.per_pixel import ArrangementParams
+from texloom.stages.vocabulary.declare import InputError
 
 pytestmark = pytest.mark.usefixtures("gpu")
 

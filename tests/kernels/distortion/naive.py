@@ -56,7 +56,7 @@ def cover(controls: np.ndarray, shape: tuple[int, int], dense: int) -> tuple[np.
 
 
 def landed(jacobian: np.ndarray, place: tuple[int, int], down: int, across: int, step: float) -> np.ndarray:
-    """Where so many steps down and across the texture lead, see `texloom.stages.kernels.distortion.windows`."""
+    """Where so many steps down and across the texture lead, see `stages.kernels.distortion.distorted_windows`."""
     last = np.array(jacobian.shape[:2]) - 1
     times = max(abs(down), abs(across))
     at = np.array(place, float)

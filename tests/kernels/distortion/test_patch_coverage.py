@@ -6,8 +6,8 @@ import pytest
 import texloom
 from tests.kernels.distortion import naive
 from tests.photographs import unit_square
-from texloom.stages.declare import InputError
 from texloom.stages.kernels.distortion.patch_coverage import cover
+from texloom.stages.vocabulary.declare import InputError
 
 
 def test_pixels_of_a_curved_patch() -> None:

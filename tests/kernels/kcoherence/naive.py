@@ -4,7 +4,7 @@ import numpy as np
 
 from tests.kernels.core.naive import bilinear
 from texloom.stages.kernels.kcoherence import coherent_pixels
-from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS, Exemplar, Repeats
+from texloom.stages.kernels.kcoherence.discrete_pixels import DIMENSIONS, Exemplar, Repeats
 from texloom.stages.kernels.kcoherence.oriented_discrete import Orientation
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from texloom.stages.common.similarity_sets import similarity_sets
+from texloom.stages.common.similarity.similarity_sets import similarity_sets
 
 
 @pytest.mark.parametrize("rounds", [0, 1])

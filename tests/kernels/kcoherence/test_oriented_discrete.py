@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.kernels.kcoherence import naive
-from texloom.stages.kernels.kcoherence.discrete import DIMENSIONS, Exemplar, Repeats, Subpass, choose_sources
+from texloom.stages.kernels.kcoherence.discrete_pixels import DIMENSIONS, Exemplar, Repeats, Subpass, choose_sources
 from texloom.stages.kernels.kcoherence.oriented_discrete import Orientation, choose_oriented_sources
 
 SHAPE, SIZE, RADIUS, SEAM = (9, 10), (6, 8), 1, 300

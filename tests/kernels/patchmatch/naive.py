@@ -1,6 +1,6 @@
 """Slow readable twins of the kernels of texture optimisation: one pixel at a time, exact integers.
 
-Patches are held as in `texloom.stages.synthesis._patchmatch.correspondence`; features lie in rows of ``width *
+Patches are held as in `texloom.stages.synthesis.optimisation.correspondence`; features lie in rows of ``width *
 channels`` values.
 """
 

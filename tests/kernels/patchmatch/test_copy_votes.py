@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tests.kernels.patchmatch import naive
-from texloom.stages.synthesis._patchmatch.vote import copy_vote, mean_vote
+from texloom.stages.synthesis.optimisation.vote import copy_vote, mean_vote
 
 
 @pytest.mark.parametrize("wrap", [False, True])

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tests.synthetic import smooth_noise
-from texloom.stages.common.neighbourhoods import UNIT
+from texloom.stages.common.similarity.neighbourhoods import UNIT
 from texloom.stages.kernels.patchmatch.gain_bias import fit_matches, fitted_distance, fitted_votes
-from texloom.stages.synthesis._patchmatch.melding import Bounds, Melding, forward_gradients
-from texloom.stages.synthesis._patchmatch.search import Effort
+from texloom.stages.synthesis.optimisation.match_search import Effort
+from texloom.stages.synthesis.optimisation.melding import Bounds, Melding, forward_gradients
 
 SIZE, WEIGHT, MAPS = 4, 0.5, 2
 BOUNDS = Bounds(min_gain=0.8, max_gain=1.4, bias_lightness=6.0, bias_color=9.0)

@@ -7,7 +7,7 @@ import pytest
 
 from tests.kernels.patchmatch import naive
 from tests.kernels.patchmatch.conftest import CHANNELS, PATCHES, PLACES, SIZE, flat, outcomes
-from texloom.stages.common.neighbourhoods import UNIT, fixed_point
+from texloom.stages.common.similarity.neighbourhoods import UNIT, fixed_point
 from texloom.stages.kernels.patchmatch.search import (
     ALL_ACTIVE,
     Exemplar,
@@ -22,9 +22,9 @@ from texloom.stages.kernels.patchmatch.search import (
     sweep,
     wrap_index,
 )
-from texloom.stages.synthesis._patchmatch.allowed import Allowed
-from texloom.stages.synthesis._patchmatch.search import Effort, Search
-from texloom.stages.synthesis._patchmatch.vote import mean_vote
+from texloom.stages.synthesis.optimisation.allowed import Allowed
+from texloom.stages.synthesis.optimisation.match_search import Effort, Search
+from texloom.stages.synthesis.optimisation.vote import mean_vote
 
 EFFORT = Effort(sweeps=3, tries=3, fill_tries=2, tolerance=0.0)
 

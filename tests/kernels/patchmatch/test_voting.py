@@ -5,9 +5,9 @@ import pytest
 
 from tests.kernels.patchmatch import naive
 from tests.kernels.patchmatch.conftest import CHANNELS, PLACES, SIZE, flat, outcomes
-from texloom.stages.common.neighbourhoods import fixed_point
+from texloom.stages.common.similarity.neighbourhoods import fixed_point
 from texloom.stages.kernels.patchmatch.voting import Votes, find_runs, histogram_votes, round_votes, weighted_values
-from texloom.stages.synthesis._patchmatch.vote import (
+from texloom.stages.synthesis.optimisation.vote import (
     HistogramVote,
     mean_vote,
     pad_torus,
@@ -81,7 +81,7 @@ def test_sums_do_not_depend_on_where_rows_are_cut(
         part[:] = np.indices(part.shape[1:]) + rng.integers(0, (30, 40))[:, None, None]
     voted = {}
     for rows in (2, 7, 100):
-        monkeypatch.setattr("texloom.stages.scratch._MIN_ROWS", rows)
+        monkeypatch.setattr("texloom.stages.vocabulary.scratch._MIN_ROWS", rows)
         voted[rows] = vote_pixels(match, pixels, window(SIZE, sigma), wrap)
     np.testing.assert_array_equal(voted[2], voted[100])
     np.testing.assert_array_equal(voted[7], voted[100])
@@ -155,7 +155,7 @@ def test_votes_are_the_same_for_any_number_of_threads(
         assert one.dtype == two.dtype
         np.testing.assert_array_equal(one, two)
     whole = vote(match, target, np.random.default_rng(1))
-    monkeypatch.setattr("texloom.stages.synthesis._patchmatch.vote._PIECE", 8)  # px
+    monkeypatch.setattr("texloom.stages.synthesis.optimisation.vote._PIECE", 8)  # px
     np.testing.assert_array_equal(vote(match, target, np.random.default_rng(1)), whole)
 
 

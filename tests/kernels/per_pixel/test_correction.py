@@ -5,13 +5,13 @@ import pytest
 
 from tests.kernels.per_pixel.naive import SIDES, PerPixel, Repeats
 from tests.synthetic import picture, smooth_noise
-from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
-from texloom.stages.common.appearance import FAR
+from texloom.stages.analysis.similarity.appearance_stack import AppearanceStackParams, appearance_stack
 from texloom.stages.common.per_pixel.tables import Tables
-from texloom.stages.kernels.distortion.windows import describe_whole
+from texloom.stages.common.similarity.appearance import FAR
+from texloom.stages.kernels.distortion.distorted_windows import describe_whole
 from texloom.stages.kernels.per_pixel.arguments import Bonuses, Distortion, LevelState, Pieces, Repetition, Subpass
 from texloom.stages.kernels.per_pixel.correction import contribute, correct, refine, start
-from texloom.stages.synthesis.per_pixel import prepare
+from texloom.stages.synthesis.per_pixel.per_pixel import prepare
 
 SHAPE = (32, 40)
 NO_REPETITION = Repetition(np.zeros((1, 2), np.uint32), np.zeros((1, 2), np.uint32), (0, 0, 0, 0))

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from tests.synthetic import picture, smooth_noise
-from texloom.stages.analysis.appearance_stack import AppearanceStackParams, appearance_stack
-from texloom.stages.arrays import Image, Jacobian
+from texloom.stages.analysis.similarity.appearance_stack import AppearanceStackParams, appearance_stack
 from texloom.stages.common.per_pixel.device import Device, levels_on, target_on
 from texloom.stages.common.per_pixel.levels import Levels, Rect, Style
 from texloom.stages.common.per_pixel.phases import phases_of
 from texloom.stages.common.per_pixel.tables import Tables
-from texloom.stages.synthesis.per_pixel import prepare
+from texloom.stages.synthesis.per_pixel.per_pixel import prepare
+from texloom.stages.vocabulary.arrays import Image, Jacobian
 
 pytestmark = pytest.mark.usefixtures("gpu")
 

@@ -7,7 +7,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import maximum_flow
 
 from tests.kernels.seams import naive
-from texloom.stages.synthesis._seams.cuts import Strips, cheapest_path, enclosed, laid_over
+from texloom.stages.synthesis.stitching.cuts import Strips, cheapest_path, enclosed, laid_over
 
 small = st.tuples(st.integers(1, 6), st.integers(1, 4)).flatmap(
     lambda shape: arrays(np.float32, shape, elements=st.integers(0, 9).map(float))

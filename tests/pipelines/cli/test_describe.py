@@ -19,8 +19,8 @@ from texloom.pipelines.cli.describe import (
     flow_explained,
 )
 from texloom.pipelines.flow.shipped import flow_catalogue
-from texloom.stages.declare import Document, InputError, InputFile, OddSize
-from texloom.stages.registry import find_stage, stage_names
+from texloom.stages.lookup.registry import find_stage, stage_names
+from texloom.stages.vocabulary.declare import Document, InputError, InputFile, OddSize
 
 NAMES = stage_names()
 

@@ -34,11 +34,11 @@ from texloom.pipelines.cli import run as cli_run
 from texloom.pipelines.engine import keys as fingerprint
 from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.pipelines.store import codec
-from texloom.stages import declare
 from texloom.stages.common.per_pixel import device
-from texloom.stages.declare import InputError
-from texloom.stages.progress import Progress, report
-from texloom.stages.registry import find_stage, stage_names
+from texloom.stages.lookup.registry import find_stage, stage_names
+from texloom.stages.vocabulary import declare
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.progress import Progress, report
 
 STEPS = ["tone", "offsets", "lattice", "edges", "structure", "distance", "guidance", "start", "texture", "scores"]
 SMALL = ["--set", "start.size=64", "--set", "texture.preset=fast"]
@@ -961,7 +961,7 @@ def test_plan_after_another_version_or_code(again: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(
         fingerprint,
         "code_digest",
-        lambda name: "0" * 64 if name == "texloom.stages.analysis.otsu" else digest(name),
+        lambda name: "0" * 64 if name == "texloom.stages.analysis.structure.otsu" else digest(name),
     )
     assert planned()["structure"] == ("run", ["code of analysis.otsu changed"])
 

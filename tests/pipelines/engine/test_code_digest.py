@@ -17,7 +17,7 @@ from tests.conftest import ROOT
 from texloom.pipelines.engine import code_digest as code_digests
 from texloom.pipelines.engine import user_cache
 from texloom.pipelines.engine.code_digest import code_digest
-from texloom.stages.registry import GROUPS, find_stage, stage_names
+from texloom.stages.lookup.registry import GROUPS, find_stage, stage_names
 
 MODULE = '''
 """About it."""
@@ -228,10 +228,10 @@ def test_a_module_that_is_not_there(tree: Path) -> None:
 
 
 def test_stages_count_the_kernels_they_call() -> None:
-    assert "texloom.stages.kernels.patchmatch.search" in reached("texloom.stages.synthesis.optimise")
-    assert "texloom.stages.kernels.core.threads" in reached("texloom.stages.synthesis.optimise")
-    assert "texloom.stages.color" in reached("texloom.stages.analysis.edges")
-    assert not any("kernels" in name for name in reached("texloom.stages.analysis.otsu"))
+    assert "texloom.stages.kernels.patchmatch.search" in reached("texloom.stages.synthesis.optimisation.optimise")
+    assert "texloom.stages.kernels.core.threads" in reached("texloom.stages.synthesis.optimisation.optimise")
+    assert "texloom.stages.vocabulary.color" in reached("texloom.stages.analysis.structure.edges")
+    assert not any("kernels" in name for name in reached("texloom.stages.analysis.structure.otsu"))
 
 
 def reached(module: str) -> set[str]:

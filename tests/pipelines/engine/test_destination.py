@@ -13,7 +13,7 @@ import pytest
 import texloom
 from texloom.pipelines.cli import main as cli
 from texloom.pipelines.media.sources import open_source
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 FLOW = """
 flow: cut

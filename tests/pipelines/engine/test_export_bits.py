@@ -11,7 +11,7 @@ from tests.pipelines.flows import open_run, run_local
 from texloom.pipelines.media.arrays import file_source
 from texloom.pipelines.media.material_export import write_maps
 from texloom.pipelines.store import codec
-from texloom.stages.arrays import Image
+from texloom.stages.vocabulary.arrays import Image
 
 FLOW = """
 flow: part

@@ -25,7 +25,7 @@ from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store import codec, exr, housekeeping
 from texloom.pipelines.store.atomic import make_new_folder
 from texloom.pipelines.store.store import Store
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 FLOW = """
 flow: kinds
@@ -212,7 +212,11 @@ def test_the_code_of_the_exporter_is_all_that_it_calls(folder: Path) -> None:
         pending += [other for other in imports(name) if other not in seen]
     names = ("store.codec", "store.exr", "store.outputs", "store.preview", "media.materialx")
     assert {f"texloom.pipelines.{name}" for name in names} <= seen
-    assert {"texloom.stages.arrays", "texloom.stages.color", "texloom.stages.normals"} <= seen
+    assert {
+        "texloom.stages.vocabulary.arrays",
+        "texloom.stages.vocabulary.color",
+        "texloom.stages.vocabulary.normals",
+    } <= seen
 
 
 # -- notes

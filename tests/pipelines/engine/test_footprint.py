@@ -13,7 +13,7 @@ from texloom.pipelines.engine import footprint, run
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 
 def opened(flow: str, size: int, store: Path, exemplar: Path | None = None) -> Run:

@@ -15,9 +15,9 @@ from texloom.pipelines.engine.keys import KeyParts, canonical_json, generator, k
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Step
 from texloom.pipelines.store.atomic import file_digest
-from texloom.stages import declare
-from texloom.stages.declare import InputError
-from texloom.stages.registry import find_stage
+from texloom.stages.lookup.registry import find_stage
+from texloom.stages.vocabulary import declare
+from texloom.stages.vocabulary.declare import InputError
 
 FLOW = """
 flow: contours

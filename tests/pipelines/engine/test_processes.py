@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from texloom.pipelines.engine.processes import ProcessPool, WorkerDiedError
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 
 @pytest.fixture

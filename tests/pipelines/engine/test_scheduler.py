@@ -38,8 +38,8 @@ from texloom.pipelines.engine.task import TaskSpec, check_same, run_task
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides, Runner
 from texloom.pipelines.store.store import Store, program_version
-from texloom.stages.declare import InputError
-from texloom.stages.progress import Progress
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.progress import Progress
 
 LONG = """
 flow: long

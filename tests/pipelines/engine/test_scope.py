@@ -19,9 +19,9 @@ from texloom.pipelines.flow.model import Reference, Runner
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.outputs import outputs_of
 from texloom.pipelines.store.store import Store
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
-from texloom.stages.registry import find_stage
+from texloom.stages.lookup.registry import find_stage
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
 
 TWICE = SYNTHESIS.replace("exports:", "exports:\n  texture.png: texture.image\n  start.png: start.image")
 

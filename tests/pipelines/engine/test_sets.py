@@ -19,7 +19,7 @@ from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.history import History
 from texloom.pipelines.store.store import Store
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 
 @pytest.fixture

@@ -34,7 +34,7 @@ from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.store import housekeeping, run_log
 from texloom.pipelines.store.atomic import file_digest
 from texloom.pipelines.store.store import Store
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 
 @pytest.fixture

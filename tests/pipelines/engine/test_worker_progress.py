@@ -17,7 +17,7 @@ from texloom.pipelines.engine import worker_progress
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.engine.worker_progress import DatagramReceiver, ProgressSender
 from texloom.pipelines.flow.model import Runner
-from texloom.stages.progress import Progress
+from texloom.stages.vocabulary.progress import Progress
 
 QUILTING = """
 flow: quilting

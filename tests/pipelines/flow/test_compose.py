@@ -18,7 +18,7 @@ from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.flow.model import Flow, Overrides, Reference
 from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.pipelines.store.store import Store
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 METHOD = """
 flow: method

@@ -18,8 +18,8 @@ from texloom.pipelines import yaml as plain_yaml
 from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.flow.model import Overrides, Reference
 from texloom.pipelines.yaml import parse_yaml
-from texloom.stages.declare import InputError
-from texloom.stages.synthesis.optimise import PRESETS
+from texloom.stages.synthesis.optimisation.optimise import PRESETS
+from texloom.stages.vocabulary.declare import InputError
 
 NO_OVERRIDES = Overrides()
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))

@@ -12,7 +12,7 @@ from tests.pipelines.flows import ANALYSIS, write_flow
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides, Runner
 from texloom.pipelines.flow.runner import require_installed
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 
 def chosen(folder: Path, declared: str, **overrides: Any) -> Runner:

@@ -12,7 +12,7 @@ import pytest
 from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.flow.model import Overrides
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 FILES = (
     "a.png", "b.jpg", "notes.txt", "[x].png",

@@ -8,8 +8,8 @@ import pytest
 
 from texloom.pipelines.media.about import about_picture
 from texloom.pipelines.store import codec
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
 
 
 def test_our_files_tell_whether_they_wrap(tmp_path: Path) -> None:

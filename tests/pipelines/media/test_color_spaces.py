@@ -15,7 +15,7 @@ import pytest
 from tests.pipelines.media.test_sources import exr, planes, problem, read
 from texloom.pipelines.media import color_spaces, icc
 from texloom.pipelines.media.color_spaces import ACESCG, PRIMARIES, REC709, conversion
-from texloom.stages.color import srgb_from_linear
+from texloom.stages.vocabulary.color import srgb_from_linear
 
 P3 = PRIMARIES["lin_p3d65_scene"]
 ADOBE = PRIMARIES["lin_adobergb_scene"]

@@ -14,7 +14,7 @@ from texloom.pipelines.media import deep_zoom
 from texloom.pipelines.media.writers.registry import Job, write
 from texloom.pipelines.store.atomic import file_digest
 from texloom.pipelines.store.preview import eight_bits
-from texloom.stages.arrays import Image
+from texloom.stages.vocabulary.arrays import Image
 
 
 @pytest.fixture(autouse=True)

@@ -18,9 +18,9 @@ from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.media.material_export import write_maps
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store.store import Store
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
-from texloom.stages.normals import NORMAL
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.normals import NORMAL
 
 SIDES = (12, 14)
 

@@ -14,9 +14,9 @@ from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.media.material_set import recognised
 from texloom.pipelines.media.sources import Source, open_source
-from texloom.stages.color import linear_from_srgb
-from texloom.stages.declare import InputError
-from texloom.stages.normals import NORMAL, rounding, unit
+from texloom.stages.vocabulary.color import linear_from_srgb
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.normals import NORMAL, rounding, unit
 
 SIDES = (6, 9)
 

@@ -14,8 +14,8 @@ from texloom.pipelines import memory
 from texloom.pipelines.media import meshes, shapes
 from texloom.pipelines.media.sources import SourceError, open_mesh
 from texloom.pipelines.media.writers.registry import Job, write
-from texloom.stages.arrays import Image
 from texloom.stages.common.surface.mesh import areas, with_normals
+from texloom.stages.vocabulary.arrays import Image
 
 SQUARE_OBJ = """
 v 0 0 0

@@ -18,8 +18,8 @@ import pytest
 from tests.synthetic import blobs
 from texloom.pipelines.media.delivery import LAYOUTS, Delivery
 from texloom.pipelines.media.writers.layouts import write_layout
-from texloom.stages.arrays import Image
-from texloom.stages.normals import NORMAL, unit
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.normals import NORMAL, unit
 
 SIDE = 96
 BLENDER = os.environ.get("TEXLOOM_BLENDER") or (sys.executable if importlib.util.find_spec("bpy") else "")

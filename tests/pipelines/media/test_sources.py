@@ -26,9 +26,9 @@ from texloom.pipelines.media import decode as pictures
 from texloom.pipelines.media.locate import shipped_pictures
 from texloom.pipelines.media.sources import Source, open_source
 from texloom.pipelines.store.capture import capture_output
-from texloom.stages.arrays import Image
-from texloom.stages.color import linear_from_srgb, srgb_from_linear
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import linear_from_srgb, srgb_from_linear
+from texloom.stages.vocabulary.declare import InputError
 
 
 def problem(reference: object, decode: bool = False) -> str:

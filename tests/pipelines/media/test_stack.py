@@ -15,9 +15,9 @@ from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.frame_export import write_frames
 from texloom.pipelines.media.sources import Source, open_source
 from texloom.pipelines.media.writers.registry import Job, write
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError
-from texloom.stages.frames import frames_of
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.frame_stacks import frames_of
 
 COLORS = [np.full((6, 8, 3), 20 * number, np.uint8) for number in range(1, 12)]
 

@@ -11,8 +11,8 @@ import pytest
 
 from tests.synthetic import picture
 from texloom.pipelines.media.sources import open_source
-from texloom.stages.analysis.orientation_field import OrientationFieldParams, orientation_field
-from texloom.stages.declare import InputError
+from texloom.stages.analysis.control.orientation_field import OrientationFieldParams, orientation_field
+from texloom.stages.vocabulary.declare import InputError
 
 LINES = [[[10, 10], [10, 90.5]], [[60, 20], [40, 50], [60, 80]]]
 

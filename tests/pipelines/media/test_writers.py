@@ -22,11 +22,11 @@ from texloom.pipelines.media.writers.layouts import material_name, write_layout
 from texloom.pipelines.media.writers.registry import SUFFIXES, WRITERS, Job, write, writer_of
 from texloom.pipelines.store.atomic import file_digest
 from texloom.pipelines.store.codec import ArtifactError
-from texloom.stages import scratch
-from texloom.stages.arrays import Image, ScalarMap
-from texloom.stages.color import srgb_from_linear
-from texloom.stages.declare import InputError
-from texloom.stages.normals import NORMAL, unit
+from texloom.stages.vocabulary import scratch
+from texloom.stages.vocabulary.arrays import Image, ScalarMap
+from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.normals import NORMAL, unit
 
 SIDES = (24, 36)
 TEXEL = Delivery(texel_size=0.0005)

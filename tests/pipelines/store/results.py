@@ -9,8 +9,8 @@ import numpy as np
 from texloom.pipelines.engine.prefect.records import ArtifactSerializer
 from texloom.pipelines.store.record import SERIALIZER, record_name
 from texloom.pipelines.store.store import Artifact, Store
-from texloom.stages.analysis.otsu import Otsu
-from texloom.stages.registry import find_stage
+from texloom.stages.analysis.structure.otsu import Otsu
+from texloom.stages.lookup.registry import find_stage
 
 STAGE = find_stage("analysis.otsu")
 KEY = "0123456789abcdef" * 4

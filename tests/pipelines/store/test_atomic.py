@@ -13,7 +13,7 @@ import pytest
 
 from texloom.pipelines.store import codec, folders
 from texloom.pipelines.store.atomic import atomic_path, probe_folder, remove_abandoned, write_atomically
-from texloom.stages.arrays import Image
+from texloom.stages.vocabulary.arrays import Image
 
 KILLED = """
 import os, signal, sys

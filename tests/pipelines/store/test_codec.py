@@ -23,7 +23,8 @@ from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store import codec, exr
 from texloom.pipelines.store.preview import picture
 from texloom.pipelines.store.types import Hint
-from texloom.stages.arrays import (
+from texloom.stages.lookup.registry import find_stage, stage_names
+from texloom.stages.vocabulary.arrays import (
     Channels,
     ColorField,
     Correspondence,
@@ -35,9 +36,8 @@ from texloom.stages.arrays import (
     Spreadsheet,
     Vectors,
 )
-from texloom.stages.color import lab_from_linear, linear_from_srgb
-from texloom.stages.declare import InputError
-from texloom.stages.registry import find_stage, stage_names
+from texloom.stages.vocabulary.color import lab_from_linear, linear_from_srgb
+from texloom.stages.vocabulary.declare import InputError
 
 MADE = {"stage": "test.stage", "params": {"sigma": 0.5, "name": "größe"}}
 PAGE = "<!doctype html>\r\n<title>größe 𝛼</title>\n"

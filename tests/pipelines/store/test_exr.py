@@ -11,7 +11,7 @@ import pytest
 from jaxtyping import Bool, Float64
 
 from texloom.pipelines.store import codec, exr
-from texloom.stages.arrays import Correspondence, Image, ScalarMap
+from texloom.stages.vocabulary.arrays import Correspondence, Image, ScalarMap
 
 SHAPE = (600, 530)
 RNG = np.random.default_rng(3)

@@ -17,7 +17,7 @@ from texloom.pipelines.store.history import History
 from texloom.pipelines.store.record import record_name
 from texloom.pipelines.store.run_log import LoggedRun
 from texloom.pipelines.store.store import Artifact, Store
-from texloom.stages.analysis.otsu import Otsu
+from texloom.stages.analysis.structure.otsu import Otsu
 
 OTHER = KEY[::-1]
 

@@ -21,7 +21,7 @@ from texloom.pipelines.store import folders, housekeeping, ownership, usage, wri
 from texloom.pipelines.store.history import History
 from texloom.pipelines.store.record import record_name
 from texloom.pipelines.store.store import Store
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 
 @pytest.fixture(autouse=True)

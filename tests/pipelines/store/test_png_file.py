@@ -14,7 +14,7 @@ import pytest
 from texloom.pipelines.media import material_export
 from texloom.pipelines.store import codec, outputs, png_file
 from texloom.pipelines.store.atomic import file_digest
-from texloom.stages.arrays import Image
+from texloom.stages.vocabulary.arrays import Image
 
 
 @pytest.mark.parametrize("channels", [1, 2, 3, 4])

@@ -16,8 +16,8 @@ from texloom.pipelines.store import codec, housekeeping
 from texloom.pipelines.store.history import History
 from texloom.pipelines.store.record import SERIALIZER, record_name
 from texloom.pipelines.store.store import BrokenArtifactError, Store
-from texloom.stages.analysis.otsu import Otsu
-from texloom.stages.declare import InputError
+from texloom.stages.analysis.structure.otsu import Otsu
+from texloom.stages.vocabulary.declare import InputError
 
 
 @pytest.fixture

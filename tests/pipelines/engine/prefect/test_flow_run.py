@@ -33,7 +33,7 @@ from texloom.pipelines.flow.contact_sheet import open_flow
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.store import BrokenArtifactError, Store
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 
 def execute(run: Run, out: Path | None = None) -> Events:

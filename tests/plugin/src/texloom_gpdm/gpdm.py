@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.arrays import Image
-from texloom.stages.declare import InputError, OddSize, Params, stage
-from texloom.stages.sizes import Size
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError, OddSize, Params, stage
+from texloom.stages.vocabulary.sizes import Size
 from texloom_gpdm.projections import directions, projected, spread
 
 _USABLE = 0.5  # alpha

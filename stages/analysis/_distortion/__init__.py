@@ -1,1 +1,0 @@
-"""Surfaces in photographs: patches, their files, and interpolation of fields."""

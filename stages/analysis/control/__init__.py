@@ -1,0 +1,1 @@
+"""Guides, orientation fields and directions that are to be followed."""

@@ -1,0 +1,1 @@
+"""Exemplars made ready: cropped, masked, without slow tone."""

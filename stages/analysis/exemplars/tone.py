@@ -1,0 +1,289 @@
+"""The slow tone of an exemplar, such as uneven light or ageing, and the exemplar without it."""
+
+import dataclasses
+import itertools
+import logging
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float32, Float64
+from pydantic import Field
+
+from texloom.stages.common.features.slow_tone import BLACK, ToneField, relative_tone, with_tone
+from texloom.stages.common.grids.size_checks import check_side
+from texloom.stages.numerics.matrices import solve
+from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
+from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.declare import Outline, Params, stage
+from texloom.stages.vocabulary.masks import fill_excluded, nearest_valid, valid_pixels
+
+_LOG = logging.getLogger(__name__)
+
+_BLOCKS = 8  # a side, whose quantiles are compared
+_MIN_PIXELS = 10  # px a side of an exemplar
+_MIN_SIDE = 64  # px of an exemplar in which drift can be told from detail
+_MEASURED_SIDE = 384  # px to which larger exemplars are reduced
+_MIN_VALID = 0.25  # share of a block's pixels that have to be valid
+_MIN_BLOCKS = 0.6  # share of the blocks that have to be valid
+_TAILS = (0.1, 0.9)  # quantiles of a block that bound its mean and have to drift with it
+_PASSES = 12  # of the robust fit
+_OUTLIER = 2.0  # standard deviations at which a block counts half
+_LOW, _NEXT = 2.0, 4.5  # spatial frequencies of the drift and of the texture that it is compared with, half waves
+_MIN_POWER = 8.0  # of the drift, relative to the next frequencies
+_MIN_EXPLAINED = 0.6  # share of the variance between blocks
+_MIN_SHARED = 0.4  # of the drift of the medians that dark and bright quantiles have to follow
+_MIN_CONTRAST = 0.35  # range of the drift, relative to the deviation within blocks
+_MAX_CHROMA = 30.0  # CIELAB units; larger changes are of the material, or a glare without detail
+_SMOOTH_EXPLAINED, _SMOOTH_POWER = 0.9, 50.0  # the first two of these, of a drift that is as smooth as light
+_SAMPLES = 32  # a side of the field of tone
+
+
+class ToneParams(Params):
+    """When the exemplar is evened."""
+
+    even: Literal["auto", "always", "never"] = "auto"
+    """`auto`: where the measured drift cannot be a coincidence; `always`: whatever is measured; `never`: the
+    exemplar stays as it is"""
+    min_drift: float = Field(4.0, ge=0, le=100)
+    """minimum range of the drift that `auto` evens, CIELAB units"""
+    warn: bool = True
+    """warn that the exemplar was evened; false where the even image serves only to find contours"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Tone:
+    """The exemplar without drift, and what was removed."""
+
+    image: Image
+    """all maps of the exemplar, with even colour; bit-identical to the exemplar if nothing was evened"""
+    tone: ToneField
+    """the slow tone that was removed, relative to its mean; 0 if nothing was evened"""
+    lightness: float
+    """range of the drift of lightness, CIELAB units at mean lightness; 0 where it is not significant"""
+    chroma: float
+    """the same of a or b, whichever is larger"""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Drift:
+    """Slow change of a plane: a sum of `_basis`, its range, whether it is significant, and as smooth as light."""
+
+    coefficients: Float64[np.ndarray, "6"]
+    range: float
+    significant: bool
+    smooth: bool = True
+
+
+def check_image(params: ToneParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
+    """The exemplar must have the size that synthesis needs."""
+    image = known.get("image")
+    if image is not None:
+        check_side(image, _MIN_PIXELS)
+
+
+def outlines(params: ToneParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
+    """The image keeps its size and maps."""
+    image = known.get("image")
+    return {} if image is None else {"image": Outline(image.height, image.width, image.channels)}
+
+
+@stage(version=1, check=check_image, outlines=outlines)
+def tone(image: Image, params: ToneParams) -> Tone:
+    """Separate the drift of an exemplar's tone from its detail, so that distant parts fit together.
+
+    The logarithm of lightness, and chroma relative to lightness, are each compared between 8x8 blocks. A polynomial
+    of second degree is fitted to the means of the blocks, robustly: blocks with unusual objects count little. The
+    drift counts as significant where it
+
+    - explains most of the variance between blocks, and has many times the power of the next higher spatial
+      frequencies, while a random texture has about as much in both;
+    - moves dark and bright quantiles of the blocks along with the means, unlike a change in the proportions of
+      two materials; not asked of chroma where it and the lightness both drift as smoothly as light falls off;
+    - is visible: its range exceeds ``min_drift``, and a third of the deviation within blocks.
+
+    Colours are then divided by the drift, which removes uneven light and preserves contrast: black remains black.
+    An exemplar whose chroma drifts by more than 30 units is preserved, with a warning, since it has several
+    materials, or a glare that hides its detail; but not if its lightness drifts more, and both as smoothly as light
+    falls off. Maps other than colour do not change. Exemplars below 64 px a side are changed by `always` only.
+
+    Parameters
+    ----------
+    image : the exemplar; its masked pixels have no influence.
+
+    Raises
+    ------
+    InputError
+        the exemplar is smaller than 10 x 10 px, or all its pixels are excluded.
+
+    References
+    ----------
+    Ours. [HollandWelsch1977]_ for the robust fit, with Cauchy's weights.
+    """
+    unchanged = Tone(image, np.zeros((_SAMPLES, _SAMPLES, 3), np.float32), 0.0, 0.0)
+    if params.even == "never" or (params.even == "auto" and min(image.height, image.width) < _MIN_SIDE):
+        return unchanged
+    lab, valid = _reduced(image)
+    known = lab if valid is None else lab[valid]
+    scale = float(known[..., 0].mean(dtype=np.float64)) + float(BLACK)  # CIELAB units of 1 in a relative plane
+    planes = relative_tone(lab)
+    drifts = [_drift(planes[..., 0], valid, scale, params)]
+    if image.channels[0] != "Y":
+        light = drifts[0].significant and drifts[0].smooth
+        drifts += [_drift(planes[..., place], valid, scale, params, light) for place in (1, 2)]
+    lightness, chroma = drifts[0].range, max((drift.range for drift in drifts[1:]), default=0.0)
+    is_light = lightness > chroma and all(drift.smooth for drift in drifts if drift.range > _MAX_CHROMA)
+    if params.even == "auto" and chroma > _MAX_CHROMA and not is_light:
+        _LOG.warning(
+            "the exemplar's colour drifts by %.0f CIELAB units, more than light alone does; it was kept. The "
+            "result may show steps of tone: use a part of one tone, or try --set tone.even=always",
+            chroma,
+        )
+        return unchanged
+    if not any(drift.significant for drift in drifts):
+        return unchanged
+    if params.warn:
+        _report(lightness, chroma)
+    return Tone(
+        with_tone(image, -_field(drifts, (image.height, image.width))).wrapping(False),  # drift ends differently
+        _field(drifts, (_SAMPLES, _SAMPLES)),
+        lightness,
+        chroma,
+    )
+
+
+def _report(lightness: float, chroma: float) -> None:
+    amounts = [f"{name} by {amount:.0f}" for name, amount in (("light", lightness), ("colour", chroma)) if amount]
+    _LOG.warning(
+        "the exemplar's tone drifts (%s CIELAB units), and was evened; --set tone.even=never keeps it",
+        ", ".join(amounts),
+    )
+
+
+def _reduced(image: Image) -> tuple[Float32[np.ndarray, "h w 3"], Mask | None]:
+    """CIELAB of the image at no more than `_MEASURED_SIDE`, and the pixels without influence of masked ones."""
+    import cv2
+
+    valid = valid_pixels(image)
+    color = fill_excluded(image).color
+    factor = -(-max(image.height, image.width) // _MEASURED_SIDE)
+    if factor > 1:
+        size = (max(1, image.width // factor), max(1, image.height // factor))
+        color = cv2.resize(color, size, interpolation=cv2.INTER_AREA)
+        if valid is not None:
+            valid = cv2.resize(valid.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 1 - 1e-3
+    return lab_from_linear(np.ascontiguousarray(color)), valid
+
+
+def _drift(plane: ScalarMap, valid: Mask | None, scale: float, params: ToneParams, light: bool = False) -> _Drift:
+    """The drift of ``plane``, of which 1 is ``scale`` CIELAB units.
+
+    Parameters
+    ----------
+    light : the lightness drifts as smoothly as light; a plane that does too is lit alike, whatever its quantiles.
+    """
+    none = _Drift(np.zeros(6), 0.0, False)
+    blocks = _blocks(plane, valid)
+    if sum(len(block) > 0 for block in blocks) < _MIN_BLOCKS * _BLOCKS**2:
+        return none
+    means = _of_blocks(blocks, _trimmed_mean)
+    coefficients = _fitted(means)
+    drift = _polynomial(coefficients, (_BLOCKS, _BLOCKS))
+    extent = float(np.ptp(drift)) * scale
+    explained = 1 - float(np.var(means - drift)) / max(float(np.var(means)), 1e-12)
+    power = _power(means)
+    smooth = explained >= _SMOOTH_EXPLAINED and power >= _SMOOTH_POWER
+    if params.even == "auto" and not (
+        extent >= params.min_drift
+        and extent >= _MIN_CONTRAST * scale * float(np.median([block.std() for block in blocks if len(block)]))
+        and explained >= _MIN_EXPLAINED
+        and power >= _MIN_POWER
+        and (
+            (light and smooth)
+            or all(_shared(_of_blocks(blocks, partial(_quantile, share=share)), drift) for share in _TAILS)
+        )
+    ):
+        return none
+    return _Drift(coefficients, extent, True, smooth)
+
+
+def _blocks(plane: ScalarMap, valid: Mask | None) -> list[np.ndarray]:
+    """Valid values of each block, sorted; none of a block where these are few."""
+    rows, columns = (np.arange(_BLOCKS + 1) * side // _BLOCKS for side in plane.shape)
+    blocks = []
+    for top, bottom in itertools.pairwise(rows):
+        for left, right in itertools.pairwise(columns):
+            values = plane[top:bottom, left:right].ravel()
+            if valid is not None:
+                counted = values[valid[top:bottom, left:right].ravel()]
+                values = counted if len(counted) >= max(1, _MIN_VALID * values.size) else values[:0]
+            blocks.append(np.sort(values.astype(np.float64)))
+    return blocks
+
+
+def _of_blocks(blocks: list[np.ndarray], measure: Callable[[np.ndarray], float]) -> Float64[np.ndarray, "8 8"]:
+    """A measure of each block; that of the nearest block where one is empty."""
+    values = np.array([measure(block) if len(block) else np.nan for block in blocks]).reshape(_BLOCKS, _BLOCKS)
+    row, column = nearest_valid(~np.isnan(values))
+    return values[row, column]
+
+
+def _quantile(values: np.ndarray, share: float) -> float:
+    return float(values[round(share * (len(values) - 1))])
+
+
+def _trimmed_mean(values: np.ndarray) -> float:
+    """Mean without the tails, less noisy than the median where a texture has two tones."""
+    low, high = (round(share * len(values)) for share in _TAILS)
+    return float(values[low : max(high, low + 1)].mean())
+
+
+def _basis(shape: tuple[int, int]) -> Float64[np.ndarray, "6 h w"]:
+    """Polynomials of second degree; those but the first have a mean of about 0."""
+    down, across = np.meshgrid(*((2 * np.arange(side) + 1) / side - 1 for side in shape), indexing="ij")
+    return np.stack([np.ones(shape), down, across, down**2 - 1 / 3, down * across, across**2 - 1 / 3])
+
+
+def _fitted(values: Float64[np.ndarray, "8 8"]) -> Float64[np.ndarray, "6"]:
+    """Coefficients of the robust fit of `_basis`."""
+    basis = _basis((_BLOCKS, _BLOCKS))
+    weights = np.ones_like(values)
+    for _ in range(_PASSES):
+        weighted = basis * weights
+        normal = (weighted[:, None] * basis[None]).sum(axis=(2, 3))
+        coefficients = solve(normal, (weighted * values).sum(axis=(1, 2)))
+        residual = values - (coefficients[:, None, None] * basis).sum(axis=0)
+        deviation = 1.4826 * float(np.median(np.abs(residual))) + 1e-9
+        weights = 1 / (1 + np.square(residual / (_OUTLIER * deviation)))
+    return np.asarray(coefficients)
+
+
+def _polynomial(coefficients: Float64[np.ndarray, "6"], shape: tuple[int, int]) -> Float64[np.ndarray, "h w"]:
+    """The sum of all but the constant."""
+    basis = _basis(shape)
+    return np.asarray((coefficients[1:, None, None] * basis[1:]).sum(axis=0))
+
+
+def _power(values: Float64[np.ndarray, "8 8"]) -> float:
+    """Power of the lowest spatial frequencies relative to the next ones."""
+    import cv2
+
+    power = np.square(cv2.dct(values))
+    frequency = np.hypot(*np.indices(power.shape))
+    low = float(power[(frequency > 0) & (frequency <= _LOW)].mean())
+    return low / max(float(power[(frequency > _LOW) & (frequency <= _NEXT)].mean()), 1e-12)
+
+
+def _shared(values: Float64[np.ndarray, "8 8"], drift: Float64[np.ndarray, "8 8"]) -> bool:
+    """Another quantile of the blocks drifts in the same way."""
+    own = _polynomial(_fitted(values), (_BLOCKS, _BLOCKS))
+    return float((own * drift).sum()) >= _MIN_SHARED * float(np.square(drift).sum())
+
+
+def _field(drifts: list[_Drift], shape: tuple[int, int]) -> ToneField:
+    field = np.zeros((*shape, 3), np.float32)
+    for place, drift in enumerate(drifts):
+        if drift.significant:
+            field[..., place] = _polynomial(drift.coefficients, shape)
+    return field

@@ -1,0 +1,1 @@
+"""Textures on the surfaces in photographs."""

@@ -1,0 +1,1 @@
+"""Lattices, courses and other repetition."""

@@ -1,0 +1,284 @@
+"""The most confident lattice of an exemplar, of two dimensions or of one."""
+
+import dataclasses
+import logging
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Float32
+from pydantic import Field
+
+from texloom.stages.analysis.regularity.autocorrelation import AutocorrelationParams, dominant_peaks
+from texloom.stages.analysis.regularity.courses import CoursesParams, detected_courses
+from texloom.stages.analysis.regularity.lattice import (
+    Lattice,
+    LatticeParams,
+    coarsened,
+    detail,
+    gradient_magnitude,
+    lattice_of,
+    mean_around,
+    self_correlation,
+    significance,
+    valid_lightness,
+)
+from texloom.stages.analysis.regularity.lines import line_period
+from texloom.stages.analysis.regularity.pattern_search import autocorrelation_splines, refined_generators
+from texloom.stages.analysis.regularity.shown import elements, mirror_symmetry, periods
+from texloom.stages.common.regularity.lattice_cells import reduced
+from texloom.stages.numerics.matrices import determinant
+from texloom.stages.vocabulary.arrays import Channels, Image, Mask, ScalarMap, Vectors
+from texloom.stages.vocabulary.declare import Params, stage
+from texloom.stages.vocabulary.masks import valid_pixels
+
+_LOG = logging.getLogger(__name__)
+
+_SYMMETRIC = 0.75  # correlation with its mirror image of a picture of one ornament
+_MIN_SHOWN = 2.0  # times that an exemplar has to show its structure
+_MIN_CELLS = 4.0  # or elements, that it has to show
+_CONFIDENCE_TOLERANCE = 0.015  # smaller differences in confidence are ignored
+_MIN_SIGNIFICANCE = 2.0  # of a lattice that is accepted by its confidence
+_MIN_SIDE = 16  # px of an exemplar for further attempts
+_FURTHER_CONFIDENCE = (
+    0.5  # share of the minimum confidence that these have to reach, as they have to be significant
+)
+_FIRST_STEP = 0.05  # of the refinement of generators, as a share of the shorter one
+_MAX_REFINEMENT = 0.1  # the same, of their change; larger ones lead to other peaks
+_BETA = 3.0  # of `lattice`: the autocorrelation has few peaks, so recall counts more
+
+
+class LatticeSelectionParams(Params):
+    """When a lattice is accepted."""
+
+    confidence: float = Field(0.4, ge=-1, le=1)
+    """minimum correlation of the exemplar with itself, shifted by the generators, to accept a lattice whose
+    significance is at least 2"""
+    significance: float = Field(5.5, ge=0, le=100)
+    """minimum significance to accept a lattice of less confidence; see `lattice`"""
+    min_length: float = Field(10.0, ge=2)
+    """minimum length of a generator, px"""
+    stripes: bool = False
+    """accept by confidence alone: stripes repeat too, by every displacement along them"""
+    courses: bool = True
+    """where there is no such lattice, accept one of one dimension: courses; see `courses`"""
+    lines: bool = False
+    """where there are no courses either, accept straight lines at uneven distances along all of the exemplar's rows
+    or columns, such as joints of planks or grain: one step, in which their pattern is repeated"""
+
+
+@dataclasses.dataclass(frozen=True)
+class LatticeSelection:
+    """The selected lattice, if one was accepted."""
+
+    generators: Vectors
+    """of the selected lattice, px, two rows; one row, at right angles to the courses or lines, where only these
+    repeat; no rows where nothing is accepted"""
+    best: Annotated[Float32[np.ndarray, "tried 2"], Channels(("row", "column"))]
+    """the same, accepted or not"""
+    confidence: float
+    """of ``best``, -1..1"""
+    significance: float
+    """of ``best``; 0 for courses"""
+    chosen: str
+    """`features`, `autocorrelation`, `short offsets`, `gradients`, `courses`, `lines`, or `none`"""
+    shown: float = 0.0
+    """how often the exemplar shows its structure: the number of periods, in the direction of fewest, or without a
+    lattice the number of elements, within a factor of two; 1 for a single symmetric ornament"""
+    cells: float = 0.0
+    """number of cells of the lattice, of courses, or as ``shown`` of elements that the exemplar shows"""
+
+
+Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "courses", "lines"]
+
+
+@stage(version=3)
+def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelectionParams) -> LatticeSelection:
+    """Detect the exemplar's lattice by matched features and by autocorrelation, and select the most confident.
+
+    Features fail on large uniform parts and on fine weaves, autocorrelation where elements differ in colour. Of two
+    lattices of about the same confidence the one with smaller cells is selected, since every second row of a
+    lattice is a lattice too. Where neither is confident, the more significant one is selected.
+
+    Where neither is accepted, two more are tried: by the autocorrelation at offsets of up to a quarter of the
+    exemplar's sides, for fine lattices that drift across the exemplar; and by the autocorrelation of the gradient
+    magnitude, for elements of different colours, whose lightness does not repeat while their contours do; of such
+    a lattice, the coarser one at which lightness repeats is selected, if there is one. These have to be significant
+    and half as confident. Where these fail too, courses may have an even spacing and a free phase along them, or
+    lines an uneven one (see ``lines``).
+
+    A warning tells that the exemplar shows its structure less than twice, so that a result can only repeat or
+    distort it, or fewer than four cells or elements, which would return side by side.
+
+    Parameters
+    ----------
+    image : the exemplar.
+    density : of the offsets between matching features, see `offset_statistics`.
+
+    Raises
+    ------
+    InputError
+        all pixels are excluded.
+
+    References
+    ----------
+    [Kaspar2015]_ section 3.3 and [Liu2004]_ each detect a lattice; selecting between them, short offsets and
+    gradients are ours.
+    """
+    lightness, valid = valid_lightness(image), valid_pixels(image)
+    fine = detail(lightness)
+    correlation = self_correlation(fine)
+    peaks = dominant_peaks(lightness, correlation, AutocorrelationParams()).density
+    by_features = lattice_of(correlation, density, LatticeParams(min_length=params.min_length))
+    by_correlation = lattice_of(correlation, peaks, _correlation_params(params))
+    selected = most_confident({"features": by_features, "autocorrelation": by_correlation}, params)
+    shown = 0.0
+    if not len(selected.generators):
+        gradients = gradient_magnitude(lightness, valid)
+        planes = fine, detail(gradients)
+        further = _further_lattice(lightness, gradients, planes[1], correlation, params)
+        selected = further or _rows(planes, params) or selected
+        shown = elements(gradients)
+    if len(selected.generators) == 2:
+        plane = lightness
+        if selected.chosen == "gradients":
+            plane = gradient_magnitude(lightness, valid)
+        best = _refined(selected.generators, plane, valid)
+        selected = dataclasses.replace(selected, generators=best, best=best)
+    cells = shown
+    if len(selected.generators) and selected.chosen != "lines":
+        cells = shown = periods(selected.generators, lightness.shape)
+    elif mirror_symmetry(lightness) >= _SYMMETRIC:
+        cells = shown = min(shown, 1.0)
+    if len(selected.generators) == 2:
+        cells = lightness.size / abs(float(determinant(selected.generators.astype(np.float64))))
+    _warn_if_few(shown, cells, "elements" if selected.chosen in ("none", "lines") else "cells of its lattice")
+    return dataclasses.replace(selected, shown=shown, cells=cells)
+
+
+def _refined(generators: Vectors, plane: ScalarMap, valid: Mask | None) -> Vectors:
+    """The generators that hold across the whole exemplar; the same where that is not clear.
+
+    Errors of peaks' positions add up from cell to cell, and bend the rows of a result.
+    """
+    coarse = reduced(generators)
+    fine, _ = refined_generators(*autocorrelation_splines(plane, valid), coarse, _FIRST_STEP)
+    change = float(np.hypot(*(fine - coarse).T).max())
+    return reduced(fine).astype(np.float32) if change <= _MAX_REFINEMENT * np.hypot(*coarse[0]) else generators
+
+
+def _warn_if_few(shown: float, cells: float, what: str) -> None:
+    advice = "Use a larger part of the texture, or a picture that shows more of it"
+    if 0 < shown < _MIN_SHOWN:
+        _LOG.warning(
+            "the exemplar shows its structure about %.1f times, fewer than two: the result will repeat or "
+            "distort it. %s",
+            shown,
+            advice,
+        )
+    elif 0 < cells < _MIN_CELLS:
+        _LOG.warning(
+            "the exemplar shows about %.1f %s, fewer than four: the same ones will return side by side. %s",
+            cells,
+            what,
+            advice,
+        )
+
+
+def _rows(planes: tuple[ScalarMap, ScalarMap], params: LatticeSelectionParams) -> LatticeSelection | None:
+    """The courses, or else the lines, if there are any and they are wanted."""
+    if params.courses:
+        rows = detected_courses(planes, CoursesParams(min_length=params.min_length))
+        if len(rows.generators):
+            return LatticeSelection(rows.generators, rows.best, rows.confidence, 0.0, "courses")
+    lines = line_period(planes) if params.lines else None
+    return None if lines is None else LatticeSelection(lines[0], lines[0], lines[1], 0.0, "lines")
+
+
+def _correlation_params(params: LatticeSelectionParams) -> LatticeParams:
+    return LatticeParams(min_length=params.min_length, beta=_BETA)
+
+
+def _further_lattice(
+    lightness: ScalarMap,
+    gradients: ScalarMap,
+    fine_gradients: ScalarMap,
+    correlation: ScalarMap,
+    params: LatticeSelectionParams,
+) -> LatticeSelection | None:
+    """The lattice by short offsets, else by gradients; none where neither is clear enough, see `_detected`."""
+    if min(correlation.shape) < _MIN_SIDE:
+        return None
+    rows, columns = (side // 4 for side in correlation.shape)
+    short = np.ascontiguousarray(correlation[rows:-rows, columns:-columns])
+    candidate = _detected(lightness, short, correlation, params)
+    if candidate is not None:
+        return _selection(candidate.best, correlation, "short offsets")
+    of_gradients = self_correlation(fine_gradients)
+    candidate = _detected(gradients, of_gradients, of_gradients, params)
+    if candidate is not None:
+        return _selection(coarsened(candidate.best, correlation), of_gradients, "gradients")
+    return None
+
+
+def _detected(
+    plane: ScalarMap,
+    part: Float32[np.ndarray, "rows columns"],
+    correlation: ScalarMap,
+    params: LatticeSelectionParams,
+) -> Lattice | None:
+    """The lattice by the peaks of ``part`` of a correlation, if it is significant and confident enough."""
+    peaks = dominant_peaks(plane, part, AutocorrelationParams()).density
+    candidate = lattice_of(correlation, peaks, _correlation_params(params))
+    confident = candidate.confidence >= _FURTHER_CONFIDENCE * params.confidence
+    accepted = confident and candidate.significance >= params.significance
+    return candidate if accepted else None
+
+
+def _selection(generators: np.ndarray, correlation: ScalarMap, origin: Origin) -> LatticeSelection:
+    best = generators.astype(np.float32)
+    confidence, excess = mean_around(correlation, generators), significance(correlation, generators)
+    return LatticeSelection(best, best, confidence, excess, origin)
+
+
+def most_confident(lattices: dict[Origin, Lattice], params: LatticeSelectionParams) -> LatticeSelection:
+    """The most confident of several lattices, accepted or not.
+
+    A lattice from features is also accepted where it has too few points for a significance, but not where it has
+    enough and a low one: lines of text correlate whichever letters meet.
+    """
+    detected = {origin: lattice for origin, lattice in lattices.items() if len(lattice.best)}
+    none = np.zeros((0, 2), np.float32)
+    if not detected:
+        return LatticeSelection(none, none, 0.0, 0.0, "none")
+    confident = {
+        origin: lattice
+        for origin, lattice in detected.items()
+        if lattice.confidence >= params.confidence
+        and (
+            lattice.significance >= _MIN_SIGNIFICANCE
+            or params.stripes
+            or (origin == "features" and lattice.significance < 0)
+        )
+    }
+    if confident:
+        highest = max(lattice.confidence for lattice in confident.values())
+        origin = min(
+            (name for name in confident if confident[name].confidence >= highest - _CONFIDENCE_TOLERANCE),
+            key=lambda name: _cell_area(confident[name]),
+        )
+    else:
+        origin = max(detected, key=lambda name: detected[name].significance)
+    best = detected[origin]
+    accepted = bool(confident) or best.significance >= params.significance
+    return LatticeSelection(
+        best.best if accepted else none,
+        best.best,
+        best.confidence,
+        best.significance,
+        origin if accepted else "none",
+    )
+
+
+def _cell_area(lattice: Lattice) -> float:
+    """Area of a cell, px squared."""
+    return abs(float(determinant(lattice.best.astype(np.float64))))

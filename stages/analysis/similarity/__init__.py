@@ -1,0 +1,1 @@
+"""Similar neighbourhoods of an exemplar."""

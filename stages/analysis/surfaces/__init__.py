@@ -1,0 +1,1 @@
+"""Meshes: charts, control and direction on a surface."""

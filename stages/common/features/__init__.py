@@ -1,0 +1,1 @@
+"""What of an exemplar is compared: control, further maps, labels, tone."""

@@ -1,0 +1,1 @@
+"""Jacobians, orientation fields, footprints and deformations."""

@@ -1,0 +1,1 @@
+"""Pictures as grids: scales, sizes, packing, tiles, and equations on them."""

@@ -1,0 +1,94 @@
+"""The screened Poisson equation on a rectangle or torus."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+
+from texloom.stages.kernels.core.elementary_functions import cos
+from texloom.stages.vocabulary.arrays import Mask
+
+_ROWS = 256  # of a result processed at once
+_TOLERANCE = 1e-4  # norm of the residual at which the solver ends, relative to the right-hand side
+
+
+def screened_poisson(excess: Float32[np.ndarray, "H W"], reach: float, wrap: bool) -> Float32[np.ndarray, "H W"]:
+    """The plane c with (1 / reach^2 - Laplacian) c = -``excess``; its gradient is 0 at borders unless it wraps.
+
+    [Bhat2008]_, by Fourier transforms, or cosine transforms unless it wraps.
+
+    Parameters
+    ----------
+    excess : divergence of the gradients that are to be added, outflow minus inflow.
+    reach : distance over which values are changed, px.
+    """
+    from scipy import fft
+
+    down, across = (2 - 2 * cos(np.pi * np.arange(side) * (1 + wrap) / side) for side in excess.shape)
+    if wrap:
+        across = across[: excess.shape[1] // 2 + 1]
+    spectrum = fft.rfft2(excess) if wrap else fft.dctn(excess, type=2)
+    for row, frequency in enumerate(down):  # in place, for large results
+        spectrum[row] /= -(reach**-2 + frequency + across).astype(np.float32)
+    solution = fft.irfft2(spectrum, s=excess.shape) if wrap else fft.idctn(spectrum, type=2)
+    return np.asarray(solution, np.float32)
+
+
+def neighbours(height: int, axis: int, wrap: bool) -> Iterator[tuple[Any, Any]]:
+    """Indices of pixels and of their neighbours below or to the right, some rows at a time."""
+    for top in range(0, height, _ROWS):
+        bottom = min(top + _ROWS, height)
+        if axis == 1:
+            rows = slice(top, bottom)
+            yield (rows, slice(None, -1)), (rows, slice(1, None))
+            if wrap:
+                yield (rows, slice(-1, None)), (rows, slice(0, 1))
+        else:
+            last = min(bottom, height - 1)
+            yield slice(top, last), slice(top + 1, last + 1)
+            if wrap and bottom == height:
+                yield slice(-1, None), slice(0, 1)
+
+
+def screened_poisson_beside(
+    excess: Float32[np.ndarray, "H W"], reach: float, wrap: bool, unknown: Mask
+) -> Float32[np.ndarray, "H W"]:
+    """The solution of `screened_poisson` where ``unknown`` is true, and 0 elsewhere."""
+    from scipy import sparse
+
+    numbers = np.full(excess.shape, -1, np.int64)
+    numbers[unknown] = np.arange(unknown.sum())
+    diagonal = np.full(excess.shape, reach**-2)
+    pairs = []
+    for axis in (0, 1):
+        for first, second in neighbours(excess.shape[0], axis, wrap):
+            diagonal[first] += 1
+            diagonal[second] += 1
+            both = unknown[first] & unknown[second]
+            pairs.append((numbers[first][both], numbers[second][both]))
+    row, column = (np.concatenate(ends) for ends in zip(*pairs, strict=True))
+    size = int(unknown.sum())
+    links = sparse.coo_array((np.full(row.size, -1.0), (row, column)), (size, size)).tocsr()
+    matrix = links + links.T + sparse.diags_array(diagonal[unknown])
+    solution = np.zeros(excess.shape, np.float32)
+    solution[unknown] = _conjugate_gradients(matrix, -excess[unknown].astype(np.float64))
+    return solution
+
+
+def _conjugate_gradients(matrix: Any, right: np.ndarray) -> np.ndarray:
+    """Solve a symmetric, positive definite system.
+
+    SciPy's solver uses BLAS, whose number of threads changes the last bits.
+    """
+    solution, residual = np.zeros_like(right), right.copy()
+    direction, squared = residual.copy(), float((residual * residual).sum())
+    limit = _TOLERANCE**2 * squared
+    while squared > limit:
+        product = matrix @ direction
+        step = squared / float((direction * product).sum())
+        solution += step * direction
+        residual -= step * product
+        before, squared = squared, float((residual * residual).sum())
+        direction = residual + squared / before * direction
+    return solution

@@ -1,0 +1,1 @@
+"""Cells, phases and repetition of regular textures."""

@@ -1,0 +1,1 @@
+"""Neighbourhoods as vectors, and the sets of those that are similar."""

@@ -1,0 +1,117 @@
+"""Joints of a source map: where they are, and how unlike the exemplar's own patches are those across them."""
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from texloom.stages.common.similarity.patch_distance import SIDE, NearestPatches, Patches, Places, smoothed
+from texloom.stages.kernels.core.threads import run_spans, thread_count
+from texloom.stages.vocabulary.arrays import Correspondence, Mask, ScalarMap
+from texloom.stages.vocabulary.masks import count_excluded
+
+STEPS = (1, 2, 4)
+"""px between the samples of a patch, for each scale"""
+
+_MAX_CELLS = 2048
+_MIN_CELL = 4  # px
+
+
+class NoPatchError(ValueError):
+    """Masks leave no patch of the exemplar."""
+
+
+def cell_side(pixels: int) -> int:
+    """Side of the cells of a result of ``pixels``, in each of which one joint is measured, px."""
+    return max(_MIN_CELL, int(np.ceil(np.sqrt(pixels / _MAX_CELLS))))
+
+
+def joint_contrast(
+    exemplar: Float32[np.ndarray, "h w c"],
+    result: Float32[np.ndarray, "H W c"],
+    match: Correspondence,
+    tileable: bool = False,
+) -> Float32[np.ndarray, "H W"]:
+    """How much a pixel's right or lower neighbour differs from the neighbour of its source; -1 where both are kept.
+
+    The larger of both directions and both sides, squared CIELAB units. Where the source has no such neighbour, 0.
+    """
+    from texloom.stages.kernels.seams import joint_contrast as kernels
+
+    contrast = np.empty(match.shape[:2], np.float32)
+    run_spans(kernels.joint_contrast, (exemplar, result, match, tileable, contrast), len(match), thread_count())
+    return contrast
+
+
+def worst_of_cells(contrast: ScalarMap, cell: int) -> Places:
+    """The pixel of largest contrast in every cell of ``cell`` px that has a joint; of equals the first."""
+    height, width = contrast.shape
+    rows, columns = -(-height // cell), -(-width // cell)
+    padded = np.full((rows * cell, columns * cell), -1, np.float32)
+    padded[:height, :width] = contrast
+    cells = padded.reshape(rows, cell, columns, cell).swapaxes(1, 2).reshape(rows * columns, cell * cell)
+    best = cells.argmax(axis=1)
+    number = np.flatnonzero(cells[np.arange(len(cells)), best] >= 0)
+    inner = np.stack(np.divmod(best[number], cell), axis=1)
+    return np.asarray(np.stack(np.divmod(number, columns), axis=1) * cell + inner, np.int64)
+
+
+class PatchRatios:
+    """Distances of patches of a result to the nearest of the exemplar's, over the exemplar's distance to itself.
+
+    Parameters
+    ----------
+    lab : CIELAB of the exemplar, or L alone.
+    valid : its pixels that count; None for all.
+    shorter : the shorter side of exemplar and result, px; scales for which it is too short are omitted.
+
+    Raises
+    ------
+    NoPatchError
+        the mask leaves no patch.
+    """
+
+    def __init__(self, lab: Float32[np.ndarray, "h w c"], valid: Mask | None, shorter: int):
+        self.mean = (lab.reshape(-1, lab.shape[2]) if valid is None else lab[valid]).mean(axis=0)
+        self.scales = []
+        for step in STEPS:
+            if shorter < 4 * SIDE * step:
+                continue
+            reach = (SIDE - 1) * step + 1
+            whole = None if valid is None else count_excluded(valid, reach, reach) == 0
+            if whole is not None and not whole.any():
+                raise NoPatchError(f"masks leave no patch of {reach} px")
+            nearest = NearestPatches(smoothed(lab - self.mean, step), step, whole)
+            self.scales.append((nearest, max(nearest.own_distance(), 1e-12)))
+
+    def at(
+        self, result: Float32[np.ndarray, "H W c"], places: Places, valid: Mask | None, wrap: bool
+    ) -> Float64[np.ndarray, "n s"]:
+        """Ratio of the patch about each place of a result, by scale; NaN where masked pixels are in it.
+
+        Parameters
+        ----------
+        result : as the exemplar.
+        valid : its pixels that are not masked; None for all.
+        wrap : the result is a torus.
+        """
+        centred = result - self.mean
+        distances = [self._of(scale, centred, places, wrap) / own for scale, own in self.scales]
+        ratios = np.stack(distances, axis=1)
+        if valid is not None:
+            for ratio, (scale, _) in zip(ratios.T, self.scales, strict=True):
+                reach = (SIDE - 1) * scale.step + 1
+                whole = count_excluded(valid, reach, reach) == 0
+                inside = np.clip(places - reach // 2, 0, np.array(whole.shape) - 1)
+                ratio[~whole[inside[:, 0], inside[:, 1]]] = np.nan
+        return ratios
+
+    def _of(
+        self, scale: NearestPatches, centred: np.ndarray, places: Places, wrap: bool
+    ) -> Float64[np.ndarray, "*n"]:
+        half = (SIDE - 1) * scale.step // 2
+        corners = places - half
+        if wrap:
+            centred = np.pad(centred, ((2 * half, 2 * half), (2 * half, 2 * half), (0, 0)), mode="wrap")
+            corners = corners + 2 * half
+        patches = Patches(smoothed(centred, scale.step), scale.step)
+        corners = np.clip(corners, 0, np.array(patches.shape) - 1)
+        return scale.distances(patches.at(*corners.T)).astype(np.float64)

@@ -1,1 +1,0 @@
-"""Private helpers of the stage that makes texture on a surface."""

@@ -1,0 +1,1 @@
+"""Control maps of an exemplar and of a target, made comparable."""

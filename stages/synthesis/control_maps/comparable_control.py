@@ -1,0 +1,44 @@
+"""Control of an exemplar and of a target, made comparable."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float32
+
+from texloom.stages.synthesis.control_maps.detail_of_control import as_smooth_as
+from texloom.stages.synthesis.control_maps.even_demand import evenly_demanded
+from texloom.stages.synthesis.control_maps.known_control import extrapolated
+
+_NOTABLE = 1 / 20  # of the range; change of a value that is reported
+_FARTHEST = 1 / 4  # of the range, which values move at most for even use, unless blur has mixed all materials
+
+
+class Comparable(NamedTuple):
+    """What is compared instead of the maps themselves."""
+
+    own: Float32[np.ndarray, "h w k"]
+    """control of the exemplar, with no more detail than the target"""
+    blurred: bool
+    """whether it is blurred, so that the target has no lines"""
+    wanted: Float32[np.ndarray, "H W k"]
+    """control of the target, with values of which the exemplar has enough pixels"""
+    rare: float
+    """share of the target that changes by more than a twentieth of the range, 0..1"""
+
+
+def comparable(
+    own: Float32[np.ndarray, "h w k"], wanted: Float32[np.ndarray, "H W k"], strength: float, toroidal: bool
+) -> Comparable:
+    """Control as pixels are compared by.
+
+    Parameters
+    ----------
+    own, wanted : control of the exemplar and of the target, 0 to ``strength``.
+    toroidal : the exemplar wraps around.
+    """
+    smooth = as_smooth_as(own, wanted, toroidal)
+    blurred = smooth is not own
+    alike, moved = evenly_demanded(smooth, wanted, np.inf if blurred else _FARTHEST * strength)
+    moved, _ = extrapolated(alike, moved, strength)
+    changed = np.linalg.norm(moved - wanted, axis=2) > _NOTABLE * strength
+    return Comparable(alike, blurred, moved, float(changed.mean()))

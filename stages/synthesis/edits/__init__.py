@@ -1,0 +1,1 @@
+"""Textures that are edited: revised, refined, filled, laid out, made even."""

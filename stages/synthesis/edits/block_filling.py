@@ -1,0 +1,130 @@
+"""Empty pixels of a picture are covered by blocks of an exemplar, joined along minimum cuts."""
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int32
+
+from texloom.stages.synthesis.stitching.overlap import Errors, OverlapSearch
+from texloom.stages.synthesis.stitching.seams import FILLED, FREE, KEPT, SeamCosts, cheapest_cut
+from texloom.stages.vocabulary.arrays import Mask
+from texloom.stages.vocabulary.masks import count_excluded
+from texloom.stages.vocabulary.progress import Progress, report
+
+_RING = 1  # px around a block that are kept, so that its seam lies inside the block
+
+
+Choice: TypeAlias = Callable[[Errors, Int32[np.ndarray, "2"]], Int32[np.ndarray, "2"]]
+"""the exemplar's place of a block, from the error of every place and the block's first row and column; the error is
+infinite where the block would contain masked pixels"""
+
+
+def best(errors: Errors, corner: Int32[np.ndarray, "2"]) -> Int32[np.ndarray, "2"]:  # noqa: ARG001
+    """The place that matches best."""
+    return np.array(np.unravel_index(int(np.argmin(errors)), errors.shape), np.int32)
+
+
+class BlockFilling:
+    """A picture while blocks are laid over its empty pixels.
+
+    Parameters
+    ----------
+    features : of the exemplar.
+    match : source of each pixel of the picture in the exemplar; any where it is empty.
+    keep : pixels that are never replaced.
+    filled : pixels with content that blocks are matched to, which may be replaced unless kept.
+    usable : pixels of the exemplar that blocks may contain.
+    block : side of a block, px.
+    wrap : the picture continues across its borders.
+    choose : the place of a block in the exemplar.
+    given : features of the pixels that are kept, where these are not the exemplar's.
+    """
+
+    def __init__(
+        self,
+        features: Float32[np.ndarray, "h w c"],
+        match: Int32[np.ndarray, "H W 2"],
+        keep: Bool[np.ndarray, "H W"],
+        filled: Bool[np.ndarray, "H W"],
+        usable: Mask,
+        block: int,
+        wrap: bool,
+        choose: Choice = best,
+        given: Float32[np.ndarray, "H W c"] | None = None,
+    ):
+        self.features = features
+        self.search = OverlapSearch(self.features)
+        self.costs = SeamCosts(self.features, gradients=False)
+        self.shape = keep.shape
+        self.keep = keep
+        self.filled = filled.copy()
+        self.forbidden = count_excluded(usable, block, block) > 0
+        self.block = block
+        self.wrap = wrap
+        self.choose = choose
+        self.given = given
+        self.match = match
+
+    def run(self) -> None:
+        """Fill all empty pixels, those with most filled pixels around them first."""
+        total = int((~self.filled).sum())
+        while not self.filled.all():
+            self._lay(*self._next())
+            report(Progress(1 - int((~self.filled).sum()) / total))
+
+    def _next(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the block around the empty pixel with most filled pixels around it."""
+        import cv2
+
+        margin = self.block // 2
+        padding = {"mode": "wrap"} if self.wrap else {"mode": "constant"}
+        padded = np.pad(self.filled.astype(np.float32), margin, **padding)  # type: ignore[call-overload]
+        sums = cv2.boxFilter(padded, -1, (self.block, self.block), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        counts = np.rint(sums[margin : margin + self.shape[0], margin : margin + self.shape[1]])
+        counts[self.filled] = -1
+        middle = np.unravel_index(int(np.argmax(counts)), self.shape)
+        lines = []
+        for at, side in zip(middle, self.shape, strict=True):
+            first = int(at) - margin
+            if not self.wrap:
+                first = min(max(0, first), side - self.block)
+            lines.append((first + np.arange(self.block)) % side)
+        return lines[0], lines[1]
+
+    def _lay(self, rows: np.ndarray, columns: np.ndarray) -> None:
+        at = np.ix_(rows, columns)
+        old, filled_pixels = self.match[at], self.filled[at]
+        state = np.where(filled_pixels, np.where(self.keep[at], KEPT, FREE), FILLED).astype(np.int8)
+        ring = np.ones(filled_pixels.shape, bool)
+        ring[_RING:-_RING, _RING:-_RING] = False
+        # At a border of the image a block has no seam.
+        if not self.wrap:
+            ring[0, :] &= rows[0] > 0
+            ring[-1, :] &= rows[-1] < self.shape[0] - 1
+            ring[:, 0] &= columns[0] > 0
+            ring[:, -1] &= columns[-1] < self.shape[1] - 1
+        state[ring & filled_pixels] = KEPT
+        corner = np.array([rows[0], columns[0]], np.int32)
+        template = self.features[old[..., 0], old[..., 1]]
+        if self.given is not None:
+            template = np.where(self.keep[at][..., None], self.given[at], template)
+        block = np.moveaxis(np.indices(filled_pixels.shape, np.int32), 0, 2)
+        new = self._new_corner(template, filled_pixels, corner) + block
+        taken, _ = cheapest_cut(self.costs, old, new, state)
+        self.match[at] = np.where(taken[..., None], new, old)
+        self.filled[at] = True
+
+    def _new_corner(
+        self,
+        template: Float32[np.ndarray, "m n c"],
+        filled_pixels: Bool[np.ndarray, "m n"],
+        corner: Int32[np.ndarray, "2"],
+    ) -> Int32[np.ndarray, "2"]:
+        """Top-left pixel of the unmasked block that is chosen by its match with the filled pixels."""
+        if filled_pixels.any():
+            errors = self.search.errors(template, filled_pixels)
+        else:
+            errors = np.zeros(self.forbidden.shape, np.float32)
+        errors[self.forbidden] = np.inf
+        return self.choose(errors, corner)

@@ -1,0 +1,68 @@
+"""A band along the borders of an image, which is replaced to make it tileable."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from pydantic import Field
+
+from texloom.stages.vocabulary.arrays import Image, Mask
+from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.sizes import format_size
+
+
+class BorderBandParams(Params):
+    """Width of the band."""
+
+    width: int | None = Field(None, ge=4, le=4096)
+    """width of the band from each border, px; null: a twelfth of the image's shorter side, at least 16. Wider bands
+    have room for larger features, narrower ones preserve more of the image"""
+
+
+@dataclasses.dataclass(frozen=True)
+class BorderBand:
+    """The image in two parts."""
+
+    keep: Mask
+    """false in the band"""
+
+
+def _width(height: int, width: int, params: BorderBandParams) -> int:
+    return params.width or max(16, min(height, width) // 12)
+
+
+def check_width(params: BorderBandParams, known: Mapping[str, Any]) -> None:
+    """The image must be four bands wide and high."""
+    image = known.get("image")
+    if image is None:
+        return
+    width = _width(image.height, image.width, params)
+    if min(image.height, image.width) < 4 * width:
+        raise InputError(
+            f"image: {format_size(image)} is too small for bands of {width} px along its borders, which "
+            f"take {4 * width} px; give a larger picture or a narrower width"
+        )
+
+
+@stage(version=1, check=check_width)
+def border_band(image: Image, params: BorderBandParams) -> BorderBand:
+    """Mark a band along all four borders of an image.
+
+    Parameters
+    ----------
+    image : the picture that is made tileable.
+
+    Raises
+    ------
+    InputError
+        the image is less than four bands wide or high.
+
+    References
+    ----------
+    Ours; the overlap of two blocks through which [Efros2001]_ cut is such a band.
+    """
+    width = _width(image.height, image.width, params)
+    keep = np.zeros((image.height, image.width), bool)
+    keep[width:-width, width:-width] = True
+    return BorderBand(keep)

@@ -1,0 +1,87 @@
+"""Windows around the parts of a marked region, so that work depends on their size and not on the picture's."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Int64
+
+from texloom.stages.vocabulary.arrays import Mask
+
+
+@dataclasses.dataclass(frozen=True)
+class Window:
+    """A rectangle of a picture, which may continue across its borders."""
+
+    rows: Int64[np.ndarray, "m"]
+    """of the picture"""
+    columns: Int64[np.ndarray, "n"]
+    wrap: bool
+    """it is the whole picture, and a torus"""
+
+    @property
+    def at(self) -> tuple[np.ndarray, ...]:
+        """Index of the window's pixels in arrays of the picture."""
+        return np.ix_(self.rows, self.columns)
+
+
+def windows(region: Mask, margin: int, wrap: bool) -> list[tuple[Window, Bool[np.ndarray, "m n"]]]:
+    """Windows that contain all of a region, and the part of the region in each; parts are disjoint.
+
+    Parameters
+    ----------
+    margin : px around a part that belong to its window. Parts closer than that share a window.
+    wrap : the picture is a torus. A part that goes all around it has the whole picture as its window.
+    """
+    parts = _parts(region, margin, wrap)
+    made = []
+    for number in range(1, int(parts.max()) + 1):
+        part = region & (parts == number)
+        lines = [_interval(part.any(axis=1 - axis), margin, wrap) for axis in (0, 1)]
+        around = wrap and any(line.size == 0 for line in lines)
+        if around:
+            lines = [np.arange(side) for side in region.shape]
+        window = Window(lines[0], lines[1], around)
+        made.append((window, part[window.at]))
+    return made
+
+
+def _parts(region: Mask, margin: int, wrap: bool) -> np.ndarray:
+    """Numbers of the parts from 1, at their pixels; each part is at least ``margin`` px from the others."""
+    import cv2
+    from scipy.ndimage import label
+
+    side = margin + 1 - margin % 2
+    reach = side // 2
+    wide = np.pad(region, reach, mode="wrap") if wrap else region
+    grown = cv2.dilate(wide.astype(np.uint8), np.ones((side, side), np.uint8))
+    if wrap:
+        grown = grown[reach:-reach, reach:-reach]
+    parts = np.asarray(label(grown, np.ones((3, 3)))[0])
+    if not wrap:
+        return parts
+    equal = np.arange(int(parts.max()) + 1)
+    for first, last in ((parts[0], parts[-1]), (parts[:, 0], parts[:, -1])):
+        for one, other in zip(first, last, strict=True):
+            if one and other:
+                equal[equal == equal[other]] = equal[one]
+    _, numbers = np.unique(equal, return_inverse=True)
+    return np.asarray(numbers[parts])
+
+
+def _interval(marked: np.ndarray, margin: int, wrap: bool) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
+    """Lines from ``margin`` before the first marked one to as many after the last, of which none is there twice.
+
+    Empty on a torus without an unmarked line.
+    """
+    lines, side = np.flatnonzero(marked), marked.size
+    if not wrap:
+        return np.arange(max(0, lines[0] - margin), min(side, lines[-1] + 1 + margin))
+    gaps = np.diff(lines, append=lines[0] + side) - 1
+    widest = int(gaps.argmax())
+    gap = int(gaps[widest])
+    if gap == 0:
+        return np.zeros(0, np.int64)
+    first = int(lines[(widest + 1) % lines.size])
+    before = min(margin, gap // 2)
+    after = min(margin, gap - before)
+    return (first - before + np.arange(before + side - gap + after)) % side

@@ -1,0 +1,1 @@
+"""Near-regular textures, made of the tiles of a lattice."""

@@ -1,0 +1,392 @@
+"""Near-regular synthesis: tiles of an exemplar's lattice, drawn at random and joined along minimum cuts."""
+
+import dataclasses
+import logging
+from functools import partial
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int64
+from pydantic import Field
+
+from texloom.stages.analysis.regularity.deformed_lattice import Points
+from texloom.stages.analysis.regularity.straighten import Positions
+from texloom.stages.numerics.matrices import inverse_of, matrix_product
+from texloom.stages.synthesis.near_regular.lattice_tiles import Shape, Window, best_shape, course_shape, whole
+from texloom.stages.synthesis.near_regular.output_lattice import OutputLattice
+from texloom.stages.synthesis.stitching.cuts import Strips, laid_over
+from texloom.stages.synthesis.stitching.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar
+from texloom.stages.synthesis.stitching.overlap import compared
+from texloom.stages.vocabulary.arrays import Correspondence, Image, Vectors
+from texloom.stages.vocabulary.declare import InputError, stage
+from texloom.stages.vocabulary.normals import with_unit_normals
+from texloom.stages.vocabulary.progress import Progress, report
+from texloom.stages.vocabulary.sizes import Size, format_size
+
+_LOG = logging.getLogger(__name__)
+
+_MIN_TILES = 2  # complete ones, as the paper asks for
+_MIN_SIDE = 8  # px of an exemplar's shorter side
+_MIN_OVERLAP = 4  # px
+_MIN_CHOICES = 3  # tiles that each is drawn from
+_MAX_TILES = 256
+_MAX_VALUES = 1 << 25  # of all tiles together
+_PHASES = 48  # tiles cut from a cell's length along courses
+_MAX_COURSE_TILES = 1024
+_COURSE_SHIFT = 2  # px that a tile may move along its course
+_MAX_COMPARED = 500  # pixels of an overlap by which tiles are chosen
+_NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
+
+
+class NearRegularParams(StitchingParams):
+    """Size of the result, and how tiles are chosen and joined."""
+
+    size: Size = (1024, 1024)
+    tileable: bool = False
+    """the result continues across its borders; the lattice is stretched and sheared a little to fit"""
+    overlap: float = Field(0.35, gt=0, le=0.5)
+    """width of the overlap with each neighbour, as a share of a tile's shorter side; at least 4 px"""
+    choices: float = Field(0.2, gt=0, le=1)
+    """each tile is drawn from this share of the tiles, those that match its neighbours best; at least three"""
+    shift: int = Field(0, ge=0, le=16)
+    """maximum shift of a tile from its lattice position to match its neighbours, px; makes the result less
+    regular"""
+    blend: int = Field(1, ge=0, le=16)
+    """width of the blend on each side of a cut, px; 0 copies only"""
+
+
+@dataclasses.dataclass(frozen=True)
+class NearRegular(Stitched):
+    """The texture; interpolated, with rounded ``match``, if the exemplar was straightened."""
+
+    generators: Vectors
+    """of the result's lattice, px: those of the exemplar, unless fitted to a tileable result"""
+    tiles: int
+    """number of whole tiles of the exemplar"""
+
+
+class _TileSource:
+    """The image that tiles are cut from: the exemplar, as it is or straightened."""
+
+    pixels: Float32[np.ndarray, "h w k"]
+    """all channels of the image, then the features"""
+    features: Float32[np.ndarray, "h w c"]
+    places: Correspondence
+    """source of each pixel in the exemplar, rounded"""
+    valid: Bool[np.ndarray, "h w"]
+    """false where a pixel is masked, or its source is outside the exemplar"""
+    masked: bool
+    """whether the exemplar has masked pixels"""
+
+    def __init__(self, exemplar: Exemplar, source: Positions | None):
+        self.pixels = np.concatenate([exemplar.image.pixels, exemplar.features], axis=2)
+        self.places = np.ascontiguousarray(np.moveaxis(np.indices(exemplar.shape), 0, -1), np.uint32)
+        self.masked = exemplar.usable is not None
+        self.valid = np.ones(exemplar.shape, bool) if exemplar.usable is None else exemplar.usable
+        if source is not None:
+            import cv2
+
+            from texloom.stages.kernels.core.resample import sampled
+
+            last = np.array(exemplar.shape) - 1
+            inside = ((source >= -0.5) & (source <= last + 0.5)).all(axis=2)
+            self.places = np.rint(np.clip(source, 0, last)).astype(np.uint32)
+            # All pixels that the interpolation uses must be valid.
+            interpolable = cv2.erode(self.valid.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+            self.valid = inside & interpolable[self.places[..., 0], self.places[..., 1]]
+            self.pixels = sampled(self.pixels, source.astype(np.float64))
+        self.features = np.ascontiguousarray(self.pixels[..., len(exemplar.image.channels) :])
+
+
+@dataclasses.dataclass(frozen=True)
+class _TileSet:
+    """The candidate tiles."""
+
+    window: Window
+    sources: Int64[np.ndarray, "k p 2"]
+    """pixel of the tile source for every pixel of every tile"""
+    features: Float32[np.ndarray, "k p c"]
+    cells: Int64[np.ndarray, " k"]
+    """number of the cell that a tile is cut from; along courses several overlap it"""
+
+    @property
+    def count(self) -> int:
+        """Number of different cells."""
+        return int(self.cells.max()) + 1
+
+
+def _course_corners(vertices: np.ndarray, generators: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of tiles that begin anywhere along courses, (n, 2), and the vertex before each."""
+    steps = min(_PHASES, max(1, int(np.hypot(*generators[1]))))
+    shares = np.arange(steps)[:, None] / steps
+    corners = (vertices[:, None] + shares * generators[1]).reshape(-1, 2)
+    return corners, np.repeat(np.arange(len(vertices)), steps)
+
+
+def _tile_set(
+    tile_source: _TileSource,
+    generators: np.ndarray,
+    vertices: np.ndarray,
+    result_generators: np.ndarray,
+    courses: bool,
+    params: NearRegularParams,
+    rng: np.random.Generator,
+) -> tuple[_TileSet, Shape]:
+    """All whole tiles, or as many as memory allows, for a result with ``result_generators``."""
+    begins, cells = (vertices, np.arange(len(vertices)))
+    if courses:
+        begins, cells = _course_corners(vertices, generators)
+    spare = max(params.shift, _COURSE_SHIFT if courses else 0)
+    to_exemplar = matrix_product(inverse_of(result_generators), generators)
+    features = tile_source.features
+    overlap = max(_MIN_OVERLAP, round(params.overlap * float(np.hypot(*generators.T).min())))
+    # Exemplars of very few cells may have no whole tile with this overlap, but some with a narrower one.
+    while True:
+        if courses:
+            shape = course_shape(features, vertices, generators)
+        else:
+            shape = best_shape(features, vertices, generators, overlap)
+        window = Window.of(shape.moved(inverse_of(to_exemplar)), overlap)
+        corners = begins + shape.phase
+        kept = np.flatnonzero(whole(window, corners, to_exemplar, tile_source.valid, spare))
+        if len(kept) or overlap <= _MIN_OVERLAP:
+            break
+        overlap = max(_MIN_OVERLAP, overlap // 2)
+    if not len(kept):
+        height, width = tile_source.valid.shape
+        masked = " that its mask leaves" if tile_source.masked else ""
+        raise InputError(
+            f"image: {format_size((height, width))} show no whole cell of the lattice{masked}, whose generators "
+            f"are {' and '.join(f'({row:.0f}, {column:.0f})' for row, column in generators)} px"
+        )
+    most = _MAX_COURSE_TILES if courses else _MAX_TILES
+    limit = int(np.clip(_MAX_VALUES // (features.shape[2] * len(window.offsets)), 1, most))
+    if len(kept) > limit:
+        kept = np.sort(rng.choice(kept, limit, replace=False))
+    offsets = matrix_product(window.offsets, to_exemplar)
+    sources = np.rint(corners[kept][:, None] + offsets[None]).astype(np.int64)
+    numbers = np.unique(cells[kept], return_inverse=True)[1]
+    return _TileSet(window, sources, features[sources[..., 0], sources[..., 1]], numbers), shape
+
+
+def _moves(shift: int, along: np.ndarray | None) -> list[tuple[int, int]]:
+    """Shifts of a tile that are tried, px, the shortest first.
+
+    Parameters
+    ----------
+    along : direction of the courses, along which tiles may always move a little; none without courses.
+    """
+    reach = range(-shift, shift + 1)
+    moves = {(i, j) for i in reach for j in reach}
+    if along is not None:
+        unit = along / np.hypot(*along)
+        for step in range(-_COURSE_SHIFT, _COURSE_SHIFT + 1):
+            row, column = np.rint(step * unit).astype(int)
+            moves.add((int(row), int(column)))
+    return sorted(moves, key=lambda move: (move[0] ** 2 + move[1] ** 2, move))
+
+
+class _Tiling:
+    """The result during synthesis."""
+
+    def __init__(
+        self,
+        image: Image,
+        source: Positions | None,
+        generators: np.ndarray,
+        vertices: np.ndarray,
+        courses: bool,
+        params: NearRegularParams,
+        rng: np.random.Generator,
+    ):
+        self.params, self.rng = params, rng
+        exemplar = Exemplar(image, compared, 1.0, params.weights)
+        self.channels = exemplar.image.channels
+        self.tile_source = _TileSource(exemplar, source)
+        self.feature_count = self.tile_source.features.shape[2]
+        own = OutputLattice.of(generators, params.size, True).generators if params.tileable else generators
+        self.tiles, shape = _tile_set(self.tile_source, generators, vertices, own, courses, params, rng)
+        if self.tiles.count < _MIN_TILES:
+            _LOG.warning(
+                "the exemplar holds %d complete tile, fewer than two: every tile of the result will be the same. "
+                "Use a larger part of the texture",
+                self.tiles.count,
+            )
+        self.window = self.tiles.window
+        low, high = self.window.offsets.min(axis=0), self.window.offsets.max(axis=0) + 1
+        self.low, self.box = low, (int(high[0] - low[0]), int(high[1] - low[1]))
+        height, width = params.size
+        if params.tileable and (self.box[0] > height or self.box[1] > width):
+            raise InputError(
+                f"size: {format_size((height, width))} is smaller than a tile, {format_size(self.box)}"
+            )
+        # Tiles may extend by a whole tile beyond the result.
+        self.margin = (0, 0) if params.tileable else self.box
+        self.canvas = (height + 2 * self.margin[0], width + 2 * self.margin[1])
+        self.lattice = OutputLattice.of(generators, self.canvas, params.tileable)
+        self.result = np.zeros((self.canvas[0] * self.canvas[1], self.tile_source.pixels.shape[2]), np.float32)
+        self.match = np.zeros((self.canvas[0] * self.canvas[1], 2), np.uint32)
+        self.filled = np.zeros(self.canvas[0] * self.canvas[1], bool)
+        self.cell_of = np.full(len(self.lattice.steps), -1)
+        self.uses = np.zeros(self.tiles.count, np.int64)
+        self.moves = _moves(params.shift, generators[1] if courses else None)
+        # Rows of tiles follow the base.
+        frame = inverse_of(np.array([shape.side, shape.base]))
+        row, along = matrix_product(matrix_product(self.lattice.steps, generators), frame).T
+        self.order = np.lexsort((along, np.rint(row)))
+
+    def run(self) -> None:
+        """Lay all tiles that reach into the result."""
+        neighbours = self.lattice.neighbours(_NEIGHBOURS)
+        # The phase of the result within a cell is random.
+        begin = matrix_product(self.rng.random(2), self.lattice.generators)
+        corners = np.rint(self.lattice.places + begin).astype(np.int64)
+        low = corners + self.low - self.margin
+        reaches = ((low < self.params.size) & (low + self.box > 0)).all(axis=1) | self.params.tileable
+        order = self.order[reaches[self.order]]
+        for number, node in enumerate(order.tolist()):
+            self._lay(node, corners[node], neighbours[node])
+            if number % 64 == 0:
+                report(Progress(number / len(order)))
+        report(Progress(1.0))
+
+    def _lay(self, node: int, corner: np.ndarray, neighbours: np.ndarray) -> None:
+        at = matrix_product((corner + self.window.offsets) % self.canvas, [self.canvas[1], 1])
+        filled = self.filled[at]
+        existing = self.result[at, -self.feature_count :]
+        beside = self.cell_of[neighbours[neighbours >= 0]]
+        tile = self._choose(existing, filled, beside[beside >= 0])
+        self.cell_of[node] = self.tiles.cells[tile]
+        self.uses[self.tiles.cells[tile]] += 1
+        source = self._moved(self.tiles.sources[tile], existing, filled)
+        values = self.tile_source.pixels[source[:, 0], source[:, 1]]
+        errors = ((values[:, -self.feature_count :] - existing) ** 2).sum(axis=1)
+        weight = self._weight(errors, filled)[:, None]
+        self.result[at] = np.where(weight == 1, values, self.result[at] + weight * (values - self.result[at]))
+        self.match[at] = np.where(weight >= 0.5, source, self.match[at])
+        self.filled[at] = True
+
+    def _choose(self, existing: np.ndarray, filled: Bool[np.ndarray, "p"], neighbours: np.ndarray) -> int:  # type: ignore[name-defined]
+        """A random one of the least used tiles that match their overlap best; not from a neighbour's cell."""
+        count, cells = len(self.tiles.cells), self.tiles.cells
+        if not filled.any():
+            return int(self.rng.integers(count))
+        inside = np.flatnonzero(filled)
+        inside = inside[:: -(-len(inside) // _MAX_COMPARED)]
+        difference = self.tiles.features[:, inside] - existing[inside]
+        errors = np.einsum("kpc,kpc->k", difference, difference)
+        free = np.flatnonzero(~np.isin(cells, neighbours))
+        if not len(free):
+            free = np.arange(count)
+        choices = min(len(free), max(_MIN_CHOICES, round(self.params.choices * len(self.uses))))
+        good = free[np.argsort(errors[free], kind="stable")[:choices]]
+        good = good[self.uses[cells[good]] == self.uses[cells[good]].min()]
+        return int(good[self.rng.integers(len(good))])
+
+    def _moved(
+        self, source: Int64[np.ndarray, "p 2"], existing: np.ndarray, filled: np.ndarray
+    ) -> Int64[np.ndarray, "p 2"]:
+        """The tile's source at the shift that matches its overlap best."""
+        inside = np.flatnonzero(filled)
+        if not len(inside) or len(self.moves) == 1:
+            return source
+        inside = inside[:: -(-len(inside) // _MAX_COMPARED)]
+        best, best_error = source, np.inf
+        for move in self.moves:
+            rows, columns = (source[inside] + move).T
+            error = float(((self.tile_source.features[rows, columns] - existing[inside]) ** 2).sum())
+            if error < best_error:
+                best, best_error = source + move, error
+        return best
+
+    def _weight(self, errors: np.ndarray, filled: np.ndarray) -> Float32[np.ndarray, "p"]:  # type: ignore[name-defined]
+        """Blending weight of each pixel of a tile: 1 inside the cuts, 0 outside."""
+        import cv2
+
+        window, overlap = self.window, self.window.overlap
+        covered = np.append(filled, False)[window.nearest]
+        sampled = np.where(covered, np.append(errors, 0)[window.nearest], 0).astype(np.float32)
+        middle = covered[overlap:-overlap], covered[:, overlap:-overlap]
+        strips = Strips(
+            top=overlap if middle[1][:overlap].any() else 0,
+            left=overlap if middle[0][:, :overlap].any() else 0,
+            bottom=overlap if middle[1][-overlap:].any() else 0,
+            right=overlap if middle[0][:, -overlap:].any() else 0,
+        )
+        weight = laid_over(sampled, strips)[window.at].astype(np.float32)
+        weight[~filled] = 1
+        blend = self.params.blend
+        if blend:
+            plane = np.zeros(self.box, np.float32)
+            plane[tuple((window.offsets - self.low).T)] = weight
+            soft = cv2.blur(plane, (2 * blend + 1, 2 * blend + 1), borderType=cv2.BORDER_REPLICATE)
+            weight = np.where(filled, soft[tuple((window.offsets - self.low).T)], np.float32(1))
+        return np.asarray(weight)
+
+    def output(self) -> tuple[Image, Correspondence]:
+        """The result without its margin, and the sources of its pixels."""
+        height, width = self.params.size
+        top, left = self.margin
+        inside = np.s_[top : top + height, left : left + width]
+        pixels = self.result.reshape(*self.canvas, -1)[inside][..., : -self.feature_count]
+        image = Image(with_unit_normals(np.ascontiguousarray(pixels), self.channels), self.channels)
+        match = self.match.reshape(*self.canvas, 2)[inside]
+        return image, np.ascontiguousarray(self.tile_source.places[match[..., 0], match[..., 1]])
+
+
+@stage(version=1, check=partial(check_exemplar, min_side=_MIN_SIDE))
+def near_regular(
+    image: Image,
+    generators: Vectors,
+    vertices: Points,
+    params: NearRegularParams,
+    rng: np.random.Generator,
+    source: Positions | None = None,
+    courses: bool = False,
+) -> NearRegular:
+    """Lay tiles of a near-regular exemplar on its lattice.
+
+    Every whole cell of the exemplar becomes a tile. Cells of the result are filled row by row; each tile is drawn
+    from those that match their neighbours best, shifted by a few pixels at most, and joined along minimum cuts in
+    the directions of its sides. The lattice of the result is exact, so that errors do not accumulate. Tiles are
+    compared by all maps and contain no masked pixel; see `usable`. Blended normals keep unit length.
+
+    Courses have cells of any phase: tiles are cut from anywhere along them, and those that match their neighbours
+    best continue the pattern, as bricks of a free bond do.
+
+    Displaced cells do not fit each other. With ``source`` tiles are cut from the straightened exemplar.
+
+    Parameters
+    ----------
+    image : the exemplar; all channels are copied together.
+    generators : of the lattice, (2, 2) px; no rows where the exemplar has none.
+    vertices : of the lattice, px: ``vertices`` of `deformed_lattice`, in the exemplar; with ``source`` its
+        ``regular``, in the straightened exemplar.
+    source : for every pixel of the straightened exemplar its position in the exemplar, px; see `straighten`.
+    courses : tiles may begin anywhere along the second generator; see `deformed_lattice`.
+
+    Raises
+    ------
+    InputError
+        the exemplar has no lattice, shows no whole cell of it, is smaller than 8 x 8 px or holds values that are
+        not finite; ``weights`` names a map that it lacks; a tileable result is smaller than a tile.
+    ValueError
+        ``source`` does not have the exemplar's size.
+
+    References
+    ----------
+    [LiuTsin2004]_; [Lin2004]_ section 2.2. Tiles are chosen by their overlaps and used evenly, where the paper
+    draws them at random; their sides run where cells are most similar, and two of them need not follow a
+    generator. The paper's exemplars are straight; straightening others is ours. The lattice of a tileable
+    result is fitted to it, and its tiles are sampled at the nearest pixel.
+    """
+    if source is not None and source.shape[:2] != (image.height, image.width):
+        raise ValueError(f"near_regular: source {source.shape} is not of an exemplar {image.pixels.shape}")
+    if len(generators) != 2 or not len(vertices):
+        raise InputError("generators: the exemplar shows no lattice, without which there are no tiles to lay")
+    tiling = _Tiling(
+        image, source, generators.astype(np.float64), vertices.astype(np.float64), courses, params, rng
+    )
+    tiling.run()
+    result, match = tiling.output()
+    result_generators = tiling.lattice.generators.astype(np.float32)
+    return NearRegular(result.wrapping(params.tileable), match, result_generators, len(tiling.uses))

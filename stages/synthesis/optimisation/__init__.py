@@ -1,0 +1,1 @@
+"""Texture optimisation by patch search and voting."""

@@ -1,0 +1,176 @@
+"""Features of the patches of texture optimisation: colour, guidance, maps, guides, and lattice phase."""
+
+from collections.abc import Mapping
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Float32, Int16
+
+from texloom.stages.common.features.maps import map_features
+from texloom.stages.common.grids.pyramid import MAX_ROW_VALUES, resize
+from texloom.stages.common.similarity.neighbourhoods import UNIT, fixed_point
+from texloom.stages.synthesis.optimisation.guides import Guides
+from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
+from texloom.stages.synthesis.optimisation.scale import Scale
+from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
+from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.scratch import bands, empty
+
+_LOWS = (0.0, -80.0, -80.0)  # of histograms: L, a, b
+_HIGHS = (100.0, 80.0, 80.0)
+_FARTHEST = 100.0  # of guidance
+_GUIDE_RANGE = 300.0
+_COMPONENTS = 5  # of maps besides colour; nine tenths of their variance take four or five
+_OTHERS = 8  # maximum number of channels besides maps and guides: colour, guidance, phases
+
+
+FeaturesOfScale: TypeAlias = tuple[
+    Int16[np.ndarray, "h wc"], Int16[np.ndarray, "H W k"] | None, Bool[np.ndarray, "H W k"] | None
+]
+"""see `PatchFeatures.at`"""
+
+
+class PatchFeatures:
+    """The planes of an exemplar by which its patches are compared with the target's, [Kaspar2015]_ section 3.1.
+
+    A grey exemplar has lightness alone as colour: two planes that are 0 everywhere change no distance.
+
+    Parameters
+    ----------
+    image : the exemplar; masked pixels are filled.
+    usable : the pixels that are not masked; none if all are.
+    guidance : distance to features, 0..100, with the factor ``weight``; none without guidance.
+    weights : of maps besides colour, see `map_features`.
+    guides : planes that are given for the target; none without.
+    phase : the exemplar's lattice, with the factor ``regularity``, CIELAB units; none if it is not enforced.
+    given : an image with the same channels, whose colour and maps are described too; see `of_given`.
+    """
+
+    def __init__(
+        self,
+        image: Image,
+        usable: Mask | None,
+        guidance: ScalarMap | None,
+        weight: float,
+        weights: Mapping[str, float],
+        guides: Guides | None,
+        phase: LatticePhase | None,
+        regularity: float,
+        patch_size: int,
+        given: Image | None = None,
+    ):
+        self.planes = lab_from_linear(image.color)
+        colors = self.planes.reshape(-1, 3) if usable is None else self.planes[usable]
+        spread = float(np.sqrt(colors.var(axis=0, dtype=np.float64).sum()))
+        if _is_grey(self.planes) and (given is None or _is_grey(lab_from_linear(given.color))):
+            self.planes = self.planes[..., :1]
+        self.colors = self.planes.shape[2]
+        """planes of colour, which are the first"""
+        others = _OTHERS + (0 if guides is None else guides.exemplar.shape[2])
+        components = min(_COMPONENTS, MAX_ROW_VALUES // patch_size - others)
+        if given is None:
+            self.maps = map_features(image, spread, weights, usable, components)
+        else:
+            self.maps, self.given_maps = _maps_of_both(image, given, spread, weights, usable, components)
+        self.factors = np.ones(self.colors, np.float32)
+        self.guided = guidance is not None
+        if guidance is not None:
+            self.planes = np.concatenate([self.planes, guidance[..., None]], axis=2)
+            self.factors = np.append(self.factors, np.float32(weight))
+        if self.maps.shape[2]:
+            self.planes = np.concatenate([self.planes, self.maps], axis=2)
+            self.factors = np.concatenate([self.factors, np.ones(self.maps.shape[2], np.float32)])
+        self.guides = guides
+        self.phase = phase
+        self.regularity = regularity
+        self.patch_size = patch_size
+
+    def at(self, scale: Scale, phased: bool, margin: int) -> FeaturesOfScale:
+        """Fixed-point features of the exemplar, and those of the target that are given, which are the last ones.
+
+        The third array is true where they are given; none if they are everywhere.
+
+        Parameters
+        ----------
+        phased : whether the lattice is enforced at the scale.
+        margin : px of the target at full size before it begins.
+        """
+        planes = resize(self.planes, *scale.exemplar) * self.factors
+        if self.guided:  # distance fills its range at every scale
+            distance = np.ascontiguousarray(planes[..., self.colors])
+            nearest, farthest = distance.min(), distance.max()
+            span = max(float(farthest - nearest), 1e-6)
+            planes[..., self.colors] = (distance - nearest) * (_FARTHEST * self.factors[self.colors] / span)
+        sides = (scale.patches[0] + self.patch_size - 1, scale.patches[1] + self.patch_size - 1)
+        phase, radius = self.phase if phased else None, np.float32(self.regularity)
+        own = [planes]
+        there: Float32[np.ndarray, "H W k"] = np.zeros((*sides, 0), np.float32)
+        if self.guides is not None:
+            here, there = self.guides.at(scale, sides, margin)
+            own.append(here)
+        if phase is not None:
+            own.append(radius * phase.of_exemplar(*scale.exemplar, scale.factor))
+        exemplar = fixed_point(np.concatenate(own, axis=2))
+        count = exemplar.shape[1] // scale.exemplar[1] - planes.shape[2]
+        if not count:
+            return exemplar, None, None
+        given = empty((*sides, count), np.int16)
+        asked = empty(given.shape, np.bool_)
+        for band in bands(sides[0], given, asked):
+            wanted = [there[band]]
+            if phase is not None:
+                wanted.append(radius * phase.of_target(range(sides[0])[band], sides[1], scale.factor, margin))
+            values = np.concatenate(wanted, axis=2)
+            asked[band] = ~np.isnan(values)
+            given[band] = fixed_point(np.where(asked[band], values, np.float32(0))).reshape(values.shape)
+        return exemplar, given, None if asked.all() else asked
+
+    def of_given(self, given: Image, channels: int) -> tuple[Float32[np.ndarray, "H W c"], Bool[np.ndarray, "c"]]:  # type: ignore[name-defined]
+        """Features of the image that was given, 0 where it has none, and which of ``channels`` it has.
+
+        Distance to features and lattice phase are unknown.
+        """
+        planes = np.zeros((given.height, given.width, channels), np.float32)
+        known = np.zeros(channels, bool)
+        maps = self.colors + self.guided
+        known[: self.colors] = known[maps : maps + self.maps.shape[2]] = True
+        planes[..., : self.colors] = lab_from_linear(given.color)[..., : self.colors]
+        planes[..., maps : maps + self.maps.shape[2]] = self.given_maps
+        return planes, known
+
+    def ranges(self, channels: int) -> tuple[np.ndarray, np.ndarray]:
+        """Lows and highs of the histograms of the first ``channels`` features, CIELAB units."""
+        lows, highs = np.array(_LOWS[: self.colors]), np.array(_HIGHS[: self.colors])
+        if self.guided:
+            lows, highs = np.append(lows, 0.0), np.append(highs, _FARTHEST * self.factors[self.colors])
+        if self.maps.shape[2]:
+            lows = np.concatenate([lows, self.maps.min(axis=(0, 1))])
+            highs = np.concatenate([highs, self.maps.max(axis=(0, 1))])
+        if self.guides is not None:
+            few = np.full(self.guides.exemplar.shape[2], _GUIDE_RANGE)
+            lows, highs = np.concatenate([lows, -few]), np.concatenate([highs, few])
+        circles = np.full(channels - lows.size, self.regularity)
+        lows, highs = np.concatenate([lows, -circles]), np.concatenate([highs, circles])
+        return lows.astype(np.float32), highs.astype(np.float32)
+
+
+def _is_grey(lab: Float32[np.ndarray, "h w 3"]) -> bool:
+    """Whether a and b are 0 in fixed point."""
+    return bool(np.abs(lab[..., 1:]).max() * UNIT < 0.5)
+
+
+def _maps_of_both(
+    image: Image, given: Image, spread: float, weights: Mapping[str, float], usable: Mask | None, components: int
+) -> tuple[Float32[np.ndarray, "h w k"], Float32[np.ndarray, "H W k"]]:
+    """`map_features` of an image, and those of another one by the same components."""
+    width = max(image.width, given.width)
+    both = np.zeros((image.height + given.height, width, len(image.channels)), np.float32)
+    valid = np.zeros(both.shape[:2], bool)
+    both[: image.height, : image.width] = image.pixels
+    both[image.height :, : given.width] = given.pixels
+    valid[: image.height, : image.width] = True if usable is None else usable
+    maps = map_features(Image(both, image.channels), spread, weights, valid, components)
+    return (
+        np.ascontiguousarray(maps[: image.height, : image.width]),
+        np.ascontiguousarray(maps[image.height :, : given.width]),
+    )

@@ -1,0 +1,48 @@
+"""What patch optimisation requires of its inputs."""
+
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
+
+from texloom.stages.common.features.maps import check_weights
+from texloom.stages.common.grids.size_checks import check_patch
+from texloom.stages.vocabulary.arrays import Correspondence, Image
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.sizes import format_size
+
+
+@runtime_checkable
+class PatchParams(Protocol):
+    """The parameters that exemplar and start must fit."""
+
+    @property
+    def patch_size(self) -> int:
+        """A patch's side in pixels."""
+
+    @property
+    def tileable(self) -> bool | None:
+        """Whether the result wraps; None where the picture decides."""
+
+    @property
+    def weights(self) -> Mapping[str, float]:
+        """The weights of the exemplar's maps, by name."""
+
+
+def check_patches(params: PatchParams, known: Mapping[str, Any]) -> None:
+    """The exemplar must contain more than one patch, and have the maps of ``weights``; a tileable result, one."""
+    image, start = known.get("image"), known.get("start")
+    if image is not None:
+        check_weights(params.weights, image.channels)
+        check_patch(image, params.patch_size)
+    if start is not None and params.tileable:
+        height, width = start.shape[:2]
+        if min(height, width) < params.patch_size:
+            raise InputError(
+                f"start: a tileable result of {format_size((height, width))} does not hold a patch "
+                f"of {params.patch_size} px"
+            )
+
+
+def check_start(image: Image, start: Correspondence) -> None:
+    """`ValueError` where the start has sources beyond the exemplar."""
+    if (start.max(axis=(0, 1)) >= (image.height, image.width)).any():
+        raise ValueError(f"start points beyond the exemplar of {format_size(image)}")

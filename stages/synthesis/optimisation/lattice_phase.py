@@ -1,0 +1,116 @@
+"""Lattice phase: features that keep a result on the exemplar's lattice."""
+
+import numpy as np
+from jaxtyping import Complex64, Complex128, Float32, Float64, UInt32
+
+from texloom.stages.kernels.core.elementary_functions import cos, phase_of, phasor, sin, squared_size
+from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product, rank
+from texloom.stages.vocabulary.arrays import Correspondence, Mask, Vectors
+
+_MAX_STRETCH = 0.75  # cells along a window by which a given texture's lattice may differ from the exemplar's
+_STRETCHES = (0.125, 0.015625)  # cells: steps of the search
+_MIN_GAIN = 1.01  # of coherence, by a stretch that is not a coincidence
+
+
+class LatticePhase:
+    """Position within a lattice cell of exemplar and target pixels, as points on two circles.
+
+    Pixels at the same position in their cells have the same four values; half a cell apart they are opposite. The
+    target's phase continues the mean one of the start; on a torus its generators are stretched to whole cells.
+    With one generator, that of courses, there is one circle, and positions along the courses do not matter.
+
+    Parameters
+    ----------
+    generators : px, two rows or one.
+    start : exemplar pixel of every target pixel.
+    wrap : the target is a torus.
+    given : target pixels of a texture whose phase is continued, and whose lattice may be stretched; none if all of
+        the target is synthesised.
+    period : height and width of the parts of a torus that each contain whole cells; None for all of it.
+    """
+
+    def __init__(
+        self,
+        generators: Vectors,
+        start: Correspondence,
+        wrap: bool,
+        given: Mask | None = None,
+        period: tuple[int, int] | None = None,
+    ):
+        self.exemplar = steps_along(generators.astype(np.float64))  # pixel (row, column) @ this = cells
+        self.target = self.exemplar
+        if wrap:
+            sides = np.array(period or start.shape[:2], np.float64)
+            cells = np.rint(self.exemplar * sides[:, None])
+            if rank(cells) == len(generators):
+                self.target = cells / sides[:, None]
+        if given is not None and not wrap:
+            drift = np.stack([self._drift(line, row) for row, line in enumerate(start)]).astype(np.complex64)
+            self.target = self.target + _stretch(np.where(given[..., None], drift, np.complex64(0)))
+        total = np.zeros(len(generators), np.complex128)
+        for row, line in enumerate(start):  # one by one, as intermediate values take many times the memory
+            drift = self._drift(line, row)
+            total += drift.sum(axis=0) if given is None else drift[given[row]].sum(axis=0)
+        self.origin = phase_of(total / (start.shape[0] * start.shape[1])) / (2 * np.pi)
+
+    def _drift(self, sources: UInt32[np.ndarray, "W 2"], row: int) -> Complex128[np.ndarray, "W k"]:
+        """Phases of a row's sources relative to those of its pixels."""
+        columns = np.arange(len(sources))
+        own = np.stack([np.full_like(columns, row), columns], axis=1)
+        return np.asarray(
+            phasor(2 * np.pi * (matrix_product(sources, self.exemplar) - matrix_product(own, self.target)))
+        )
+
+    def of_exemplar(self, height: int, width: int, factor: float) -> Float32[np.ndarray, "h w k"]:
+        """Phases of an exemplar's pixels at the scale of ``factor``."""
+        return _circles(range(height), width, factor, 0, self.exemplar, np.zeros(self.exemplar.shape[1]))
+
+    def of_target(self, rows: range, width: int, factor: float, margin: int) -> Float32[np.ndarray, "H W k"]:
+        """Phases of rows of a target at the scale of ``factor``; it begins ``margin`` px before the start."""
+        return _circles(rows, width, factor, margin, self.target, self.origin)
+
+
+def _stretch(drift: Complex64[np.ndarray, "H W k"]) -> Float64[np.ndarray, "2 k"]:
+    """Change of each phase per px, down and across, that the drift of the phases shows; 0 where it shows none."""
+    sides = np.array(drift.shape[:2], np.float64)
+    positions = [np.arange(side) / side - 0.5 for side in drift.shape[:2]]
+    change = np.zeros((2, drift.shape[2]))
+    for index, plane in enumerate(np.moveaxis(drift, 2, 0)):
+        best, reach = np.zeros(2), _MAX_STRETCH
+        coherence = least = _MIN_GAIN * float(np.sqrt(squared_size(plane.sum(dtype=np.complex128))))
+        for step in _STRETCHES:
+            steps = np.arange(-round(reach / step), round(reach / step) + 1) * step
+            down, across = (
+                phasor(-2 * np.pi * np.outer(steps + middle, position))
+                for middle, position in zip(best, positions, strict=True)
+            )
+            found = np.sqrt(squared_size(matrix_product(matrix_product(down, plane), across.T)))
+            row, column = np.unravel_index(int(found.argmax()), found.shape)
+            if found[row, column] > coherence:
+                coherence = float(found[row, column])
+                best = best + steps[[row, column]]
+            reach = step
+        if coherence > least:
+            change[:, index] = best / sides
+    return change
+
+
+def min_spacing(generators: Vectors) -> float:
+    """The shorter distance between neighbouring lattice lines, or that between courses, px."""
+    longest = float(np.hypot(*generators.T).max())
+    return longest if len(generators) == 1 else float(abs(determinant(generators)) / np.hypot(*generators.T).max())
+
+
+def steps_along(generators: np.ndarray) -> np.ndarray:
+    """Matrix (2, k) from positions to steps along the k generators."""
+    if len(generators) == 2:
+        return inverse_of(generators)
+    return np.asarray(generators.T / (generators**2).sum())
+
+
+def _circles(
+    lines: range, width: int, factor: float, margin: int, cells: np.ndarray, origin: np.ndarray
+) -> Float32[np.ndarray, "h w k"]:
+    rows, columns = (((np.asarray(side) + 0.5) / factor - 0.5 - margin) for side in (lines, range(width)))
+    angle = 2 * np.pi * (rows[:, None, None] * cells[0] + columns[None, :, None] * cells[1] + origin)
+    return np.concatenate([cos(angle), sin(angle)], axis=2).astype(np.float32)

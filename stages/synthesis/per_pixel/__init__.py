@@ -1,0 +1,1 @@
+"""Per-pixel synthesis, in the plane and on surfaces."""

@@ -1,0 +1,1 @@
+"""Textures put into photographs."""

@@ -1,0 +1,1 @@
+"""Synthesis under a control map, by k-coherence."""

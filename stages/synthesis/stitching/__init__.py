@@ -1,0 +1,1 @@
+"""Textures stitched from patches of an exemplar."""

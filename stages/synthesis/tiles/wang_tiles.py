@@ -1,0 +1,98 @@
+"""Wang tiles: interiors between borders that fit, and the table that tells which tile fits where."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from texloom.stages.common.grids.wang import CORNERS, SIDES, WangSet
+from texloom.stages.synthesis.tiles.wang_borders import Synthesis, Torus, WangParams, core, to_borders
+from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
+from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.declare import Outline, stage
+from texloom.stages.vocabulary.masks import fill_excluded
+
+
+@dataclasses.dataclass(frozen=True)
+class WangTiles:
+    """The complete set."""
+
+    image: Image
+    """the atlas, a torus of tiles that fit"""
+    match: Correspondence
+    """source of each pixel in the exemplar"""
+    table: dict[str, Any]
+    """`size` of a tile, px; `kind`, `colors` and `variants`; `tiles`, in the order of their colours: for each `x`,
+    `y`, the left and upper pixel in the atlas, and the colours of its sides `north`, `east`, `south`, `west`; of
+    coloured corners also `northwest`, `northeast`, `southeast`, `southwest`, where sides have a colour for each
+    pair"""
+
+
+def outlines(params: WangParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
+    """The image is as the borders'."""
+    borders = known.get("borders")
+    return {} if borders is None else {"image": Outline(borders.height, borders.width, borders.channels)}
+
+
+@stage(version=2, outlines=outlines)
+def wang_tiles(
+    image: Image,
+    borders: Image,
+    match: Correspondence,
+    keep: Mask,
+    filled: Mask,
+    layout: dict[str, Any],
+    params: WangParams,
+    rng: np.random.Generator,
+    guidance: ScalarMap | None = None,
+    weight: float = 1.0,
+    generators: Vectors | None = None,
+) -> WangTiles:
+    """Synthesise the interiors of Wang tiles between their borders.
+
+    The whole atlas is one torus for the main method, to which the borders are given, so that interiors differ as
+    much as other parts of a result. Beyond its innermost pixels, which tiles share, each border passes into the
+    interiors along minimum cuts. Tiles are then cut apart along the lines, inside the borders, across which the
+    texture changes least; any of these gives tiles that fit.
+
+    Parameters
+    ----------
+    image : the exemplar; its masked pixels are never copied.
+    borders, match, keep, filled, layout : see `wang_borders`.
+    guidance, weight, generators : of the exemplar, see `optimise`.
+
+    References
+    ----------
+    [Cohen2003]_ and [Lagae2006]_; [Wei2004]_ for the atlas; [Kwatra2003]_ for the cuts. [Wei2008]_ section 7
+    proposes tiles for compactions.
+    """
+    tiles, size = WangSet.of(layout), int(layout["size"])
+    border = int(layout["border"])
+    synthesis = Synthesis(image, guidance, weight, generators, size, border, params)
+    to_row, to_column = to_borders((borders.height, borders.width), size)
+    shared = np.minimum(to_row[:, None], to_column) < core(border)
+    made = synthesis.completed(Torus(borders, match), keep, shared, filled, rng)
+    down, across = (_least_change(made.image, axis, size, border // 2) for axis in (0, 1))
+    shifted = made.at(np.arange(borders.height)[:, None] + down, np.arange(borders.width) + across)
+    return WangTiles(shifted.image.wrapping(True), shifted.match, _table(tiles, size))
+
+
+def _least_change(image: Image, axis: int, size: int, reach: int) -> int:
+    """By how many px tiles should begin later, so that colour changes least across their borders."""
+    lab = lab_from_linear(fill_excluded(image).color)
+    change = np.abs(lab - np.roll(lab, 1, axis=axis)).mean(axis=(1 - axis, 2))
+    shifts = np.arange(-reach, reach + 1)
+    costs = [change[shift % size :: size].mean() for shift in shifts]
+    return int(shifts[int(np.argmin(costs))])
+
+
+def _table(tiles: WangSet, size: int) -> dict[str, Any]:
+    rows = []
+    for row, column in tiles.places.tolist():
+        colors = dict(zip(SIDES, tiles.tiles[row, column].tolist(), strict=True))
+        if tiles.kind == "corners":
+            colors |= dict(zip(CORNERS, tiles.tile_corners[row, column].tolist(), strict=True))
+        rows.append({"x": column * size, "y": row * size, **colors})
+    about = {"size": size, "kind": tiles.kind, "colors": tiles.colors, "variants": list(tiles.variants)}
+    return {**about, "tiles": rows}

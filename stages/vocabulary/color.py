@@ -1,0 +1,76 @@
+"""Colour between linear light (Rec.709 primaries), sRGB and CIELAB (D65)."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float32
+
+from texloom.stages.kernels.core.elementary_functions import cbrt, power
+from texloom.stages.numerics.matrices import inverse_of, matrix_product
+
+_XYZ_FROM_LINEAR = np.array(
+    [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]]
+)
+_WHITE = np.array([0.95047, 1.0, 1.08883])  # D65, 2 degree observer
+_LINEAR_LIMIT = 216 / 24389  # below it CIELAB's lightness is linear
+_CACHED = 2**15  # pixels converted at once: what is made of them on the way fits into the processor's cache
+_STRIP = 2**20  # values converted at once: numpy makes 8-byte indices of them
+
+
+def lab_from_linear(color: Float32[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h w 3"]:
+    """CIELAB (D65) of linear Rec.709 colour.
+
+    L is 0..100 for 0..1 and above 100 for brighter light; negative light counts as 0.
+    """
+    matrix = (_XYZ_FROM_LINEAR / _WHITE[:, None]).astype(np.float32)
+    lab = np.empty(color.shape, np.result_type(color, np.float32))
+    rows = max(1, 3 * _CACHED // max(1, color[:1].size))
+    for top in range(0, color.shape[0], rows):
+        relative = matrix_product(np.maximum(color[top : top + rows], 0), matrix.T)
+        is_light = relative > _LINEAR_LIMIT
+        f = np.where(is_light, cbrt(relative), np.float32(841 / 108) * relative + np.float32(4 / 29))
+        strip = lab[top : top + rows]
+        strip[..., 0] = 116 * f[..., 1] - 16
+        strip[..., 1] = 500 * (f[..., 0] - f[..., 1])
+        strip[..., 2] = 200 * (f[..., 1] - f[..., 2])
+    return lab
+
+
+def linear_from_lab(lab: Float32[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h w 3"]:
+    """Linear Rec.709 colour of CIELAB (D65); colours outside Rec.709 have negative channels."""
+    lightness = (lab[..., 0] + 16) / 116
+    f = np.stack([lightness + lab[..., 1] / 500, lightness, lightness - lab[..., 2] / 200], axis=-1)
+    relative = np.where(f > 6 / 29, f * f * f, (f - np.float32(4 / 29)) * np.float32(108 / 841))
+    matrix = inverse_of(_XYZ_FROM_LINEAR / _WHITE[:, None]).astype(np.float32)
+    return np.asarray(matrix_product(relative, matrix.T), np.float32)
+
+
+def linear_from_srgb(encoded: np.ndarray) -> np.ndarray:
+    """Linear light of sRGB values in 0..1 (IEC 61966-2-1)."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, power((np.maximum(encoded, 0) + 0.055) / 1.055, 2.4))
+
+
+def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
+    """SRGB values of linear light, which is clipped to 0..1."""
+    clipped = np.clip(linear, 0, 1)
+    return np.asarray(np.where(clipped <= 0.0031308, clipped * 12.92, 1.055 * power(clipped, 1 / 2.4) - 0.055))
+
+
+def linear_from_codes(codes: np.ndarray, data_planes: int = 0) -> Float32[np.ndarray, "h w c"]:
+    """Linear light of 8-bit or 16-bit sRGB codes.
+
+    Parameters
+    ----------
+    codes : (h, w, c), uint8 or uint16.
+    data_planes : number of last planes that are not colour, such as alpha or height; they are scaled to 0..1.
+    """
+    encoded = np.arange(np.iinfo(codes.dtype).max + 1) / np.iinfo(codes.dtype).max
+    color_table, data_table = linear_from_srgb(encoded).astype(np.float32), encoded.astype(np.float32)
+    pixels = np.empty(codes.shape, np.float32)
+    colors = codes.shape[2] - data_planes
+    rows = max(1, _STRIP // (codes.shape[1] * codes.shape[2]))
+    for top in range(0, codes.shape[0], rows):
+        strip = codes[top : top + rows]
+        pixels[top : top + rows, :, :colors] = color_table[strip[..., :colors]]
+        pixels[top : top + rows, :, colors:] = data_table[strip[..., colors:]]
+    return pixels

@@ -1,0 +1,75 @@
+"""Excluded pixels of an exemplar: how an image marks them, and what replaces them.
+
+Arrays called ``valid`` are true where a pixel may be used.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Int32
+
+from texloom.stages.vocabulary.arrays import Image, Mask
+from texloom.stages.vocabulary.declare import InputError
+
+USABLE = "usable"
+"""name of the channel that marks excluded pixels by values below a half"""
+
+EXCLUSION_CHANNELS = ("A", USABLE)
+"""a pixel is excluded where one of these channels is below `HALF`"""
+
+HALF = 0.5
+
+
+def valid_pixels(image: Image) -> Mask | None:
+    """True where ``image`` may be used; None where no pixel is excluded.
+
+    Raises
+    ------
+    InputError
+        all pixels are excluded.
+    """
+    valid = np.ones((image.height, image.width), bool)
+    for name in EXCLUSION_CHANNELS:
+        if name in image.channels:
+            valid &= image.pixels[..., image.channels.index(name)] >= HALF
+    if not valid.any():
+        raise InputError("image: its mask or alpha excludes every pixel")
+    return None if valid.all() else valid
+
+
+def nearest_valid(valid: Mask) -> Int32[np.ndarray, "2 h w"]:
+    """Row and column of the valid pixel nearest to every pixel; at least one is valid."""
+    if valid.all():
+        return np.indices(valid.shape, np.int32)
+    from scipy.ndimage import distance_transform_edt
+
+    return np.asarray(distance_transform_edt(~valid, return_distances=False, return_indices=True), dtype=np.int32)
+
+
+def count_excluded(valid: Mask, height: int, width: int) -> Int32[np.ndarray, "p q"]:
+    """Number of pixels that are not valid in each window of ``height`` x ``width`` px, by its top-left pixel."""
+    sums = np.zeros((valid.shape[0] + 1, valid.shape[1] + 1), np.int32)
+    np.cumsum(np.cumsum(~valid, axis=0, dtype=np.int32), axis=1, out=sums[1:, 1:])
+    down = sums[height:] - sums[:-height]
+    return down[:, width:] - down[:, :-width]
+
+
+def fill_excluded(image: Image) -> Image:
+    """``image`` with every excluded pixel replaced by the nearest valid one.
+
+    The values of excluded pixels thus cannot influence anything computed from the result.
+    """
+    valid = valid_pixels(image)
+    if valid is None:
+        return image
+    row, column = nearest_valid(valid)
+    return image.with_pixels(image.pixels[row, column])
+
+
+def without_usable(image: Image) -> Image:
+    """``image`` without the channel `USABLE`, which describes an exemplar and not what is made from it."""
+    if USABLE not in image.channels:
+        return image
+    kept = [index for index, name in enumerate(image.channels) if name != USABLE]
+    names = tuple(image.channels[index] for index in kept)
+    return image.with_pixels(np.ascontiguousarray(image.pixels[..., kept]), names)

@@ -1,0 +1,126 @@
+"""Planes of known pose, and photographs without any."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.photographs import unit_square
+from tests.synthetic import picture, smooth_noise
+from texloom.stages.analysis.photographs.plane_proposal import PlaneProposalParams, plane_proposal
+from texloom.stages.vocabulary.arrays import Image
+
+SHAPE = (360, 480)
+FINE = 3  # px of a rendered px
+BRICK = 24  # px of a brick's height
+
+
+def bricks(rows: int, columns: int, staggered: bool, rng: np.random.Generator) -> np.ndarray:
+    """Dark bricks with bright joints, from the edges of the outermost bricks."""
+    joint = BRICK // 8
+    wall = np.full((rows * BRICK, columns * 2 * BRICK), 0.7, np.float32)
+    for row in range(rows):
+        for column in range(-1, columns):
+            left = (2 * column + 1 + (row % 2 if staggered else 1)) * BRICK
+            ends = max(0, left + joint), left + 2 * BRICK - joint
+            wall[row * BRICK + joint : (row + 1) * BRICK - joint, ends[0] : ends[1]] = rng.uniform(0.1, 0.4)
+    return wall[joint:-joint, 0 if staggered else joint : -joint or None]
+
+
+def pixels(points: Any) -> np.ndarray:
+    """Row and column of points in space (right, down, away) through a lens of 450 px."""
+    at = np.asarray(points, float)
+    return 450 * at[:, 1::-1] / at[:, 2:] + (np.array(SHAPE) - 1) / 2
+
+
+def rectangle(height: float, width: float, tilt: float, turn: float, roll: float) -> np.ndarray:
+    """Corners in space of a rectangle 5 away."""
+    import cv2
+
+    square = np.array([[-width, -height, 0], [width, -height, 0], [width, height, 0], [-width, height, 0]]) / 2
+    return square @ cv2.Rodrigues(np.array([tilt, turn, roll]))[0].T + [0, 0, 5]
+
+
+def rendered(walls: list[tuple[np.ndarray, np.ndarray]], rng: np.random.Generator) -> Image:
+    """Textures on planes between their corners, before a dim background."""
+    import cv2
+
+    light = 0.5 + 0.1 * smooth_noise(SHAPE, 4, rng)
+    fine = (FINE * SHAPE[1], FINE * SHAPE[0])
+    for texture, corners in walls:
+        height, width = texture.shape
+        source = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5
+        target = (corners[:, ::-1] + 0.5) * FINE - 0.5
+        matrix = cv2.getPerspectiveTransform(source.astype(np.float32), target.astype(np.float32))
+        values, inside = (
+            cv2.resize(cv2.warpPerspective(plane, matrix, fine), SHAPE[::-1], interpolation=cv2.INTER_AREA)
+            for plane in (texture, np.ones_like(texture))
+        )
+        light = values + (1 - inside) * light
+    return picture(np.clip(light + rng.normal(0, 0.01, SHAPE), 0, 1))
+
+
+def corner_error(true: np.ndarray, proposed: np.ndarray) -> float:
+    """The largest distance between corners, as a share of the shortest side."""
+    side = np.hypot(*(np.roll(true, -1, axis=0) - true).T).min()
+    return float(np.hypot(*(proposed - true).T).max() / side)
+
+
+@pytest.mark.parametrize("staggered", [False, True])
+@pytest.mark.parametrize("pose", [(0.0, 0.0, 0.1), (0.2, -0.5, 0.1), (-0.5, 0.1, 0.0), (0.3, 0.45, -0.15)])
+def test_corners_of_planes_of_known_pose(
+    pose: tuple[float, float, float], staggered: bool, rng: np.random.Generator
+) -> None:
+    corners = pixels(rectangle(2.4, 3.2, *pose))
+    proposal = plane_proposal(rendered([(bricks(10, 7, staggered, rng), corners)], rng), PlaneProposalParams())
+    assert len(proposal.corners) == 1
+    assert corner_error(corners, proposal.corners[0]) < 0.01
+
+
+def test_both_walls_of_a_corner(rng: np.random.Generator) -> None:
+    edge, up = np.array([0, 0, 4]), np.array([0, -1.2, 0])
+    left, right = np.array([-2.3, 0, 5.9]), np.array([2.2, 0, 6])
+    walls = [pixels([a + up, b + up, b - up, a - up]) for a, b in ((left, edge), (edge, right))]
+    photo = rendered([(bricks(12, 8, False, rng), corners) for corners in walls], rng)
+    proposed = plane_proposal(photo, PlaneProposalParams(most=3)).corners
+    assert len(proposed) == 2
+    for corners in walls:
+        assert min(corner_error(corners, other) for other in proposed) < 0.01
+    assert len(plane_proposal(photo, PlaneProposalParams()).corners) == 1
+
+
+def test_a_photographed_wall_is_straightened() -> None:
+    """Two joints of skimage:brick that run along the same number of courses apart are parallel in the plane."""
+    import skimage.data
+
+    proposed = plane_proposal(Image.of(skimage.data.brick()), PlaneProposalParams()).corners[0]
+    joints = np.array([[512, 7], [0, 70.5], [512, 427.5], [0, 365.7]])
+    place = unit_square(proposed, *joints.T)[:, 1]
+    assert abs(place[0] - place[1]) < 0.01
+    assert abs(place[2] - place[3]) < 0.01
+
+
+def test_no_plane_is_proposed_where_a_file_tells(tmp_path: Path) -> None:
+    import skimage.data
+
+    (tmp_path / "wall.json").write_text(
+        '{"patches": [{"corners": [[0, 0], [0, 9], [9, 9], [9, 0]], "size": [1, 1]}]}'
+    )
+    params = PlaneProposalParams.model_validate({"geometry": tmp_path / "wall.json"})
+    assert plane_proposal(Image.of(skimage.data.brick()), params).corners.shape == (0, 4, 2)
+
+
+def test_no_plane_without_lines_in_two_directions(
+    rng: np.random.Generator, caplog: pytest.LogCaptureFixture
+) -> None:
+    columns = np.tile(np.linspace(0, 40 * np.pi, 320), (240, 1))
+    for plane in (smooth_noise((240, 320), 2, rng), 0.5 + 0.4 * np.sign(np.sin(columns)), np.full((60, 80), 0.5)):
+        caplog.clear()
+        with caplog.at_level(logging.WARNING):
+            result = plane_proposal(picture(plane), PlaneProposalParams())
+        assert result.corners.shape == (0, 4, 2)
+        assert "no plane is evident" in caplog.text

@@ -1,0 +1,119 @@
+"""Bands and holes of an image, filled with blocks of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.synthetic import blobs, identity, masked, picture, smooth_noise, tiled
+from texloom.stages.lookup.registry import find_stage
+from texloom.stages.synthesis.edits.border_band import BorderBandParams, border_band
+from texloom.stages.synthesis.edits.inpaint import Inpainted, InpaintParams, inpaint
+from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import TORUS
+
+SHAPE = (112, 120)
+
+
+@pytest.fixture
+def pattern(rng: np.random.Generator) -> Image:
+    """A pattern that does not fit its picture a whole number of times."""
+    return tiled(blobs((24, 26, 3), rng, 2.0), 0, SHAPE)[0]
+
+
+def run(image: Image, keep: np.ndarray, **params: Any) -> Inpainted:
+    return inpaint(image, keep, InpaintParams(**params))
+
+
+@pytest.mark.parametrize(
+    "hole", [(slice(40, 62), slice(30, 55)), (slice(0, 18), slice(90, 120)), (slice(50, 64), slice(0, 120))]
+)
+def test_a_hole_in_a_pattern_is_filled(pattern: Image, hole: tuple[slice, slice]) -> None:
+    """Inside, in a corner and right across: exactly, since the pattern shows the same elsewhere."""
+    keep = np.ones(SHAPE, bool)
+    keep[hole] = False
+    result = run(masked(pattern, keep, 7.0), keep)
+    np.testing.assert_array_equal(result.image.pixels[keep], pattern.pixels[keep])
+    np.testing.assert_array_equal(result.match[keep], identity(SHAPE)[keep])
+    assert keep[tuple(np.moveaxis(result.match, 2, 0))].all()
+    assert result.image.channels == ("R", "G", "B")
+    np.testing.assert_allclose(result.image.pixels, pattern.pixels, atol=1e-6)
+
+
+def test_values_in_a_hole_make_no_difference(rng: np.random.Generator) -> None:
+    image = picture(smooth_noise((*SHAPE, 3), 3.0, rng))
+    keep = np.ones(SHAPE, bool)
+    keep[30:60, 20:80] = False
+    one, other = (run(masked(image, keep, value), keep) for value in (0.0, 50.0))
+    np.testing.assert_array_equal(one.match, other.match)
+
+
+def border_jump(pixels: np.ndarray) -> float:
+    """Difference across the borders relative to that of neighbours inside, the larger of the two axes."""
+    ratios = []
+    for axis in (0, 1):
+        steps = np.abs(pixels - np.roll(pixels, 1, axis)).mean(axis=(1 - axis, 2))
+        ratios.append(float(steps[0] / steps[1:].mean()))
+    return max(ratios)
+
+
+def test_a_band_makes_a_picture_tile(rng: np.random.Generator) -> None:
+    """The start, and better still the optimisation; kept pixels are unchanged."""
+    image = picture(blobs((*SHAPE, 3), rng))
+    keep = border_band(image, BorderBandParams(width=18)).keep
+    start = run(image, keep, tileable=True)
+    params = OptimiseParams(preset="fast", tileable=True, coarsest=60)
+    done = optimise(image, start.match, params, np.random.default_rng(1), keep=keep)
+    for result in (start, done):
+        np.testing.assert_array_equal(result.image.pixels[keep], image.pixels[keep])
+    assert border_jump(image.pixels) > 3
+    assert border_jump(start.image.pixels) < 0.7 * border_jump(image.pixels)
+    assert border_jump(done.image.pixels) < 1.3
+
+
+def test_an_image_without_holes_is_unchanged(pattern: Image) -> None:
+    keep = np.ones(SHAPE, bool)
+    for tileable in (False, True):
+        np.testing.assert_array_equal(run(pattern, keep, tileable=tileable).image.pixels, pattern.pixels)
+    with pytest.raises(ValueError, match="keep of shape"):
+        run(pattern, keep.T)
+
+
+def test_too_small_images_are_refused(pattern: Image) -> None:
+    keep = np.broadcast_to(np.arange(SHAPE[1]) % 20 < 12, SHAPE)
+    with pytest.raises(InputError, match="leaves no whole block of 16 px"):
+        run(masked(pattern, keep, 7.0), keep)
+    check = find_stage("synthesis.inpaint").check
+    assert check is not None
+    check(InpaintParams(block=56), {"image": pattern})
+    with pytest.raises(InputError, match="120 x 112 px is too small for blocks of 57 px"):
+        check(InpaintParams(block=57), {"image": pattern})
+
+
+@pytest.mark.parametrize(("width", "expected"), [(None, 16), (20, 20)])
+def test_bands_run_along_all_borders(pattern: Image, width: int | None, expected: int) -> None:
+    keep = border_band(pattern, BorderBandParams(width=width)).keep
+    row, column = np.indices(SHAPE)
+    away = np.minimum.reduce([row, SHAPE[0] - 1 - row, column, SHAPE[1] - 1 - column])
+    np.testing.assert_array_equal(keep, away >= expected)
+    check = find_stage("synthesis.border_band").check
+    assert check is not None
+    with pytest.raises(InputError, match="too small for bands of 30 px") as caught:
+        check(BorderBandParams(width=30), {"image": pattern})
+    assert "\n" not in str(caught.value)
+
+
+def test_a_picture_that_wraps_stays_so(pattern: Image, caplog: pytest.LogCaptureFixture) -> None:
+    keep = np.ones((pattern.height, pattern.width), bool)
+    keep[:8, 20:40] = keep[-8:, 20:40] = False
+    asked = run(pattern, keep, tileable=True)
+    assert not caplog.records
+    kept = run(pattern.wrapping(True), keep)
+    assert "keeps tiling" in caplog.text
+    np.testing.assert_array_equal(kept.match, asked.match)
+    assert kept.image.wraps == asked.image.wraps == TORUS
+    assert not run(pattern.wrapping(True), keep, tileable=False).image.wraps

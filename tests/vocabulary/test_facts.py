@@ -1,0 +1,150 @@
+"""What holds for a picture beside its pixels, and what every stage does with it."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import PIL.Image
+import PIL.PngImagePlugin
+import pytest
+
+from tests.synthetic import identity, picture, smooth_noise
+from texloom.pipelines.media.arrays import file_source
+from texloom.pipelines.media.sources import open_source
+from texloom.pipelines.store import codec
+from texloom.stages.lookup.registry import find_stage, shipped_stages
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.facts import UNKNOWN, Facts, Wraps
+
+SETS = {
+    "synthesis.adaptive", "synthesis.bidirectional", "synthesis.collage", "synthesis.compact",
+    "synthesis.graph_cut", "synthesis.hybrid", "synthesis.image_melding", "synthesis.near_regular",
+    "synthesis.optimise", "synthesis.patch_based", "synthesis.per_pixel", "synthesis.quilting",
+    "synthesis.reconstruct", "synthesis.regularised_patches",
+}  # fmt: skip
+"""stages whose result wraps where `tileable` asks for it"""
+ALWAYS = {"synthesis.epitome", "synthesis.wang_tiles"}
+"""stages whose result is a torus"""
+KEEPS = {
+    "analysis.exclusion_mask", "evaluation.choice", "evaluation.external_result", "synthesis.gradient_domain",
+    "synthesis.inpaint", "synthesis.propagate_edit", "synthesis.refine", "synthesis.restore_tone",
+    "synthesis.revise",
+}  # fmt: skip
+"""stages whose result wraps where the picture that they change did"""
+DROPS = {
+    # parts of pictures, pictures that are laid otherwise, pictures of measurements
+    "analysis.crop", "analysis.straighten", "analysis.unroll", "analysis.unroll_hole", "analysis.patch_atlas",
+    "analysis.tone",  # unless it changes nothing: drift ends differently on opposite sides
+    "analysis.control_direction", "analysis.deformed_lattice", "analysis.dog_mask", "analysis.feature_distance",
+    "analysis.gaussian_stack", "analysis.jacobian_field", "analysis.orientation_field", "analysis.plane_proposal",
+    "analysis.surface_charts", "analysis.surface_control",
+    "synthesis.atlas", "synthesis.best_crop", "synthesis.compact_oriented", "synthesis.control_features",
+    "synthesis.histogram_summary", "synthesis.initialise", "synthesis.layout", "synthesis.on_surface",
+    "synthesis.place_texture", "synthesis.seam_carving", "synthesis.wang_borders",
+    "evaluation.contact_sheet", "evaluation.energy_curve", "evaluation.lit_preview", "evaluation.sequence",
+    "evaluation.source_positions", "evaluation.surface_views", "evaluation.thumbnail", "evaluation.wang_tiling",
+}  # fmt: skip
+"""stages that return another picture than one that may repeat"""
+
+
+def test_every_stage_that_returns_an_image_has_a_row() -> None:
+    stages = {name: find_stage(name) for name in shipped_stages()}
+    images = {name for name, one in stages.items() if any("Image" in str(hint) for hint in one.outputs.values())}
+    rows = (SETS, ALWAYS, KEEPS, DROPS)
+    assert set().union(*rows) == images
+    assert sum(map(len, rows)) == len(images)
+    assert all("tileable" in stages[name].params.model_fields for name in SETS)
+
+
+def torus(side: int = 64) -> Image:
+    return picture(smooth_noise((side, side), 2, np.random.default_rng(5)) * 0.1 + 0.5).wrapping(True)
+
+
+def edited(stage: str, image: Image) -> Image:
+    """What a stage of `KEEPS` makes of a picture."""
+    hole = np.zeros((image.height, image.width), bool)
+    hole[20:30, 20:30] = True
+    own, random = identity((image.height, image.width)), np.random.default_rng(3)
+    known = {"summary": {"fidelity": 1.0, "structure": 1.0}}
+    calls: dict[str, dict[str, Any]] = {
+        "analysis.exclusion_mask": {"image": image, "mask": picture(hole.astype(np.float32))},
+        "evaluation.choice": {"first": image, "second": image, "first_scores": known, "second_scores": known},
+        "evaluation.external_result": {"image": image},
+        "synthesis.gradient_domain": {"exemplar": image, "image": image, "match": own},
+        "synthesis.inpaint": {"image": image, "keep": ~hole},
+        "synthesis.refine": {"image": image, "match": own, "exemplar": image, "rng": random},
+        "synthesis.restore_tone": {"image": image, "control": image},
+        "synthesis.revise": {"texture": image, "exemplar": image, "region": picture(hole * 1.0), "rng": random},
+    }
+    options: dict[str, Any] = {
+        "evaluation.choice": {"labels": ["a", "b"]},
+        "synthesis.inpaint": {"block": 16},
+        "synthesis.refine": {"rounds": 0, "preset": "fast"},
+        "synthesis.revise": {"preset": "fast", "margin": 16},
+        "synthesis.gradient_domain": {"maps": ["albedo"]},
+    }
+    declared = find_stage(stage)
+    params = declared.params(**options.get(stage, {}))
+    made: Image = declared.function(**calls[stage], params=params).image
+    return made
+
+
+@pytest.mark.parametrize("stage", sorted(KEEPS - {"synthesis.propagate_edit"}))
+def test_edits_keep_the_tiling(stage: str) -> None:
+    assert edited(stage, torus()).wraps.both
+    assert not edited(stage, torus().wrapping(False)).wraps
+
+
+def test_parts_wrap_along_whole_sides() -> None:
+    image = torus(16)
+    assert str(image.cropped(slice(2, 9), slice(None)).wraps) == "x"
+    assert str(image.cropped(slice(None), slice(1, 16)).wraps) == "y"
+    assert image.cropped(slice(0, 16), slice(0, 16)).wraps.both
+    assert image.with_pixels(image.pixels * 2).wraps.both
+    assert not Image(image.pixels, image.channels).wraps
+
+
+def test_joined_maps_wrap_where_all_do() -> None:
+    parts = [Facts(Wraps.of(name)) for name in ("both", "x", "both")]
+    assert str(Facts.joined(parts).wraps) == "x"
+
+
+@pytest.mark.parametrize("name", ["off", "x", "y", "both"])
+def test_records_are_read_back(name: str) -> None:
+    assert Facts.of(Facts(Wraps.of(name)).record()) == Facts(Wraps.of(name))
+    assert Facts.of({"wraps": "perhaps"}) == Facts.of({"wraps": ["x"]}) == Facts.of({}) == UNKNOWN
+
+
+@pytest.mark.parametrize("suffix", ["exr", "png"])
+def test_files_carry_facts_of_pictures_of_their_size(suffix: str, tmp_path: Path) -> None:
+    file = tmp_path / f"a.{suffix}"
+    image = torus(16)
+    codec.export(image, Image, file, {"seed": 3})
+    assert open_source("a", str(file)).read().wraps.both
+    codec.export(image.wrapping(False), Image, file, {"seed": 3})
+    assert not open_source("a", str(file)).read().wraps
+
+
+def test_a_cropped_png_with_our_text_does_not_wrap(tmp_path: Path) -> None:
+    """Programs keep the texts of a PNG that they crop."""
+    file = tmp_path / "a.png"
+    codec.export(torus(16), Image, file, {"seed": 3})
+    with PIL.Image.open(file) as opened:
+        text = PIL.PngImagePlugin.PngInfo()
+        text.add_itxt("texloom.provenance", opened.text["texloom.provenance"])
+        opened.crop((0, 0, 9, 16)).save(file, pnginfo=text)
+    assert not open_source("a", str(file)).read().wraps
+
+
+def test_facts_decide_digests() -> None:
+    @dataclasses.dataclass(frozen=True)
+    class Made:
+        image: Image
+
+    one, other = (codec.digests(Made(torus(16).wrapping(wrap)))["image"] for wrap in (True, False))
+    assert one != other
+
+
+def test_arrays_given_by_programs_carry_facts(tmp_path: Path) -> None:
+    assert open_source("a", file_source(torus(16), tmp_path)).read().wraps.both
