@@ -1,1 +1,1 @@
-"""Guides, orientation fields and directions that are to be followed."""
+"""What a result is to follow: guides [Hertzmann2001]_, orientation fields [Wei2008]_, [Zhou2023]_, directions."""

@@ -1,1 +1,1 @@
-"""Meshes: charts, control and direction on a surface."""
+"""Meshes: charts, control maps and the direction of a texture on a surface [LefebvreHoppe2006]_."""

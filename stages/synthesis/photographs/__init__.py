@@ -1,1 +1,1 @@
-"""Textures put into photographs."""
+"""Textures put into photographs: the reverse of `analysis.photographs` [Eisenacher2008]_."""
