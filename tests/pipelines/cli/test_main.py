@@ -247,6 +247,7 @@ WRONG_COMMANDS = {
     "run quilting --preset fast": (
         "--preset: quilting has no such param; it has size, tileable and those of its steps, as STEP.PARAM"
     ),
+    "run self_tuning --seed 1 --seeds 0-3": "--seed and a range of --seeds say the same; give one of them",
     "run self_tuning --size 64 --set size=64": "--size and --set size=... say the same; give one of them",
     "compare quilting self_tuning --over skimage:brick --set start.size=64": (
         "--set start.size: quilting has no step 'start'; name that of one, as self_tuning_start.size"

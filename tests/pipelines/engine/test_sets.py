@@ -167,7 +167,7 @@ def test_an_item_that_fails_is_named_and_stops_nobody(folder: Path) -> None:
     opened, listener, exports = run(folder)
     assert {name for name, problem in listener.items.items() if problem} == {"b-1", "b-2", "c-1", "c-2"}
     assert "pictures/b.png" in str(listener.items["b-1"])
-    assert "9x9" in str(listener.items["c-2"])
+    assert "9 x 9 px" in str(listener.items["c-2"])
     assert "a-2/start.png" in exports
     rows = json.loads(exports["all.json"].read_text())["rows"]
     assert [row["name"] for row in rows] == [item.name for item in opened.items]
@@ -224,7 +224,7 @@ def test_a_plan_tells_items_apart(folder: Path) -> None:
 def test_a_changed_param_of_an_item_step_reaches_what_gathers(folder: Path) -> None:
     run(folder)
     plans = {(plan.item, plan.name): plan for plan in open_run(folder / "flow.yaml", start__size="24").plan()}
-    assert plans["a-1", "start"].reasons == ("param size: 32 -> [24, 24]",)
+    assert plans["a-1", "start"].reasons == ("param size: 32x32 -> 24x24",)
     assert plans[None, "all"].state == "wait"
     _, listener, _ = run(folder, start__size="24")
     assert listener.states["all"] == "ran"
