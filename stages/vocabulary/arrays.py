@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float32, UInt8, UInt32
@@ -145,7 +145,7 @@ class Image:
         return self.pixels[..., :3]
 
 
-Mask = Bool[np.ndarray, "h w"]
+Mask: TypeAlias = Bool[np.ndarray, "h w"]
 """true where something is"""
 
 
@@ -156,7 +156,7 @@ def split_mask(array: np.ma.MaskedArray[Any, Any]) -> tuple[np.ndarray, Bool[np.
     return np.where(masked, np.zeros((), array.dtype), array.data), usable
 
 
-ScalarMap = Float32[np.ndarray, "h w"]
+ScalarMap: TypeAlias = Float32[np.ndarray, "h w"]
 """one value a pixel"""
 
 ColorField = Annotated[Float32[np.ndarray, "h w 3"], Channels(("L", "a", "b"))]
