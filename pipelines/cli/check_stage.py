@@ -211,11 +211,12 @@ class _Subject:
         return names[0]
 
     def tiling(self) -> str:
-        """Whether opposite borders fit."""
+        """Whether opposite borders fit, and the result says so."""
         if not self._has_param("tileable"):
             raise _SkipError("the stage has no param 'tileable'")
         name = self._image_output()
-        pixels = getattr(self.run(exemplar(), tileable=True), name).pixels[..., :3].astype(np.float64)
+        made = getattr(self.run(exemplar(), tileable=True), name)
+        pixels = made.pixels[..., :3].astype(np.float64)
         ratios = []
         for axis in (0, 1):
             inside = np.abs(np.diff(pixels, axis=axis)).mean()
@@ -223,6 +224,8 @@ class _Subject:
             ratios.append(across / max(inside, 1e-9))
         if max(ratios) > _SEAM:
             raise _FailError(f"differences across the borders are {max(ratios):.1f} times those inside")
+        if not made.wraps.both:
+            raise _FailError("the result does not say that it wraps; return image.wrapping(params.tileable)")
         return f"{max(ratios):.2f} times the differences inside"
 
     def maps(self) -> str:

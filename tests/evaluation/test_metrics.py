@@ -441,10 +441,10 @@ def test_large_results_are_measured_in_windows(monkeypatch: pytest.MonkeyPatch) 
     exemplar = encoded(tinted("gravel")[:64, :64])
     match = np.tile(grid(64, 64), (6, 5, 1))
     result = copied(exemplar, match)
-    whole = metrics(exemplar, result, MetricsParams(), match=match, tileable=True)
+    whole = metrics(exemplar, result.wrapping(True), MetricsParams(), match=match)
     monkeypatch.setattr(windows, "LARGEST", 64**2)
     monkeypatch.setattr(windows, "SIDE", 128)
-    made = metrics(exemplar, result, MetricsParams(), match=match, tileable=True)
+    made = metrics(exemplar, result.wrapping(True), MetricsParams(), match=match)
     assert made.table["windows"] == [[32, 16], [32, 176], [224, 16], [224, 176]]
     assert "4 windows of 128 px" in made.table["limits"][-1]
     assert made.table["measures"]["use"] == whole.table["measures"]["use"]

@@ -27,7 +27,7 @@ _PIECES = 16
 
 def features(
     picture: UInt8[np.ndarray, "h w"],
-) -> tuple[Float32[np.ndarray, "n 2"], Float64[np.ndarray, " n"], Float32[np.ndarray, "n 128"]]:
+) -> tuple[Float32[np.ndarray, "n 2"], Float64[np.ndarray, "n"], Float32[np.ndarray, "n 128"]]:  # type: ignore[name-defined]
     """Places of features, their strengths, and what describes them.
 
     Parameters

@@ -932,7 +932,7 @@ def test_plan_says_why(again: Path) -> None:
     assert {plan[name] == CACHED for name in STEPS[:-2]} == {True}
 
     plan = planned(settings=["texture.occurrence=20", "texture.tileable=true", "scores.window=11"])
-    assert plan["texture"] == ("run", ["param occurrence: 10.0 -> 20.0", "param tileable: none -> true"])
+    assert plan["texture"] == ("run", ["param occurrence: 10.0 -> 20.0", "param tileable: false -> true"])
     assert plan["scores"] == ("wait", ["param window: 9 -> 11", "waits for texture"])
 
     plan = planned("--seed", "8")

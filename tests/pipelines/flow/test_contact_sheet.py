@@ -14,7 +14,7 @@ from tests.pipelines.flows import write_flow
 from texloom.pipelines.cli import main
 from texloom.pipelines.flow.contact_sheet import open_flow
 from texloom.pipelines.flow.model import Overrides
-from texloom.stages.declare import InputError
+from texloom.stages.vocabulary.declare import InputError
 
 FLOW = """
 flow: variations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import struct
 from pathlib import Path
@@ -26,6 +27,7 @@ from texloom.stages.vocabulary import scratch
 from texloom.stages.vocabulary.arrays import Image, ScalarMap
 from texloom.stages.vocabulary.color import srgb_from_linear
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import Facts, Wraps
 from texloom.stages.vocabulary.normals import NORMAL, unit
 
 SIDES = (24, 36)
@@ -438,3 +440,19 @@ def test_provenance_of_layouts(image: Image, tmp_path: Path) -> None:
     write_layout(image, tmp_path, "moss", Delivery("unity"), {"seed": 3})
     with PIL.Image.open(tmp_path / "moss_BaseMap.png") as picture:
         assert json.loads(picture.info["texloom.provenance"]) == {"seed": 3}
+
+
+def test_documents_repeat_where_the_picture_wraps(image: Image, tmp_path: Path) -> None:
+    along = dataclasses.replace(image, facts=Facts(Wraps(across=True)))
+    usd = made(tmp_path / "a.usda", along).read_text()
+    assert 'wrapS = "repeat"' in usd
+    assert 'wrapT = "clamp"' in usd
+    assert 'wrapS = "clamp"' not in usd
+    materialx = made(tmp_path / "a.mtlx", along).read_text()
+    assert 'name="vaddressmode" type="string" value="clamp"' in materialx
+    assert "uaddressmode" not in materialx
+    assert b'"wrapS":10497,"wrapT":33071' in made(tmp_path / "a.glb", along).read_bytes()
+    torus = image.wrapping(True)
+    assert "clamp" not in made(tmp_path / "b.usda", torus).read_text()
+    assert "addressmode" not in made(tmp_path / "b.mtlx", torus).read_text()
+    assert b'"wrapS":10497,"wrapT":10497' in made(tmp_path / "b.glb", torus).read_bytes()
