@@ -5,6 +5,7 @@ configuration folder and never leaves it. So nobody else can make a folder look 
 limit that somebody else wrote does not apply. Several users may have adopted one store, each with a marker. Workers
 of a cluster have no key: the run that they work for tells them the identity.
 
+What is in the user's own cache folder for texloom needs no marker at first: nobody else can write there.
 Where no key can be kept, as in a home folder that is read-only, a folder with an ``identity`` is used, but nothing
 is ever removed from it.
 """
@@ -136,7 +137,20 @@ def is_usable(root: Path) -> bool:
     if marked(root) is not None or _is_new(root):
         return True
     # a run that began meanwhile may have marked it
-    return marked(root) is not None or (has_form(root) and keeps_no_key() is not None)
+    return marked(root) is not None or (has_form(root) and (keeps_no_key() is not None or _is_in_cache(root)))
+
+
+def _is_in_cache(root: Path) -> bool:
+    """Whether a folder is in this user's cache folder for texloom, where nobody else can make one."""
+    import platformdirs
+
+    cache = platformdirs.user_cache_path("texloom")
+    try:
+        status = os.lstat(cache)
+        is_private = os.name == "nt" or (status.st_uid == os.getuid() and not status.st_mode & 0o022)
+        return is_private and stat.S_ISDIR(status.st_mode) and root.resolve().is_relative_to(cache.resolve())
+    except OSError:
+        return False
 
 
 def check(root: Path) -> None:

@@ -381,3 +381,17 @@ def test_an_empty_folder_of_a_run_goes(store: Store) -> None:
     old(store.root)
     housekeeping.prune(store, 0)
     assert [path.name for path in (store.root / "runs").iterdir()] == ["experiment"]
+
+
+def test_a_store_in_the_own_cache_folder_needs_no_adoption(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    store = Store(tmp_path / "cache" / "texloom" / "store")
+    store.create()
+    as_other_user(monkeypatch, tmp_path / "new config")
+    store.check_owned()
+    Store(store.root).create()
+    assert ownership.marked(store.root) is not None
+    (tmp_path / "cache" / "texloom").chmod(0o777)
+    as_other_user(monkeypatch, tmp_path / "newer config")
+    with pytest.raises(InputError, match="another user or machine made it"):
+        store.check_owned()
