@@ -410,7 +410,7 @@ def _run(opened: Run, out: Path, progress: Progress, notes: Sequence[str] = (), 
         if terminal is not None:
             terminal.close()
     if terminal is not None:
-        terminal.summarise(opened.main_scores(), out if exports else None)
+        terminal.summarise(opened.main_scores(), out if exports else None, opened.choices())
     return Result(opened, exports, recorder)
 
 
