@@ -149,7 +149,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
     from texloom.pipelines.engine import scheduler
     from texloom.pipelines.engine.events import Recorder, summary_of
     from texloom.pipelines.engine.run import StepFailedError
-    from texloom.pipelines.errors import is_resource_error
+    from texloom.pipelines.errors import NoWorkersError, is_resource_error
     from texloom.pipelines.memory import keep_freed_memory
     from texloom.pipelines.store.codec import ArtifactError
     from texloom.pipelines.store.store import BrokenStoreError
@@ -177,7 +177,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
         problem, code = f"{opened.flow.where('steps', error.step)}: failed: {error.reason}", Exit.FAILED
     except ArtifactError as error:
         problem, code = f"--out: {error}", Exit.FAILED
-    except BrokenStoreError as error:
+    except (BrokenStoreError, NoWorkersError) as error:
         problem, code = str(error), Exit.FAILED
     except KeyboardInterrupt as error:
         ended, code = ended_by(error)

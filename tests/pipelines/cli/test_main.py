@@ -746,6 +746,23 @@ def test_scores_are_those_of_what_was_chosen(folder: Path, rng: np.random.Genera
     assert "; itself: fidelity 1.00, " in lines[-1]
 
 
+def test_workers_that_do_not_start_end_a_run_by_one_line(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    tries = []
+
+    def start(*_args: object, **_options: object) -> None:
+        tries.append(1)
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr(distributed, "SpecCluster", start)
+    result = texloom("run", "flow.yaml", "--runner", "dask", "--out", "out", "--json")
+    problem = "--runner dask: the workers of this machine do not start (Nanny failed to start.)"
+    assert (result.code, result.report["error"], len(tries)) == (1, problem, 2)
+    assert result.err.splitlines()[-1] == f"texloom: {problem}"
+    assert "Traceback" not in result.err
+    assert not Path("out").exists()
+
+
 def test_the_report(folder: Path) -> None:
     """Other programs read it."""
     for state in ("ran", "cached"):
