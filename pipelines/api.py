@@ -154,7 +154,7 @@ def run(
     params : of the flow, or of a step: ``{"STEP.PARAM": value}``.
     size, tileable, preset : the parameters that most flows have; see `synthesize`.
     seed : of the random numbers; the default is the flow's.
-    seeds : so many from ``seed`` on, or a range: the flow then runs with each.
+    seeds : so many from ``seed`` on, or a range, at most 1000: the flow then runs with each.
     exports : more files to write, name to ``STEP.OUTPUT``.
     item : the only item of a set that is wanted, without the steps that gather.
     store : folder of the results; the default is TEXLOOM_STORE, else the folder ``artifacts`` if there is one here
@@ -256,13 +256,15 @@ def _request(
 ) -> RunRequest:  # fmt: skip
     """What the arguments of a function ask for."""
     from texloom.pipelines.request import request
+    from texloom.pipelines.request_fields import MOST_SEEDS
 
     return request(
         flow=os.fspath(flow),
         sources=sources,
         params=_texts(params),
         size=size if size is None or isinstance(size, str) else _texts({"size": size})["size"],
-        seeds=tuple(seeds) if isinstance(seeds, range) else seeds,
+        # One more than may be is enough for the request to be refused.
+        seeds=tuple(seeds[: MOST_SEEDS + 1]) if isinstance(seeds, range) else seeds,
         **fields,
     )
 
@@ -410,7 +412,7 @@ def _run(opened: Run, out: Path, progress: Progress, notes: Sequence[str] = (), 
         if terminal is not None:
             terminal.close()
     if terminal is not None:
-        terminal.summarise(opened.main_scores(), out if exports else None)
+        terminal.summarise(opened.main_scores(), out if exports else None, opened.choices())
     return Result(opened, exports, recorder)
 
 

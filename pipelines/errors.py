@@ -33,6 +33,10 @@ def shown(value: Any) -> str:
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
 
 
+class NoWorkersError(OSError):
+    """The workers of a run do not start; in words."""
+
+
 def is_resource_error(error: BaseException | None) -> bool:
     """Whether a disk, file or memory failed, and not the program: then a traceback helps nobody."""
     return isinstance(error, (OSError, MemoryError))

@@ -10,7 +10,7 @@ import pydantic
 
 from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.model import Overrides
-from texloom.pipelines.request_fields import ABOUT, DELIVERY, RUNNER, SHORT
+from texloom.pipelines.request_fields import ABOUT, DELIVERY, MOST_SEEDS, RUNNER, SHORT
 
 Value = str | tuple[Any, ...]
 """of a param: a YAML text, as on the command line, or a tuple of Python, in which a size is (height, width)"""
@@ -49,8 +49,11 @@ class RunRequest(pydantic.BaseModel):
 
         Raises
         ------
-        InputError : two fields say the same.
+        InputError : two fields say the same, or there are too many seeds.
         """
+        count = len(self.seeds) if isinstance(self.seeds, tuple) else self.seeds
+        if count is not None and not 1 <= count <= MOST_SEEDS:
+            raise refused(f"--seeds: must be from 1 to {MOST_SEEDS} seeds")
         if self.seed is not None and isinstance(self.seeds, tuple):
             raise refused("--seed and a range of --seeds say the same; give one of them")
         runner = {name.replace("runner", "name"): value for name, value in self._given(RUNNER).items()}

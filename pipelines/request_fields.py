@@ -1,5 +1,7 @@
 """What the fields of a request mean; without pydantic, as the help of the command line needs it at once."""
 
+MOST_SEEDS = 1000
+"""of a run"""
 ABOUT = {
     "flow": "A flow that ships with texloom or a plug-in, by its name, or a YAML file.",
     "pictures": "Pictures, folders and quoted patterns for the flow's first source; several make a set.",

@@ -159,8 +159,7 @@ class Texture:
     @property
     def scores(self) -> dict[str, Any]:
         """How good the texture is, see ``texloom stages evaluation.metrics``; empty where the method has none."""
-        reference = scores_of(self._flow)
-        return {} if reference is None else dict(getattr(self.result[reference.name], reference.output or ""))
+        return self.result._opened.scores()
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the texture.

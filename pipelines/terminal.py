@@ -106,14 +106,26 @@ class Terminal:
             case Note(text, is_warning):
                 self._say(f"warning: {text}" if is_warning else text, sys.stderr, "warning" if is_warning else "")
 
-    def summarise(self, scores: Mapping[str, float], folder: Path | None) -> None:
-        """Print the last line: how many steps ran, how long it took, the main scores, and where the exports are."""
+    def summarise(
+        self,
+        scores: Mapping[str, float],
+        folder: Path | None,
+        choices: Mapping[str, Mapping[str, Any]] | None = None,
+    ) -> None:
+        """Print the last line: how many steps ran, how long it took, the main scores, and where the exports are.
+
+        ``choices``: tables of `evaluation.choice` by step; each has a line before, and ``scores`` are those of what
+        was chosen.
+        """
+        for step, table in (choices or {}).items():
+            self._say(f"{step}: {_describe_choice(table)}", self.lines)
         counts = ", ".join(
             f"{self.states[state]} {state}" for state in ("ran", "cached", "failed") if self.states[state]
         )
         words = [f"{counts} in {_duration(time.monotonic() - self.began)}"]
         if scores:
-            words.append(", ".join(f"{name} {value:.2f}" for name, value in scores.items()))
+            of = f"{next(iter(choices.values()))['chosen']}: " if choices else ""
+            words.append(of + _describe_scores(scores))
         if folder is not None:
             words.append(str(folder))
         self._say("; ".join(words), self.lines, "header")
@@ -233,6 +245,20 @@ class Terminal:
 
     def _elapsed(self, now: float) -> str:
         return _clock(now - (self.began if self.since is None else self.since))
+
+
+def _describe_scores(scores: Mapping[str, float | None]) -> str:
+    return ", ".join(f"{name} {value:.2f}" for name, value in scores.items() if value is not None)
+
+
+def _describe_choice(table: Mapping[str, Any]) -> str:
+    """What was chosen, with its scores, and what was not, with its own."""
+    chosen = table["chosen"]
+    others = [label for label in table["scores"] if label != chosen]
+    described = [
+        f"{label} ({_describe_scores(table['scores'][label]) or 'no scores'})" for label in (chosen, *others)
+    ]
+    return f"chosen is {described[0]}, not {', '.join(described[1:])}"
 
 
 def header(started: RunStarted) -> str:

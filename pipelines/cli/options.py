@@ -11,9 +11,7 @@ from typing import Any
 
 import click
 
-from texloom.pipelines.request_fields import ABOUT
-
-_MOST_SEEDS = 1000
+from texloom.pipelines.request_fields import ABOUT, MOST_SEEDS
 
 
 def complete(what: str) -> Callable[[click.Context, click.Parameter, str], Any]:
@@ -51,8 +49,8 @@ def _seeds(_context: click.Context, _option: click.Parameter, value: str | None)
     seeds = range(int(first)) if last is None else range(int(first), int(last) + 1)
     if last is not None and not seeds:
         raise click.BadParameter(f"{value}: the first seed is larger than the last")
-    if not 1 <= len(seeds) <= _MOST_SEEDS:
-        raise click.BadParameter(f"{value}: must be from 1 to {_MOST_SEEDS} seeds")
+    if not 1 <= len(seeds) <= MOST_SEEDS:
+        raise click.BadParameter(f"{value}: must be from 1 to {MOST_SEEDS} seeds")
     return len(seeds) if last is None else tuple(seeds)
 
 

@@ -149,7 +149,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
     from texloom.pipelines.engine import scheduler
     from texloom.pipelines.engine.events import Recorder, summary_of
     from texloom.pipelines.engine.run import StepFailedError
-    from texloom.pipelines.errors import is_resource_error
+    from texloom.pipelines.errors import NoWorkersError, is_resource_error
     from texloom.pipelines.memory import keep_freed_memory
     from texloom.pipelines.store.codec import ArtifactError
     from texloom.pipelines.store.store import BrokenStoreError
@@ -177,7 +177,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
         problem, code = f"{opened.flow.where('steps', error.step)}: failed: {error.reason}", Exit.FAILED
     except ArtifactError as error:
         problem, code = f"--out: {error}", Exit.FAILED
-    except BrokenStoreError as error:
+    except (BrokenStoreError, NoWorkersError) as error:
         problem, code = str(error), Exit.FAILED
     except KeyboardInterrupt as error:
         ended, code = ended_by(error)
@@ -191,8 +191,10 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
     for name, path in exports.items():
         if "/" not in name.removesuffix("/"):  # not an item's
             say(path, as_json)
+    choices = opened.choices() if code == Exit.DONE else {}
     if code == Exit.DONE:
-        terminal.summarise(opened.main_scores(), folder / (opened.flow.picture or "") if exports else None)
+        target = folder / (opened.flow.picture or "") if exports else None
+        terminal.summarise(opened.main_scores(), target, choices)
     if as_json:
         print_json(
             {
@@ -201,6 +203,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
                 "steps": [_step(report) for report in recorder.reports.values()],
                 **({"items": recorder.items(len(opened.items))} if opened.items else {}),
                 "exports": {name: str(path) for name, path in exports.items()},
+                **({"choices": choices} if choices else {}),
                 "warnings": recorder.warnings,
                 "seconds": time.perf_counter() - began,
                 "error": problem,

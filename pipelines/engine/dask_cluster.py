@@ -9,7 +9,7 @@ import dataclasses
 import functools
 import logging
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from typing import Any
 
@@ -18,6 +18,8 @@ from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import InFlight, Outcome
 from texloom.pipelines.engine.worker_progress import DaskReceiver
 from texloom.pipelines.engine.workers import worker_count
+from texloom.pipelines.errors import NoWorkersError, one_line
+from texloom.pipelines.interruption import interruption_of
 from texloom.pipelines.store.store import program_version
 from texloom.stages.vocabulary.declare import InputError
 
@@ -34,6 +36,7 @@ class DaskCluster:
         Raises
         ------
         InputError : no scheduler with workers answers there, or a worker is not fit for this run.
+        NoWorkersError : those of this machine do not start.
         """
         import distributed
 
@@ -150,7 +153,7 @@ class DaskExecutor:
 
 @contextlib.contextmanager
 def local_cluster(workers: int) -> Iterator[Any]:
-    """A cluster of this machine, which replaces workers that die.
+    """A cluster of this machine, which replaces workers that die; `NoWorkersError` where they do not start.
 
     Whoever connects needs credentials that are made here and handed to the workers through pipes. Its files are in
     a folder of its own, which nobody else can read and which is removed at the end.
@@ -190,10 +193,21 @@ def local_cluster(workers: int) -> Iterator[Any]:
             "distributed.admin.system-monitor.interval": "10s",
             "distributed.admin.tick.interval": "500ms",
         }
-        with dask.config.set(settings):
-            try:
-                cluster = start()
-            except RuntimeError:  # a worker died on the way
-                cluster = start()
-            with cluster:
-                yield cluster
+        with dask.config.set(settings), _started_cluster(start) as cluster:
+            yield cluster
+
+
+def _started_cluster(start: Callable[[], Any]) -> Any:
+    """A cluster, on the second try if a worker of the first dies on the way."""
+    try:
+        return start()
+    except RuntimeError as error:
+        if interruption_of(error) is not None:
+            raise
+    try:
+        return start()
+    except (RuntimeError, OSError) as error:
+        if interruption_of(error) is not None:
+            raise
+        reason = one_line(str(error)) or type(error).__name__
+        raise NoWorkersError(f"--runner dask: the workers of this machine do not start ({reason})") from None

@@ -44,6 +44,7 @@ from texloom.stages.vocabulary.sizes import format_size, size_value
 State = Literal["cached", "run", "wait", "refused"]
 
 _MANY = 100  # items of a set whose files are not opened again
+_CHOICE = "evaluation.choice"
 _FILES = "files"
 _MOST_FILES = 30_000  # 7 MB
 
@@ -321,16 +322,33 @@ class Run:
             return all(name in place.lost or place.artifact(name) is not None for place in places)
         return scope.artifact(name) is not None
 
+    def choices(self) -> dict[str, dict[str, Any]]:
+        """The tables of `evaluation.choice` by the labels of its steps, after a run."""
+        steps = [step for step in self.flow.steps.values() if step.stage.name == _CHOICE]
+        return {
+            scope.label(step): self.store.table(artifact, "table")
+            for step in steps
+            for scope in self.known_scopes
+            if (artifact := scope.artifacts.get(step.name)) is not None
+        }
+
+    def scores(self) -> dict[str, Any]:
+        """The table of the flow's scores, after a run: of what it chose, if it did; empty over a set or without."""
+        steps = list(self.flow.steps.values())
+        measured = [step.name for step in steps if step.stage.name == "evaluation.metrics"]
+        for step in steps:
+            if step.stage.name == _CHOICE and step.name in self.shared.artifacts:
+                table = self.store.table(self.shared.artifacts[step.name], "table")
+                better = list(step.params.labels).index(table["chosen"])
+                measured.insert(0, step.inputs[("first_scores", "second_scores")[better]].name)
+                break
+        artifact = next((self.shared.artifacts[name] for name in measured if name in self.shared.artifacts), None)
+        return {} if artifact is None else dict(self.store.table(artifact, "table"))
+
     def main_scores(self) -> dict[str, float]:
-        """The summary of the flow's scores by name, after a run; empty over a set, and where it has none."""
-        for step in self.flow.steps.values():
-            artifact = self.shared.artifacts.get(step.name)
-            if step.stage.name == "evaluation.metrics" and artifact is not None:
-                table = self.store.table(artifact, "table")
-                summary = table.get("summary") if isinstance(table, dict) else None
-                if isinstance(summary, dict):
-                    return {name: value for name, value in summary.items() if isinstance(value, float)}
-        return {}
+        """The summary of `scores` by name."""
+        summary = self.scores().get("summary", {})
+        return {name: value for name, value in summary.items() if isinstance(value, float)}
 
     # -- what the scheduler asks
 

@@ -1,10 +1,11 @@
 """Decoding of pictures: headers first, then pixels in linear light.
 
-Integer pictures are taken as sRGB (IEC 61966-2-1), or as their ICC profile, or a PNG's gamma and chromaticities,
-say; float pictures as linear light with Rec.709 primaries, or those of an EXR's header. Other primaries are
-converted to Rec.709, and may give negative values. Alpha is linear and unchanged. Of several frames or pages the
-first is read. Integers of pictures that hold data, such as heights or normals, are divided by the highest value of
-their type, and colour spaces do not matter. A JSON file of strokes is the picture that they draw.
+Integer pictures are taken as sRGB (IEC 61966-2-1), or as the first of these says that there is: a PNG's cICP chunk,
+an ICC profile, a PNG's gamma and chromaticities; float pictures as linear light with Rec.709 primaries, or those of
+an EXR's header. Other primaries are converted to Rec.709, and may give negative values. Alpha is linear and
+unchanged. Of several frames or pages the first is read. Integers of pictures that hold data, such as heights or
+normals, are divided by the highest value of their type, and colour spaces do not matter. A JSON file of strokes is
+the picture that they draw.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from jaxtyping import Float32
 
-from texloom.pipelines.media import color_spaces, icc, strokes
+from texloom.pipelines.media import cicp, color_spaces, icc, strokes
 from texloom.pipelines.media.icc import Decoding
 from texloom.pipelines.store import codec, exr
 from texloom.pipelines.store.capture import capture_output
@@ -77,6 +78,8 @@ class Picture(Header):
     """reads the pixels, while the file is open"""
     facts: Facts = UNKNOWN
     """what texloom has written into it; other files say nothing"""
+    note: str = ""
+    """what was assumed of its colour, for the user"""
 
 
 def read_header(file: BinaryIO, data: bool = False, layered: bool = False) -> Picture:
@@ -192,6 +195,8 @@ def _opened(kind: str, file: BinaryIO) -> Any:
 
 def _pillow_header(kind: str, file: BinaryIO, data: bool) -> Picture:
     """Pictures that Pillow opens."""
+    chunk = cicp.chunk_of(file) if kind == "PNG" and not data else None
+    file.seek(0)
     image = _opened(kind, file)
     width, height = image.size
     _check_size(height, width)
@@ -206,7 +211,7 @@ def _pillow_header(kind: str, file: BinaryIO, data: bool) -> Picture:
     if orientation >= 5:
         height, width = width, height
     channels = (*color, "A") if alpha else tuple(color)
-    decoding = None if data else _decoding(image.info, len(color))
+    decoding, note = (None, "") if data else _decoding(image.info, len(color), chunk)
 
     def decode() -> Float32[np.ndarray, "h w c"]:
         image.load()
@@ -222,14 +227,16 @@ def _pillow_header(kind: str, file: BinaryIO, data: bool) -> Picture:
     # Pillow's pixels and what the format needs beside them, the integers with a copy, and the floats
     memory = height * width * (4 + _EXTRA.get(kind, 0) + len(channels) * (bits // 4 + 4))
     facts = facts_in(image.info.get(PROVENANCE), height, width)
-    return Picture(height, width, channels, bits, memory, decode, facts)
+    return Picture(height, width, channels, bits, memory, decode, facts, note)
 
 
-def _decoding(info: Mapping[str, Any], planes: int) -> Decoding | None:
-    """How a picture that is not sRGB is decoded."""
+def _decoding(info: Mapping[str, Any], planes: int, chunk: bytes | None = None) -> tuple[Decoding | None, str]:
+    """How a picture that is not sRGB is decoded, and what was assumed; ``chunk``: the content of cICP."""
     profile = info.get("icc_profile")
     try:
-        return icc.of_profile(profile, planes) if profile else icc.of_png(info)
+        if chunk is not None:
+            return cicp.decoding_of(chunk)
+        return (icc.of_profile(profile, planes) if profile else icc.of_png(info)), ""
     except ValueError as error:
         raise Refusal(str(error)) from None
 
@@ -348,7 +355,8 @@ def _tiff_header(file: BinaryIO, data: bool) -> Picture:
         raise Refusal("is turned by its orientation tag; save it upright")
 
     is_integer = kinds == {1}
-    decoding = _decoding({"icc_profile": tags.get(34675)}, min(planes, 3)) if is_integer and not data else None
+    profile = {"icc_profile": tags.get(34675)}
+    decoding = _decoding(profile, min(planes, 3))[0] if is_integer and not data else None
 
     def decode() -> Float32[np.ndarray, "h w c"]:
         return _floats(_decoded_by_opencv(file, tuple(names)), planes if data else planes == 4, decoding)

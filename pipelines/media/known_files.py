@@ -28,6 +28,8 @@ class Inspected(Header):
 
     digest: str
     """SHA-256 of the content and of the version of the decoding, 64 hexadecimal digits"""
+    note: str = ""
+    """what was assumed of its colour, for the user"""
 
 
 class KnownFiles:
@@ -50,8 +52,8 @@ class KnownFiles:
         entry = self.entries.get(os.path.abspath(path))  # noqa: PTH100 (as text, as there are thousands)
         if entry is None or entry[0] != state:
             return None, state
-        height, width, channels, bits, memory, digest = entry[1:]
-        return Inspected(height, width, tuple(channels), bits, memory, digest), state
+        height, width, channels, bits, memory, digest, note = entry[1:]
+        return Inspected(height, width, tuple(channels), bits, memory, digest, note), state
 
     def add(self, path: Path, state: str, inspected: Inspected) -> None:
         """Keep what was read of a file, unless it has changed since `find`."""

@@ -21,7 +21,7 @@ from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.store.atomic import file_digest
 from texloom.stages.vocabulary.arrays import Image
 
-_VERSION = 3  # to be raised when files are decoded to other values
+_VERSION = 4  # to be raised when files are decoded to other values
 _LARGEST = 2**31  # bytes
 _EXEMPLARS = Path(__file__).parents[2] / "configs" / "exemplars"
 
@@ -56,7 +56,8 @@ def inspect(reference: str, data: bool = False, layered: bool = False) -> Inspec
             return found
     with opened(path) as file:
         read = pictures.read_header(file, data, layered)
-        seen = Inspected(read.height, read.width, read.channels, read.bits, read.memory, _digest(file))
+        facts = read.height, read.width, read.channels, read.bits, read.memory
+        seen = Inspected(*facts, _digest(file), read.note)
     if known is not None:
         known.add(path, state, seen)
     return seen

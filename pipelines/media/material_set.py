@@ -87,6 +87,8 @@ class Map:
     """SHA-256 of its content"""
     memory: int
     """bytes that decoding takes at most"""
+    note: str = ""
+    """what was assumed of its colour, for the user"""
 
 
 def is_map_set(reference: str) -> bool:
@@ -138,7 +140,8 @@ def open_set(reference: str) -> tuple[tuple[Map, ...], tuple[str, ...]]:
 
     Returns
     -------
-    the maps, the albedo first, whose size is the image's; and notes on files that are not used.
+    the maps, the albedo first, whose size is the image's; and notes on files that are not used, and on what was
+    assumed of colours.
 
     Raises
     ------
@@ -162,6 +165,7 @@ def open_set(reference: str) -> tuple[tuple[Map, ...], tuple[str, ...]]:
         sides = (first.height, first.width, one.height, one.width)
         if abs(one.height * first.width - one.width * first.height) > max(sides):
             raise Refusal(f"{sizes}; they cannot be resampled, as their sides are in other proportions")
+    notes += [f"{_file_name(one)}: {one.note}" for one in maps if one.note]
     return maps, tuple(notes)
 
 
@@ -319,9 +323,8 @@ def _opened(role: str, reference: str, settings: Mapping[str, Any]) -> Map:
     named = recognised(stem)
     convention = settings.get("normal_convention") or (named[1] if named and named[0] == "normal" else None)
     directx = role == "normal" and convention == "directx"
-    return Map(
-        role, reference, stem, seen.height, seen.width, channels, seen.bits, directx, seen.digest, seen.memory
-    )
+    size = seen.height, seen.width
+    return Map(role, reference, stem, *size, channels, seen.bits, directx, seen.digest, seen.memory, seen.note)
 
 
 def _planes(one: Map, height: int, width: int) -> Image:

@@ -44,7 +44,7 @@ class Source:
     maps: tuple[Map, ...] = ()
     """the files of a map set or frame stack; none for one picture"""
     notes: tuple[str, ...] = ()
-    """files of a folder that are not used, for the user"""
+    """files of a folder that are not used, and what was assumed of colours, for the user"""
     bits: int = 8
     """8 or 16 of integers, 32 where the values are floats; of a map set those of its albedo"""
     kind: Literal["picture", "mesh"] = "picture"
@@ -105,18 +105,24 @@ def open_source(name: str, reference: str) -> Source:
             _check_memory(stack.memory_of(frames))
             channels, digest = stack.channels_of(frames), material_set.digest_of(frames)
             height, width, bits = frames[0].height, frames[0].width, frames[0].bits
-            return Source(name, reference, height, width, channels, digest, frames, bits=bits)
+            notes = _notes(name, reference, *dict.fromkeys(frame.note for frame in frames))
+            return Source(name, reference, height, width, channels, digest, frames, notes, bits)
         if material_set.is_map_set(reference):
-            maps, notes = material_set.open_set(reference)
+            maps, told = material_set.open_set(reference)
             _check_memory(material_set.memory_of(maps))
             channels, digest = material_set.channels_of(maps), material_set.digest_of(maps)
-            notes = tuple(one_line(f"sources.{name}: {reference}: {note}") for note in notes)
+            notes = _notes(name, reference, *told)
             return Source(
                 name, reference, maps[0].height, maps[0].width, channels, digest, maps, notes, maps[0].bits
             )
         seen = locate.inspect(reference)
         _check_memory(seen.memory)
-    return Source(name, reference, seen.height, seen.width, seen.channels, seen.digest, bits=seen.bits)
+    notes = _notes(name, reference, seen.note)
+    return Source(name, reference, seen.height, seen.width, seen.channels, seen.digest, (), notes, seen.bits)
+
+
+def _notes(name: str, reference: str, *told: str) -> tuple[str, ...]:
+    return tuple(one_line(f"sources.{name}: {stack.path_of(reference)}: {note}") for note in told if note)
 
 
 def open_mesh(name: str, reference: str) -> Source:

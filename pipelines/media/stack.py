@@ -120,6 +120,7 @@ def _frame(file: str, seen: Inspected) -> Map:
         False,
         seen.digest,
         seen.memory,
+        seen.note,
     )
 
 

@@ -1,6 +1,7 @@
 """All results of a run in one picture."""
 
 import dataclasses
+import logging
 import math
 from typing import Any
 
@@ -14,6 +15,8 @@ _GAP = 8  # px around pictures
 _LABEL = 18  # px of a line of text
 _INK = 0.6
 _BACKGROUND = 0.02
+_MOST_PIXELS = 2**27  # of a sheet, 1.6 GB; more than 1000 small pictures
+_LOG = logging.getLogger(__name__)
 
 
 class ContactSheetParams(Params):
@@ -37,6 +40,8 @@ def contact_sheet(
 ) -> ContactSheet:
     """Lay out pictures in rows, in the order of the items, each above its item's name.
 
+    Those that are too many for a sheet of 2**27 px are left out, as a warning says.
+
     Parameters
     ----------
     images : one an item, as `thumbnail` makes them; None where the item failed, whose place stays empty.
@@ -51,7 +56,11 @@ def contact_sheet(
     colors = [None if image is None else image.color for image in images]
     height = max((color.shape[0] for color in colors if color is not None), default=1) + _LABEL
     width = max((color.shape[1] for color in colors if color is not None), default=1)
-    columns = params.columns or min(len(items), math.ceil(math.sqrt(len(items) * height / width)))
+    most = max(1, _MOST_PIXELS // ((height + _GAP) * (width + _GAP)))
+    if len(items) > most:
+        _LOG.warning("the first %d of %d pictures are on the sheet, as all would be too large", most, len(items))
+        colors, items = colors[:most], items[:most]
+    columns = min(max(1, len(items)), params.columns or math.ceil(math.sqrt(len(items) * height / width)))
     rows = math.ceil(len(items) / columns)
     sheet = np.full((rows * (height + _GAP) + _GAP, columns * (width + _GAP) + _GAP, 3), _BACKGROUND, np.float32)
     for index, (color, item) in enumerate(zip(colors, items, strict=True)):

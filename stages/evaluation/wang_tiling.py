@@ -1,6 +1,7 @@
 """Wang tiles laid out: a preview, and how much the borders between tiles show."""
 
 import dataclasses
+import logging
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,15 @@ from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded
 
+_MOST = 2**14  # px along each side of what is laid out
+_LOG = logging.getLogger(__name__)
+
 
 class WangTilingParams(Params):
     """What is laid out."""
 
     cells: int = Field(16, ge=2, le=64)
-    """tiles along each side of the preview"""
+    """tiles along each side of the preview; fewer where they are larger than 16384 px together"""
     seed: int = Field(0, ge=0, lt=2**16)
     """another one gives another tiling; 0 is that of the shaders"""
     side: int = Field(2048, ge=64, le=8192)
@@ -55,7 +59,12 @@ def wang_tiling(image: Image, layout: dict[str, Any], params: WangTilingParams) 
     can be laid out by itself.
     """
     tiles, size = WangSet.of(layout), int(layout["size"])
-    cells = np.indices((params.cells, params.cells))
+    along = max(2, min(params.cells, _MOST // size))
+    if along < params.cells:
+        _LOG.warning(
+            "cells: %d tiles of %d px along a side, as %d are too large together", along, size, params.cells
+        )
+    cells = np.indices((along, along))
     places = tiles.covering(cells[0], cells[1], params.seed)
     planes = {"albedo": lab_from_linear(fill_excluded(image).color)}
     planes |= {name: image.pixels[..., own] for name, own in map_channels(image.channels).items()}

@@ -52,3 +52,10 @@ def test_the_sheet_is_about_square() -> None:
     assert 0.5 < sheet.height / sheet.width < 2
     with pytest.raises(InputError, match="1 pictures for 2 items"):
         contact_sheet([plain(0)], items(2), ContactSheetParams())
+
+
+def test_a_sheet_holds_what_fits(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
+    monkeypatch.setattr("texloom.stages.evaluation.contact_sheet._MOST_PIXELS", 6 * (20 + 18 + 8) * (30 + 8))
+    sheet = contact_sheet([plain(0.3)] * 8, items(8), ContactSheetParams(columns=1000)).image
+    assert sheet.pixels.shape == (20 + 18 + 2 * 8, 6 * (30 + 8) + 8, 3)
+    assert "the first 6 of 8 pictures are on the sheet, as all would be too large" in caplog.messages

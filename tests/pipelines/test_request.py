@@ -108,10 +108,12 @@ def test_unknown_fields_and_values_of_a_wrong_type_are_refused() -> None:
     ("fields", "message"),
     [
         ({"size": "64", "params": {"size": "64"}}, "--size and --set size=... say the same; give one of them"),
+        ({"seeds": 1001}, "--seeds: must be from 1 to 1000 seeds"),
+        ({"seeds": tuple(range(1001))}, "--seeds: must be from 1 to 1000 seeds"),
         ({"seed": 1, "seeds": (1, 2)}, "--seed and a range of --seeds say the same; give one of them"),
     ],
 )
-def test_what_is_said_twice_is_refused(fields: dict[str, Any], message: str) -> None:
+def test_what_is_said_twice_or_too_much_is_refused(fields: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
         _ = request(flow="quilting", **fields).overrides
     assert str(caught.value) == message
@@ -143,6 +145,11 @@ def test_the_value_of_tileable_follows_an_equals_sign(
 def test_other_values_of_tileable_are_refused(value: str, message: str) -> None:
     with pytest.raises(Exception, match=re.escape(message)):
         cli.texloom.commands["run"].make_context("run", ["quilting", f"--tileable={value}"])
+
+
+def test_a_range_of_very_many_seeds_is_refused_at_once() -> None:
+    with pytest.raises(InputError, match="seeds: must be from 1 to 1000 seeds"):
+        texloom.plan("quilting", seeds=range(10**12))
 
 
 def test_a_request_is_light() -> None:

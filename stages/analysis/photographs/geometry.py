@@ -18,6 +18,7 @@ from texloom.stages.vocabulary.sizes import format_size
 
 _MAX_ENTRIES = 256  # patches, and polygons of an area
 _MAX_CLASSES = 8  # of features
+_LONGEST = 1000  # times its other side: the longer one of a patch
 _SAMPLES = 25  # a side: points of a patch that are checked for folds
 
 _Number = Annotated[float, Field(strict=True, ge=-1e5, le=1e5, allow_inf_nan=False)]
@@ -242,6 +243,8 @@ def _patch(
     space = bezier.in_space(controls, shape, focal)
     _check_folds(controls, name)
     if entry.size:
+        if max(entry.size) > _LONGEST * min(entry.size):
+            raise InputError(f"{name}: size: one side is more than {_LONGEST} times as long as the other")
         size = np.array(entry.size) * (1 + 2 * entry.beyond)
     else:
         nearest = _nearest_edge_length(bezier.in_space(bezier.of_plane(view), shape, focal))
@@ -259,13 +262,19 @@ def _in_one_unit(patches: list[Patch], measured: list[bool], shape: tuple[int, i
     known = [index for index, one in enumerate(measured) if one] or [0]
     rest = [index for index in range(len(patches)) if index not in known]
     outlines = [_outline(patch) for patch in patches]
+    closest: dict[int, tuple[float, int, np.ndarray]] = {}
+    """patch of the rest to its distance from the known patch that is closest, the place of that one among the
+    known, and the point between them"""
+    compared = 0
     while rest:
-        apart = {
-            (i, j): np.hypot(*np.moveaxis(outlines[i][:, None] - outlines[j], 2, 0)) for i in known for j in rest
-        }
-        i, j = min(apart, key=lambda pair: float(apart[pair].min()))
-        at = np.unravel_index(apart[i, j].argmin(), apart[i, j].shape)
-        place = (outlines[i][at[0]] + outlines[j][at[1]]) / 2 - (np.array(shape) - 1) / 2
+        for order in range(compared, len(known)):
+            for j in rest:
+                distance, between = _closest_points(outlines[known[order]], outlines[j])
+                if j not in closest or distance < closest[j][0]:
+                    closest[j] = distance, order, between
+        compared = len(known)
+        j = min(rest, key=lambda one: closest[one][:2])
+        i, place = known[closest[j][1]], closest[j][2] - (np.array(shape) - 1) / 2
         here, there = (_distance(patches[index].space, patches[index].controls, place) for index in (i, j))
         if here > 0 and there > 0:
             lengths = np.array(bezier.lengths(patches[j].space))
@@ -274,6 +283,13 @@ def _in_one_unit(patches: list[Patch], measured: list[bool], shape: tuple[int, i
         known.append(j)
         rest.remove(j)
     return patches
+
+
+def _closest_points(one: np.ndarray, other: np.ndarray) -> tuple[float, Float64[np.ndarray, "2"]]:
+    """The distance of the points of two outlines that are closest, px, and the point between them."""
+    apart = np.hypot(*np.moveaxis(one[:, None] - other, 2, 0))
+    here, there = np.unravel_index(apart.argmin(), apart.shape)
+    return float(apart[here, there]), (one[here] + other[there]) / 2
 
 
 def _outline(patch: Patch) -> Float64[np.ndarray, "n 2"]:

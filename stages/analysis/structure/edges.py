@@ -43,7 +43,7 @@ class EdgesParams(Params):
     two scales"""
     model: InputFile | None = None
     """another forest for `structured` (.yml or .yml.gz, as OpenCV's createStructuredEdgeDetection loads)"""
-    scales: tuple[Annotated[float, Field(ge=0.125, le=4)], ...] = Field((0.5, 1.0, 2.0), min_length=1)
+    scales: tuple[Annotated[float, Field(ge=0.125, le=4)], ...] = Field((0.5, 1.0, 2.0), min_length=1, max_length=8)
     """magnifications at which `structured` runs, relative to an exemplar of at most 512 px; none is enlarged beyond
     768 px"""
     background_threshold: float = Field(0.1, ge=0, le=1)

@@ -101,7 +101,7 @@ class OptimiseParams(Params):
     occurrence_coarse: float = Field(10.0, ge=0, le=1e4)
     """the same weight at the coarsest scale, interpolated logarithmically between; no effect if `occurrence` is
     0"""
-    overuse: float = Field(2.0, ge=1)
+    overuse: float = Field(2.0, ge=1, le=1e4)
     """use, in multiples of the average, above which random search rejects an exemplar patch"""
     ratio: float = Field(1.3, gt=1.0, le=4.0)
     """size of a scale relative to the one before it, at least"""
@@ -109,7 +109,7 @@ class OptimiseParams(Params):
     """exemplar's shorter side at the first scale, px; never below one and a half patches"""
     first_iterations: int = Field(30, ge=1, le=200)
     """iterations of search and vote at the first scale"""
-    fewer_iterations: float = Field(3.0, ge=0)
+    fewer_iterations: float = Field(3.0, ge=0, le=100)
     """decrease of the iterations from scale to scale, of ten scales"""
     last_iterations: int = Field(5, ge=1, le=200)
     """minimum number of iterations at a scale"""
@@ -121,7 +121,7 @@ class OptimiseParams(Params):
     """random places tried for a patch in a sweep, as `narrowing` says"""
     fine_tries: int = Field(0, ge=0, le=100)
     """the same at the scales after those of `random_share`"""
-    distance_per_try: float = Field(0.0, ge=0)
+    distance_per_try: float = Field(0.0, ge=0, le=1e4)
     """a patch has one of `fine_tries`, the nearest first, for every such multiple of the mean distance to matches:
     few where the match fits, all where it does not; 0 for all at every patch"""
     narrowing: Literal["sweeps", "tries"] = "sweeps"

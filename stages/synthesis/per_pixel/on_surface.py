@@ -28,6 +28,7 @@ from texloom.stages.vocabulary.declare import InputError, stage
 from texloom.stages.vocabulary.normals import turned
 from texloom.stages.vocabulary.sizes import format_size
 
+_FARTHEST = 1000.0  # ratio of an exemplar's pixel on the surface and one of the result
 _LOG = logging.getLogger(__name__)
 
 _LEVEL_STEP = 1 / 16  # of minification
@@ -115,7 +116,13 @@ def on_surface(
     target = matched_target(control, target)
     size = (height, width)
     faces = Faces(mesh, direction, size, 1.0)
-    faces.scale = params.texel_size or _mean_pixel(faces)
+    pixel = _mean_pixel(faces)
+    if params.texel_size is not None and not pixel / _FARTHEST <= params.texel_size <= pixel * _FARTHEST:
+        raise InputError(
+            f"texel_size: {params.texel_size:g} is out of proportion to a pixel of the result, {pixel:g} on the "
+            f"surface; at most {_FARTHEST:g} times smaller or larger"
+        )
+    faces.scale = params.texel_size or pixel
     stack = AppearanceStack(appearance, basis, candidates, toroidal)
     distortion = flat((image.height, image.width))
     tables, scale = prepare(image, stack, control, distortion, params.control_weight)

@@ -34,6 +34,7 @@ _CLOSE = 0.5  # px that the lattice may miss a tile's side by before one less ne
 Repeats: TypeAlias = Annotated[int, Field(ge=1, le=10)]
 Lines: TypeAlias = Int64[np.ndarray, " lines"]  # type: ignore[name-defined]
 _STARTS = 4  # of a band, among which one is chosen
+_MOST_PIXELS = 2**28  # of an atlas, as of pictures that are read
 _log = logging.getLogger(__name__)
 
 
@@ -83,7 +84,7 @@ class WangBorders:
 
 
 def check_size(params: WangBordersParams, known: Mapping[str, Any]) -> None:
-    """The exemplar contains patches, and a tile its borders."""
+    """The exemplar contains patches, a tile its borders, and the atlas not too many pixels."""
     image = known.get("image")
     if image is not None:
         check_weights(params.weights, image.channels)
@@ -93,6 +94,12 @@ def check_size(params: WangBordersParams, known: Mapping[str, Any]) -> None:
         if side < 4 * border:
             raise InputError(
                 f"tile: {side} px are too small for borders of {border} px; the minimum is {4 * border} px"
+            )
+        rows, columns = WangSet(params.colors, params.kind, params.variants).shape
+        if rows * columns * side**2 > _MOST_PIXELS:
+            raise InputError(
+                f"tile: {rows * columns} tiles of {side} px are {rows * columns * side**2} px in all, at most "
+                f"{_MOST_PIXELS}; take smaller ones, or fewer variants or colors"
             )
 
 

@@ -14,6 +14,7 @@ import texloom
 from tests.photographs import homography, unit_square
 from tests.synthetic import picture
 from texloom.stages.analysis.photographs.gaussian_stack import GaussianStackParams, gaussian_stack
+from texloom.stages.analysis.photographs.geometry import parsed_geometry
 from texloom.stages.analysis.photographs.jacobian_field import (
     JacobianField,
     JacobianFieldParams,
@@ -153,6 +154,19 @@ def test_planes_without_sizes_have_one_unit(tmp_path: Path) -> None:
     np.testing.assert_allclose(measured.jacobian[inside], known.jacobian[inside], rtol=0.01, atol=0.01)
 
 
+def test_each_pair_of_patches_is_compared_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To find where they meet; 256 patches took minutes and a gigabyte."""
+    places = [(row, column) for row in range(4) for column in range(4)]
+    patches = [
+        {"corners": [[y, x], [y, x + 20], [y + 20, x + 20], [y + 20, x]]}
+        for y, x in np.multiply(places, 25).tolist()
+    ]
+    calls, hypot = [], np.hypot
+    monkeypatch.setattr(np, "hypot", lambda *args: (calls.append(args[0].shape), hypot(*args))[1])
+    parsed_geometry({"patches": patches}, (120, 120), {})
+    assert calls.count((100, 100)) == 16 * 15 // 2  # points of two outlines
+
+
 def test_patches_have_one_focal_length(tmp_path: Path) -> None:
     """A plane whose sides converge gives the lens to one whose sides are parallel in the photograph."""
     tilted = seen((2, 3), 0.7, 0.4, (0, -1, 6), 90)
@@ -220,6 +234,7 @@ def test_threads_do_not_matter(tmp_path: Path, on_threads: Any) -> None:
         ({"corners": [[500, 500], [500, 600], [600, 600], [600, 500]]}, "is outside the photograph"),
         ({"corners": CORNERS[:3]}, r"patches\.0\.corners\.3: Field required"),
         ({**PLANE, "size": [0, 1]}, r"patches\.0\.size\.0: Input should be greater than 0, got 0"),
+        ({**PLANE, "size": [0.0001, 1]}, "size: one side is more than 1000 times as long as the other"),
         ({**PLANE, "colour": 1}, r"patches\.0\.colour: no such entry"),
         ({"controls": [[[0.0, 0.0]] * 4] * 4}, "have no area"),
         ({}, "want either corners or controls"),

@@ -294,3 +294,8 @@ def test_large_exemplars_are_looked_at_reduced() -> None:
     params = EdgesParams(scales=(1.0,))
     halved = cv2.resize(edges(large, params).strength, (512, 512), interpolation=cv2.INTER_AREA)
     assert np.corrcoef(halved.ravel(), edges(small, params).strength.ravel())[0, 1] > 0.95
+
+
+def test_very_many_scales_are_refused() -> None:
+    with pytest.raises(ValueError, match="at most 8 items"):
+        EdgesParams(scales=(1.0,) * 9)

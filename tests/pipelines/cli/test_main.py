@@ -717,6 +717,52 @@ def again(once: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "again"
 
 
+CHOOSING = """
+flow: choosing
+sources: {exemplar: wall.png, noise: noise.png}
+steps:
+  first: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: noise}}
+  second: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: exemplar}}
+  choice:
+    stage: evaluation.choice
+    inputs: {first: noise, second: exemplar, first_scores: first.table, second_scores: second.table}
+    params: {labels: [noise, itself]}
+exports: {choice.json: choice.table}
+"""
+
+
+def test_scores_are_those_of_what_was_chosen(folder: Path, rng: np.random.Generator) -> None:
+    PIL.Image.fromarray(rng.integers(0, 256, (64, 64, 3)).astype(np.uint8)).save("noise.png")
+    Path("choosing.yaml").write_text(CHOOSING)
+    lines = texloom("run", "choosing.yaml", "--out", "out").out.splitlines()
+    report = texloom("run", "choosing.yaml", "--out", "out", "--json").report["choices"]["choice"]
+    assert report == json.loads(Path("out/choice.json").read_text())
+    assert report["chosen"] == "itself"
+    scores = {
+        label: ", ".join(f"{name} {value:.2f}" for name, value in own.items() if value is not None)
+        for label, own in report["scores"].items()
+    }
+    assert f"choice: chosen is itself ({scores['itself']}), not noise ({scores['noise']})" in lines
+    assert "; itself: fidelity 1.00, " in lines[-1]
+
+
+def test_workers_that_do_not_start_end_a_run_by_one_line(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    tries = []
+
+    def start(*_args: object, **_options: object) -> None:
+        tries.append(1)
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr(distributed, "SpecCluster", start)
+    result = texloom("run", "flow.yaml", "--runner", "dask", "--out", "out", "--json")
+    problem = "--runner dask: the workers of this machine do not start (Nanny failed to start.)"
+    assert (result.code, result.report["error"], len(tries)) == (1, problem, 2)
+    assert result.err.splitlines()[-1] == f"texloom: {problem}"
+    assert "Traceback" not in result.err
+    assert not Path("out").exists()
+
+
 def test_the_report(folder: Path) -> None:
     """Other programs read it."""
     for state in ("ran", "cached"):

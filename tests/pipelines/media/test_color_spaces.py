@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,10 @@ import PIL.PngImagePlugin
 import pytest
 
 from tests.pipelines.media.test_sources import exr, planes, problem, read
-from texloom.pipelines.media import color_spaces, icc
+from tests.pipelines.pictures import chunk, png
+from texloom.pipelines.media import color_spaces, icc, locate
 from texloom.pipelines.media.color_spaces import ACESCG, PRIMARIES, REC709, conversion
+from texloom.pipelines.media.sources import open_source
 from texloom.stages.vocabulary.color import srgb_from_linear
 
 P3 = PRIMARIES["lin_p3d65_scene"]
@@ -160,3 +163,122 @@ def test_color_spaces_of_exr_that_are_not_read(tmp_path: Path, rng: np.random.Ge
     assert "is in the colour space 'srgb_rec709_scene'; lin_rec709_scene, lin_ap1_scene" in problem(encoded)
     line = exr(tmp_path / "line.exr", channels, chromaticities=(0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.3, 0.3))
     assert "chromaticities are not those of a colour space" in problem(line)
+
+
+def coded_points(path: Path, values: np.ndarray, content: bytes, *others: bytes) -> Path:
+    """A PNG with a chunk cICP, then ``others``."""
+    depth = 16 if values.dtype == np.uint16 else 8
+    path.write_bytes(png(values, depth, chunk(b"cICP", content) + b"".join(others)))
+    return path
+
+
+HLG_WHITE = (np.exp((0.75 - 0.55991073) / 0.17883277) + 0.28466892) / 12
+TRANSFERS = {
+    1: lambda v: np.where(v < 0.0812428583, v / 4.5, ((v + 0.0992968268) / 1.0992968268) ** (1 / 0.45)),
+    4: lambda v: v**2.2,
+    5: lambda v: v**2.8,
+    8: lambda v: v,
+    18: lambda v: (
+        np.where(v <= 0.5, v**2 / 3, (np.exp((v - 0.55991073) / 0.17883277) + 0.28466892) / 12) / HLG_WHITE
+    ),
+}
+TRANSFERS |= dict.fromkeys((6, 14, 15), TRANSFERS[1])
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("transfer", list(TRANSFERS))
+def test_transfer_functions_of_cicp(
+    tmp_path: Path, rng: np.random.Generator, dtype: type[np.integer], transfer: int
+) -> None:
+    largest = np.iinfo(dtype).max
+    values = rng.integers(0, largest + 1, (12, 9, 4)).astype(dtype)
+    image = read(coded_points(tmp_path / "a.png", values, bytes((1, transfer, 0, 1))))
+    codes = values / largest
+    np.testing.assert_allclose(image.pixels[..., :3], TRANSFERS[transfer](codes[..., :3]), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(image.pixels[..., 3], codes[..., 3], rtol=1e-6)
+
+
+def test_pq_of_cicp_is_relative_to_diffuse_white(tmp_path: Path) -> None:
+    # ITU-R BT.2408, table 1: 203 cd/m2 has 58 % of the signal; ITU-R BT.2100: the whole signal 10,000 cd/m2.
+    values = np.array([0, 0.58, 0.580689, 1]).reshape(2, 2, 1) * 65535
+    source = open_source(
+        "photo", str(coded_points(tmp_path / "a.png", values.astype(np.uint16), bytes((9, 16, 0, 1))))
+    )
+    np.testing.assert_allclose(source.read().pixels.ravel(), [0, 0.994, 1, 10000 / 203], atol=0.001)
+    assert [note.rpartition(": ")[2] for note in source.notes] == [
+        "cICP says PQ, so 1.0 is taken as diffuse white of 203 cd/m2 (ITU-R BT.2408)"
+    ]
+
+
+def test_hlg_of_cicp_tells_what_was_assumed(tmp_path: Path, values: np.ndarray) -> None:
+    for name in ("1.png", "2.png"):
+        coded_points(tmp_path / name, values, bytes((9, 18, 0, 1)))
+    (tmp_path / "maps").mkdir()
+    coded_points(tmp_path / "maps" / "albedo.png", values, bytes((9, 18, 0, 1)))
+    for reference in (tmp_path / "1.png", tmp_path / "maps", f"stack:{tmp_path}"):
+        (note,) = open_source("photo", str(reference)).notes
+        assert "cICP says HLG, so 1.0 is taken as the scene's light at signal 0.75" in note
+
+
+@pytest.mark.parametrize(
+    ("number", "primaries"),
+    [(9, PRIMARIES["lin_rec2020_scene"]), (12, P3), (11, (*P3[:6], 0.314, 0.351))],
+)
+def test_primaries_of_cicp(tmp_path: Path, values: np.ndarray, number: int, primaries: tuple[float, ...]) -> None:
+    image = read(coded_points(tmp_path / "a.png", values, bytes((number, 8, 0, 1))))
+    expected = values / 255 @ conversion(primaries, PRIMARIES[REC709]).T
+    np.testing.assert_allclose(image.pixels, expected, atol=1e-5)
+
+
+def test_cicp_comes_before_all_other_chunks_of_colour(tmp_path: Path, values: np.ndarray) -> None:
+    plain = tmp_path / "plain.png"
+    plain.write_bytes(png(values, 8))
+    others = [
+        chunk(b"iCCP", b"other\0\0" + zlib.compress(profile(ADOBE, GAMMA))),
+        chunk(b"sRGB", b"\0"),
+        chunk(b"gAMA", struct.pack(">I", 100000)),
+    ]
+    for other in others:
+        same = read(coded_points(tmp_path / "same.png", values, bytes((1, 13, 0, 1)), other))
+        np.testing.assert_array_equal(same.pixels, read(plain).pixels)
+        linear = read(coded_points(tmp_path / "linear.png", values, bytes((1, 8, 0, 1)), other))
+        np.testing.assert_allclose(linear.pixels, values / 255, rtol=1e-6)
+
+
+def test_cicp_of_palettes(tmp_path: Path, values: np.ndarray) -> None:
+    path, palette = tmp_path / "palette.png", values[:4, 0]
+    picture = PIL.Image.fromarray(np.arange(12, dtype=np.uint8).reshape(4, 3) % 4).convert("P")
+    picture.putpalette(palette.tobytes())
+    picture.save(path)
+    plain = path.read_bytes()
+    path.write_bytes(plain[:33] + chunk(b"cICP", bytes((1, 8, 0, 1))) + plain[33:])  # behind IHDR
+    np.testing.assert_allclose(read(path).pixels, palette[np.asarray(picture)] / 255, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ((2, 13, 0, 1), "has a cICP chunk with colour primaries 2, which is not read (1, 9, 11, 12)"),
+        (
+            (1, 17, 0, 1),
+            "has a cICP chunk with transfer function 17, which is not read (1, 4, 5, 6, 8, 13, 14, 15, ",
+        ),
+        ((9, 16, 9, 1), "has a cICP chunk with matrix coefficients 9, which is not read (0)"),
+        ((9, 16, 0, 0), "has a cICP chunk with full range flag 0, which is not read (1)"),
+        ((9, 16, 0), "has a broken cICP chunk, not of 4 bytes"),
+    ],
+)
+def test_cicp_that_is_not_read(tmp_path: Path, values: np.ndarray, content: tuple[int, ...], words: str) -> None:
+    line = problem(coded_points(tmp_path / "a.png", values, bytes(content)))
+    assert line.startswith(words)
+    assert line.endswith("; save the picture as sRGB without that chunk")
+
+
+def test_cicp_of_data_does_not_matter(tmp_path: Path, values: np.ndarray) -> None:
+    paths = [tmp_path / f"{name}.png" for name in ("plain", "tagged")]
+    paths[0].write_bytes(png(values[..., :1], 8))
+    coded_points(paths[1], values[..., :1], bytes((2, 99, 9, 0)))
+    plain, tagged = (
+        locate.decode(str(path), locate.inspect(str(path), data=True).digest, data=True) for path in paths
+    )
+    np.testing.assert_array_equal(tagged.pixels, plain.pixels)

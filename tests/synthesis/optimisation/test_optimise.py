@@ -602,3 +602,10 @@ def test_keeping_everything_is_a_copy(large: Image) -> None:
     np.testing.assert_array_equal(result.match, start)
     with pytest.raises(ValueError, match="keep of shape"):
         run(large, start, keep=np.ones((60, 50), bool))
+
+
+@pytest.mark.parametrize("name", ["overuse", "fewer_iterations", "distance_per_try"])
+def test_values_beyond_all_measure_are_refused(name: str) -> None:
+    """They ended in an OverflowError."""
+    with pytest.raises(pydantic.ValidationError, match="less than or equal to"):
+        OptimiseParams(**{name: 1e300})

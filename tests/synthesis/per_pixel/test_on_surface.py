@@ -22,6 +22,7 @@ from texloom.stages.evaluation.surface_views import SurfaceViewsParams, surface_
 from texloom.stages.synthesis.per_pixel.on_surface import OnSurface, OnSurfaceParams, on_surface
 from texloom.stages.synthesis.per_pixel.per_pixel import PerPixelParams, per_pixel
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.normals import NORMAL
 
 Analysed = tuple[Image, AppearanceStack]
@@ -82,6 +83,12 @@ def test_inside_a_flat_square_equals_a_flat_result(spots: Analysed) -> None:
     np.testing.assert_allclose(one.jacobian, np.broadcast_to([1, 0, 0, 1], (160, 160, 4)), atol=1e-5)
     inside = np.s_[64:-64, 64:-64]  # how far a border reaches in two levels
     np.testing.assert_array_equal(one.match[inside], planar(spots, one.jacobian, block=6)[inside])
+
+
+@pytest.mark.parametrize("texel_size", [1e-300, 1e300])
+def test_a_texel_size_out_of_proportion_is_refused(spots: Analysed, texel_size: float) -> None:
+    with pytest.raises(InputError, match=r"texel_size: 1e.300 is out of proportion to a pixel of the result, 1 on"):
+        made(spots, square(32.0), (32, 32), texel_size=texel_size)
 
 
 def seam(image: Image, left: int, right: int) -> float:

@@ -141,6 +141,17 @@ def test_a_cut_that_does_not_fit_shows(exemplar: Image) -> None:
     assert wang_tiling(smooth, table, WangTilingParams()).table["albedo"]["ratio"] > TILE / 2
 
 
+def test_the_preview_of_large_tiles_has_fewer(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """16 x 16 tiles of 2048 px would take 13 GB and more."""
+    atlas = picture(np.random.default_rng(0).random((160, 160, 3)))
+    monkeypatch.setattr("texloom.stages.evaluation.wang_tiling._MOST", 5 * TILE)
+    made = wang_tiling(atlas, {"size": TILE, "kind": "edges", "colors": 2}, WangTilingParams())
+    assert made.image.shape == (5 * TILE, 5 * TILE, 3)
+    assert "cells: 5 tiles of 40 px along a side, as 16 are too large together" in caplog.messages
+
+
 def test_any_number_of_threads_gives_the_same_tiles(exemplar: Image, monkeypatch: pytest.MonkeyPatch) -> None:
     one, two = run_with_threads(lambda: made(exemplar)[1].image.pixels, monkeypatch)
     np.testing.assert_array_equal(one, two)
@@ -175,6 +186,8 @@ def test_tiles_contain_whole_cells_of_a_lattice() -> None:
     ("params", "message"),
     [
         ({"tile": 36, "border": 10}, "tile: 36 px are too small for borders of 10 px; the minimum is 40 px"),
+        ({"tile": 2048, "colors": 3}, "tile: 81 tiles of 2048 px are 339738624 px in all, at most 268435456"),
+        ({"tile": 2048, "colors": 1, "variants": (10, 10)}, "tile: 100 tiles of 2048 px are"),
         ({"weights": {"height": 2.0}}, "no map 'height'"),
         ({"patch_size": 32, "tile": 128}, None),
     ],
