@@ -225,7 +225,7 @@ def test_textures_are_shown_in_notebooks(rgb: np.ndarray) -> None:
         ({"image": {"albedo": np.zeros((8, 8)), "rough ness?": np.zeros((8, 8))}}, "is not the name of a map"),
         ({"mask": np.zeros((40, 40), np.uint8)}, "^mask: must be boolean"),
         ({"mask": np.zeros((4, 4), bool)}, "maps albedo, mask: mask.png has 4 x 4 px, albedo.png 40 x 40 px"),
-        ({"mask": np.ones((40, 40), bool)}, "excludes every pixel"),
+        ({"mask": np.zeros((40, 40), bool)}, "excludes every pixel"),
         ({"seed": -1}, "^seed: must be a whole number"),
     ],
 )
@@ -419,13 +419,13 @@ rgb = rng.integers(0, 256, (64, 64, 3), np.uint8)
 from threadpoolctl import threadpool_info
 threads = lambda: {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas" and "numpy" in pool["filepath"]}
 before, during = threads(), set()
-texloom.synthesize(rgb, method="quilting", size=64, store="s", progress=lambda event: during.update(threads()))
+texloom.synthesize(rgb, method="quilting", size=64, store="s", progress=lambda event: during.update(threads() if event.kind == "progress" else ()))
 print(max(before), during, threads() == before)
 """  # noqa: E501
 
 
 def test_numpy_imported_first_computes_on_one_thread(tmp_path: Path) -> None:
-    """BLAS on several threads gives other last bits."""
+    """BLAS has one thread while a stage computes, and what the host gave it afterwards."""
     pytest.importorskip("threadpoolctl")
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "2"}
     done = subprocess.run(

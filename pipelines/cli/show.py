@@ -15,7 +15,6 @@ import click
 from texloom.pipelines.cli.exits import Exit
 from texloom.pipelines.cli.options import memory_option
 from texloom.pipelines.cli.output import print_json, say
-from texloom.pipelines.media.material_set import is_picture
 from texloom.stages.vocabulary.declare import InputError
 
 
@@ -70,6 +69,8 @@ def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
 
 def _is_picture(file: Path) -> bool:
     """Whether a file is a picture other than an EXR, by its name."""
+    from texloom.pipelines.media.material_set import is_picture
+
     return is_picture(file) and file.suffix.lower() != ".exr"
 
 

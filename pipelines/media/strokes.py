@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32
 
+from texloom.stages.vocabulary.sizes import format_size
+
 _LARGEST = 2**22  # bytes
 _POINTS = 100_000
 _PIXELS = 2**26  # of the picture that a few bytes ask for
@@ -58,7 +60,7 @@ def parse(content: bytes) -> Strokes:
     if not _is_list(size, 2) or not all(type(side) is int and side > 0 for side in size):
         raise ValueError("size must be height and width, px")
     if size[0] * size[1] > _PIXELS:
-        raise ValueError(f"size {size[0]}x{size[1]} is too large, at most {_PIXELS} pixels of strokes")
+        raise ValueError(f"a size of {format_size(size)} is too large, at most {_PIXELS} pixels of strokes")
     if type(thickness) is not int or not _WIDTHS[0] <= thickness <= _WIDTHS[1]:
         raise ValueError(f"width must be a whole number from {_WIDTHS[0]} to {_WIDTHS[1]}, px")
     if not _is_list(strokes) or not strokes:

@@ -30,17 +30,16 @@ _MOST = 1 << 24  # bytes of a manifest
 
 
 def remove_result(stage: Folder, key: str, outputs: Iterable[str] = ()) -> bool:
-    """Remove a result from the folder of its stage; ``outputs``: known of it, if its manifest cannot be read.
+    """Remove a result from the folder of its stage; ``outputs``: known of it, as its manifest may be damaged.
 
     Returns
     -------
     whether its folder is gone.
     """
     with contextlib.suppress(OSError), stage.child(key) as folder:
-        try:
-            names = set(json.loads(folder.read(MANIFEST, _MOST))["files"])
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
-            names = _FIXED | {f"{output}.{suffix}" for output in outputs for suffix in ("png", "html", "csv")}
+        names = _FIXED | {f"{output}.{suffix}" for output in outputs for suffix in ("png", "html", "csv")}
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
+            names |= set(json.loads(folder.read(MANIFEST, _MOST))["files"])
         for name in folder.names():
             if name in names and name != MANIFEST:
                 folder.unlink_file(name)

@@ -121,7 +121,7 @@ def test_bad_requests_are_refused(canvas: Callable[..., Canvas]) -> None:
     painted = canvas()
     for values, top, message in [
         (np.zeros((4, 4, 1), np.float32), 0, r"values of shape \(4, 4, 1\), not \(h, w, 2\)"),
-        (np.zeros((4, 4, 2), np.float32), 93, "at row 93, column 0 on a canvas of 96x112"),
+        (np.zeros((4, 4, 2), np.float32), 93, "at row 93, column 0 on a canvas of 112 x 96"),
         (np.zeros((4, 4, 2), np.float32), -1, "at row -1"),
         (np.full((4, 4, 2), np.nan, np.float32), 0, "a value is not finite"),
     ]:

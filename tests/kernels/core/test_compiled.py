@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -65,8 +66,9 @@ print(double(21), sum(double.stats.cache_hits.values()), "numba.np.arraymath" in
 """
 
 
-def run(*command: str) -> str:
-    done = subprocess.run([sys.executable, *command], check=False, capture_output=True, text=True)
+def run(*command: str, **variables: str) -> str:
+    known = {**os.environ, **variables}
+    done = subprocess.run([sys.executable, *command], check=False, capture_output=True, text=True, env=known)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -76,9 +78,9 @@ def test_threads_may_load_kernels_at_the_same_time(order: int) -> None:
     run("-c", LOADING, str(order))
 
 
-def test_compiled_kernels_are_loaded_without_what_compiles() -> None:
-    """Others, that call them, are still compiled."""
-    _, again = run("-c", OURS), run("-c", OURS)
+def test_compiled_kernels_are_loaded_without_what_compiles(tmp_path: Path) -> None:
+    """Others, that call them, are still compiled. In a folder of its own, as other processes may have taken the first."""
+    _, again = (run("-c", OURS, NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2))
     assert again == "[4.5, 5.5, 6.5] False 5.0 True\n"
 
 

@@ -19,8 +19,8 @@ sources:
   exemplar: EXEMPLAR
   guide: GUIDE
 steps:
-  part: {stage: analysis.crop, inputs: {image: exemplar}, params: {size: [16, 16]}}
-  other: {stage: analysis.crop, inputs: {image: guide}, params: {size: [16, 16]}}
+  part: {stage: analysis.crop, inputs: {image: exemplar}, params: {size: 16}}
+  other: {stage: analysis.crop, inputs: {image: guide}, params: {size: 16}}
 exports:
   texture.png: part.image
   guide.png: other.image

@@ -8,8 +8,8 @@ import PIL.Image
 import pytest
 
 from texloom.pipelines import memory
-from texloom.pipelines.api import open_run
 from texloom.pipelines.engine import footprint, run
+from texloom.pipelines.engine.opening import open_run
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store

@@ -69,5 +69,7 @@ def test_what_is_wrong_is_told(tmp_path: Path, content: Any, message: str) -> No
 
 def test_a_few_bytes_make_no_huge_picture(tmp_path: Path) -> None:
     path = written(tmp_path / "s.json", {"size": [16384, 16384], "strokes": LINES})
-    with pytest.raises(InputError, match=r"size 16384x16384 is too large, at most 67108864 pixels of strokes"):
+    with pytest.raises(
+        InputError, match=r"a size of 16384 x 16384 px is too large, at most 67108864 pixels of strokes"
+    ):
         open_source("s", str(path))
