@@ -339,7 +339,7 @@ class Run:
         for step in steps:
             if step.stage.name == _CHOICE and step.name in self.shared.artifacts:
                 table = self.store.table(self.shared.artifacts[step.name], "table")
-                better = list(step.params.labels).index(table["chosen"])
+                better = dict(step.params)["labels"].index(table["chosen"])
                 measured.insert(0, step.inputs[("first_scores", "second_scores")[better]].name)
                 break
         artifact = next((self.shared.artifacts[name] for name in measured if name in self.shared.artifacts), None)

@@ -83,12 +83,12 @@ def _of_pq(codes: np.ndarray) -> np.ndarray:
 
 def _of_hlg(codes: np.ndarray) -> np.ndarray:
     """Light of the scene by the inverse OETF of ITU-R BT.2100, relative to diffuse white."""
-    return _hlg_light(codes) / _hlg_light(np.array([_HLG_WHITE]))
+    return np.asarray(_hlg_light(codes) / _hlg_light(np.array([_HLG_WHITE])))
 
 
 def _hlg_light(codes: np.ndarray) -> np.ndarray:
     a, b, c = 0.17883277, 0.28466892, 0.55991073
-    return np.where(codes <= 0.5, codes * codes / 3, (exp((codes - c) / a) + b) / 12)
+    return np.asarray(np.where(codes <= 0.5, codes * codes / 3, (exp((codes - c) / a) + b) / 12))
 
 
 _TRANSFERS: Mapping[int, Callable[[np.ndarray], np.ndarray]] = {

@@ -18,6 +18,7 @@ from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.masks import USABLE
 
 _REACH = 3  # repetitions among which a place is searched, to each side of the nearest
+_MOST_PIXELS = 2**28  # of all patches
 _CHANNELS = ("R", "G", "B", USABLE)
 
 
@@ -67,7 +68,7 @@ def patch_atlas(
     Raises
     ------
     InputError
-        no patch shows any of the region.
+        no patch shows any of the region, or all together have too many pixels.
 
     References
     ----------
@@ -75,6 +76,9 @@ def patch_atlas(
     """
     factor = scale * min(1.0, params.max_side / (scale * float(sizes.max())))
     shapes = [(max(1, round(height)), max(1, round(width))) for height, width in (sizes * factor).tolist()]
+    total = sum(height * width for height, width in shapes)
+    if total > _MOST_PIXELS:
+        raise InputError(f"max_side: {len(shapes)} patches are {total} px in all, at most {_MOST_PIXELS}; lower it")
     parts = [
         _patch(image, region, patch, space, shape)
         for patch, space, shape in zip(controls.astype(np.float64), spaces.astype(np.float64), shapes, strict=True)

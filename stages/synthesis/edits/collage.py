@@ -18,6 +18,7 @@ from texloom.stages.vocabulary.normals import NORMAL
 from texloom.stages.vocabulary.sizes import Size, format_size
 
 _MAX_PIECES = 1024
+_MOST_PIXELS = 2**26  # around a piece, if the result has not more
 
 _Number = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
 _Length = Annotated[float, Field(gt=0, le=1e5, allow_inf_nan=False)]
@@ -79,9 +80,13 @@ def check_pieces(params: CollageParams, known: Mapping[str, Any]) -> None:
     pieces = _read(params)
     for index, piece in enumerate(pieces):
         low, high = piece.corners.min(axis=0), piece.corners.max(axis=0)
+        where = f"{params.pieces.file}: pieces.{index}" if params.pieces else ""
         if image is not None and ((high < 0).any() or (low > (image.height - 1, image.width - 1)).any()):
-            where = f"{params.pieces.file}: pieces.{index}" if params.pieces else ""
             raise InputError(f"pieces: {where}: lies outside the exemplar of {format_size(image)}")
+        low, high = _place(piece, params)[2:]
+        most = max(_MOST_PIXELS, params.size[0] * params.size[1])
+        if (area := int(np.prod(np.maximum(high - low + 1, 0)))) > most:
+            raise InputError(f"pieces: {where}: covers {area} px of a tileable result, at most {most}")
 
 
 def outlines(params: CollageParams, known: Mapping[str, Any]) -> dict[str, Outline]:
@@ -119,19 +124,11 @@ def collage(image: Image, params: CollageParams) -> Collage:
     numbers = np.full(params.size, -1, np.int32)
     for number, piece in enumerate(_read(params)):
         corners = piece.corners
-        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-        angle = np.deg2rad(piece.angle)
-        cosine, sine = cos(angle), sin(angle)
-        # (row, column) offsets in the result @ turn = in the exemplar; rows grow downwards
-        turn = np.array([[cosine, -sine], [sine, cosine]]) / piece.scale
-        placed = matrix_product(corners - middle, inverse_of(turn)) + piece.at
-        low, high = np.floor(placed.min(axis=0)).astype(int), np.ceil(placed.max(axis=0)).astype(int)
-        if not params.tileable:
-            low, high = np.maximum(low, 0), np.minimum(high, np.array(params.size) - 1)
+        rotation, middle, low, high = _place(piece, params)
         if (high < low).any():
             continue
         grid = np.moveaxis(np.mgrid[low[0] : high[0] + 1, low[1] : high[1] + 1], 0, 2)
-        source = matrix_product(grid - piece.at, turn) + middle
+        source = matrix_product(grid - piece.at, rotation / piece.scale) + middle
         limits = np.array(own.shape[:2]) - 0.5
         inside = _inside(corners, source) & ((source >= -0.5) & (source <= limits)).all(axis=2)
         if not inside.any():
@@ -139,9 +136,7 @@ def collage(image: Image, params: CollageParams) -> Collage:
         values = sampled(own, np.ascontiguousarray(source))[inside]
         if set(NORMAL) <= set(channels):
             x, y = channels.index(NORMAL[0]), channels.index(NORMAL[1])
-            values[:, [x, y]] = matrix_product(
-                values[:, [x, y]], np.array([[cosine, sine], [-sine, cosine]], np.float32)
-            )
+            values[:, [x, y]] = matrix_product(values[:, [x, y]], rotation.T.astype(np.float32))
         rows, columns = np.moveaxis(grid[inside] % params.size, 1, 0)
         pixels[rows, columns, :-1] = values
         pixels[rows, columns, -1] = 1
@@ -149,6 +144,24 @@ def collage(image: Image, params: CollageParams) -> Collage:
     if (numbers < 0).all():
         raise InputError("pieces: none of them lies in the result")
     return Collage(Image(pixels, (*channels, "A")).wrapping(params.tileable), numbers)
+
+
+def _place(piece: _Piece, params: CollageParams) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The rotation of a piece, its middle in the exemplar, and its first and last pixel in the result.
+
+    Offsets in the result, row and column, @ rotation / scale are those in the exemplar. The pixels are within a
+    result that does not tile.
+    """
+    corners = piece.corners
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    angle = np.deg2rad(piece.angle)
+    cosine, sine = cos(angle), sin(angle)
+    rotation = np.array([[cosine, -sine], [sine, cosine]])  # rows grow downwards
+    placed = matrix_product(corners - middle, inverse_of(rotation / piece.scale)) + piece.at
+    low, high = np.floor(placed.min(axis=0)).astype(int), np.ceil(placed.max(axis=0)).astype(int)
+    if not params.tileable:
+        low, high = np.maximum(low, 0), np.minimum(high, np.array(params.size) - 1)
+    return rotation, middle, low, high
 
 
 def _inside(corners: np.ndarray, points: np.ndarray) -> np.ndarray:

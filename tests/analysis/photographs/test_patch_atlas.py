@@ -62,6 +62,14 @@ def test_large_patches_are_reduced(tmp_path: Path) -> None:
     assert max(part["width"] for part in laid_out(tmp_path, max_side=30).table["patches"]) == 30
 
 
+def test_patches_of_too_many_pixels_are_refused() -> None:
+    """256 of 8192 px a side would take 275 GB."""
+    controls, sizes = np.ones((256, 4, 4, 3), np.float32), np.ones((256, 2), np.float32)
+    image, region = picture(np.zeros((*SHAPE, 3))), np.ones(SHAPE, bool)
+    with pytest.raises(InputError, match=r"max_side: 256 patches are 1073741824 px in all, at most 268435456"):
+        patch_atlas(image, region, controls, controls, sizes, 1e6, PatchAtlasParams(max_side=2048))
+
+
 def test_a_region_beside_all_patches_is_refused(tmp_path: Path) -> None:
     image, nothing = picture(np.zeros((*SHAPE, 3))), np.zeros(SHAPE, bool)
     surface = surfaces(image, tmp_path, patches=[{"corners": LEFT, "size": [4, 4]}])

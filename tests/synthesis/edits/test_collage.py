@@ -91,6 +91,16 @@ def test_files_that_are_wrong_are_refused(exemplar: Image, pieces: Any, problem:
         check(params(pieces), {"image": exemplar})
 
 
+def test_a_piece_much_larger_than_a_tileable_result_is_refused(exemplar: Image) -> None:
+    """It took 14 TiB."""
+    check = find_stage("synthesis.collage").check
+    assert check is not None
+    piece = {"box": [0, 0, 1e5, 1e5], "at": [0, 0], "scale": 10}
+    check(params([piece]), {"image": exemplar})
+    with pytest.raises(InputError, match=r"pieces.0: covers \d+ px of a tileable result, at most 67108864"):
+        check(params([piece], tileable=True), {"image": exemplar})
+
+
 def test_a_missing_file_is_named(exemplar: Image) -> None:
     with pytest.raises(InputError, match="give the file that lists them"):
         collage(exemplar, CollageParams())
