@@ -84,7 +84,7 @@ else:
 CALLS = {
     "import": "[getattr(texloom, name) for name in texloom.__all__]",
     "synthesize": "texloom.synthesize(rgb, method='quilting', size=48, store='s')",
-    "run": "texloom.run('make_tileable', {'picture': rgb}, store='s', out='o')",
+    "run": "texloom.run('quilting', {'exemplar': rgb}, size=48, store='s', out='o')",
     "plan": "texloom.plan('quilting', {'exemplar': rgb}, store='s')",
     "a stage": "texloom.stages.autocorrelation(rgb)",
     "Canvas": "texloom.Canvas(rgb, rgb[..., 0], (48, 48), values=0.2).paint(np.full((8, 8, 1), 0.9, np.float32))",

@@ -15,7 +15,6 @@ import click
 from texloom.pipelines.cli.exits import Exit
 from texloom.pipelines.cli.options import memory_option
 from texloom.pipelines.cli.output import print_json, say
-from texloom.stages.vocabulary.declare import InputError
 
 
 @click.command(short_help="Show the contents and provenance of EXR files, and facts of pictures.")
@@ -41,6 +40,7 @@ def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
     from texloom.pipelines.media.about import about_picture
     from texloom.pipelines.store import codec
     from texloom.pipelines.store.atomic import check_folder
+    from texloom.stages.vocabulary.declare import InputError
 
     several = len(files) > 1
     folders: dict[Path, Path] = {}

@@ -518,6 +518,8 @@ class Run:
         if reference.output is not None:
             step = self.flow.steps[reference.name]
             about["from"] = {name: self._given(given, scope).label for name, given in step.inputs.items()}
+        if file.endswith(".exr"):
+            about["bits"] = self._bits(reference, scope)  # so that a PNG made from it one day has as many
         if file.endswith(".html"):
             about["run"] = self._facts(scope)
         return about

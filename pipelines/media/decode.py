@@ -80,6 +80,8 @@ class Picture(Header):
     """what texloom has written into it; other files say nothing"""
     note: str = ""
     """what was assumed of its colour, for the user"""
+    original_bits: int = 0
+    """as ``bits``, of what texloom made a file of floats from; 0 where that is not known"""
 
 
 def read_header(file: BinaryIO, data: bool = False, layered: bool = False) -> Picture:
@@ -405,7 +407,8 @@ def _exr_header(file: BinaryIO, data: bool) -> Picture:
     memory = 4 * (values + height * width * len(names))  # OpenEXR reads all parts
     part = headers[index].get("name", "")
     facts = codec.facts_in(headers[0], part, height, width)
-    return Picture(height, width, tuple(names.values()), 32, memory, decode, facts)
+    bits = codec.original_bits(headers[0])
+    return Picture(height, width, tuple(names.values()), 32, memory, decode, facts, original_bits=bits)
 
 
 def _exr_stack(file: BinaryIO) -> Picture:

@@ -30,6 +30,8 @@ class Inspected(Header):
     """SHA-256 of the content and of the version of the decoding, 64 hexadecimal digits"""
     note: str = ""
     """what was assumed of its colour, for the user"""
+    original_bits: int = 0
+    """as ``bits``, of what texloom made a file of floats from; 0 where that is not known"""
 
 
 class KnownFiles:
@@ -52,8 +54,8 @@ class KnownFiles:
         entry = self.entries.get(os.path.abspath(path))  # noqa: PTH100 (as text, as there are thousands)
         if entry is None or entry[0] != state:
             return None, state
-        height, width, channels, bits, memory, digest, note = entry[1:]
-        return Inspected(height, width, tuple(channels), bits, memory, digest, note), state
+        height, width, channels, *others = entry[1:]
+        return Inspected(height, width, tuple(channels), *others), state
 
     def add(self, path: Path, state: str, inspected: Inspected) -> None:
         """Keep what was read of a file, unless it has changed since `find`."""

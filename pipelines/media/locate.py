@@ -57,7 +57,7 @@ def inspect(reference: str, data: bool = False, layered: bool = False) -> Inspec
     with opened(path) as file:
         read = pictures.read_header(file, data, layered)
         facts = read.height, read.width, read.channels, read.bits, read.memory
-        seen = Inspected(*facts, _digest(file), read.note)
+        seen = Inspected(*facts, _digest(file), read.note, read.original_bits)
     if known is not None:
         known.add(path, state, seen)
     return seen

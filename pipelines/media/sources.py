@@ -118,7 +118,17 @@ def open_source(name: str, reference: str) -> Source:
         seen = locate.inspect(reference)
         _check_memory(seen.memory)
     notes = _notes(name, reference, seen.note)
-    return Source(name, reference, seen.height, seen.width, seen.channels, seen.digest, (), notes, seen.bits)
+    return Source(
+        name,
+        reference,
+        seen.height,
+        seen.width,
+        seen.channels,
+        seen.digest,
+        (),
+        notes,
+        seen.original_bits or seen.bits,
+    )
 
 
 def _notes(name: str, reference: str, *told: str) -> tuple[str, ...]:

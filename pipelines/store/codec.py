@@ -414,6 +414,15 @@ def facts_in(header: Mapping[str, Any], part: str, height: int, width: int) -> F
         return Facts()
 
 
+def original_bits(header: Mapping[str, Any]) -> int:
+    """Bits of the picture that an exported EXR was made from, 8, 16 or 32; 0 where it does not say so."""
+    try:
+        bits = json.loads(header["texloom.provenance"])["bits"]
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return 0
+    return bits if bits in (8, 16, 32) else 0
+
+
 def layer_of(part: str, channel: str) -> str:
     """The layer of a channel: what is before its last dot, or the part for colour and alpha, or else itself."""
     prefix, _, last = channel.rpartition(".")

@@ -79,7 +79,7 @@ def test_threads_may_load_kernels_at_the_same_time(order: int) -> None:
 
 
 def test_compiled_kernels_are_loaded_without_what_compiles(tmp_path: Path) -> None:
-    """Others, that call them, are still compiled. In a folder of its own, as other processes may have taken the first."""
+    """Others, that call them, are still compiled. The folder is its own: others may have taken the first."""
     _, again = (run("-c", OURS, NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2))
     assert again == "[4.5, 5.5, 6.5] False 5.0 True\n"
 

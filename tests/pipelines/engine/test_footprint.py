@@ -52,21 +52,21 @@ def picture(path: Path, side: int) -> Path:
 def test_a_large_exemplar_takes_memory_whatever_the_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flow: str
 ) -> None:
-    assert opened(flow, 256, tmp_path, picture(tmp_path / "4096.png", 4096)).footprint() is None
+    assert opened(flow, 256, tmp_path / "store", picture(tmp_path / "4096.png", 4096)).footprint() is None
     large = picture(tmp_path / "6144.png", 6144)
-    taken = opened(flow, 256, tmp_path, large).footprint()
+    taken = opened(flow, 256, tmp_path / "store", large).footprint()
     assert taken is not None
     assert taken.in_memory["scores"] == 140 * 6144**2
     assert 24 * 6144**2 <= taken.in_memory["texture"] <= 120 * 6144**2
     assert not taken.problem
     monkeypatch.setattr(footprint, "machine_memory", lambda: 10**9)
     with pytest.raises(InputError, match=r"steps\.\w+: takes .* of memory or more for pictures of this size"):
-        opened(flow, 256, tmp_path, large).check(tmp_path / "out")
+        opened(flow, 256, tmp_path / "store", large).check(tmp_path / "out")
 
 
 def test_the_peak_of_quilting_is_near_its_estimate(tmp_path: Path) -> None:
     """A quarter of the 16384 x 16384 px that take 17.7 GB is too slow here; the estimate is linear."""
-    taken = opened("quilting", 256, tmp_path, picture(tmp_path / "large.png", 8192)).footprint()
+    taken = opened("quilting", 256, tmp_path / "store", picture(tmp_path / "large.png", 8192)).footprint()
     assert taken is not None
     assert 17.0e9 < 4 * taken.in_memory["texture"] < 17.7e9
     assert str(taken).startswith("takes 9.4 GB of memory or more")
