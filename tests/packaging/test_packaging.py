@@ -43,6 +43,7 @@ CLIENT = "texloom/pipelines/studio/client/"
 def python(*arguments: str, at: Path, path: Path | None = None) -> str:
     """What Python prints; ``path`` comes before all that is installed."""
     environment = {**os.environ, "PYTHONPATH": str(path or "")}
+    environment.pop("PYTHONSAFEPATH", None)  # which commands set that other tests ran in this process
     done = subprocess.run(
         [sys.executable, *arguments], capture_output=True, text=True, check=False, cwd=at, env=environment
     )
