@@ -56,7 +56,7 @@ def test_sizes_times_and_links_are_shown() -> None:
     assert "<script>alert" not in html
     assert html.count('class="thumb"') == html.count('loading="lazy"') == 9
     assert html.count('class="curve"') == 3
-    for words in ("40×60", "16×20", "compact 1.50 s", "3.00 s", '<a href="#item-3">t02</a>'):
+    for words in ("60 x 40 px", "20 x 16 px", "compact 1.50 s", "3.00 s", '<a href="#item-3">t02</a>'):
         assert words in html
     assert "failed" not in html.partition("<main>")[2]
 
