@@ -23,7 +23,8 @@ BLAS = set(
         r"\w+",
         "dot vdot inner matmul tensordot vecdot matvec vecmat cov corrcoef polyfit solve lstsq inv pinv det "
         "slogdet svd eig eigh eigvalsh qr cholesky multi_dot matrix_rank matrix_power norm splu spsolve spilu "
-        "factorized cg gmres eigsh svds least_squares minimize curve_fit roots",
+        "factorized cg gmres eigsh svds least_squares minimize curve_fit roots "
+        "CubicSpline make_interp_spline RBFInterpolator reverse_cuthill_mckee",
     )
 )
 """functions that call it, of NumPy, SciPy and others"""

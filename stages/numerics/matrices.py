@@ -188,12 +188,10 @@ def solve_symmetric(matrix: Any, right: np.ndarray) -> np.ndarray:
     -------
     (n, m) float64
     """
-    from scipy.sparse.csgraph import reverse_cuthill_mckee
-
     from texloom.stages.kernels.core.banded import solve_band
 
     rows = matrix.tocsr()
-    order = reverse_cuthill_mckee(rows, symmetric_mode=True)
+    order = _near_neighbours(rows)
     place = np.empty(order.size, np.int64)
     place[order] = np.arange(order.size)
     entries = rows.tocoo()
@@ -205,3 +203,46 @@ def solve_symmetric(matrix: Any, right: np.ndarray) -> np.ndarray:
     solution = np.array(right[order], np.float64)
     solve_band(band, solution)
     return solution[place]
+
+
+def _near_neighbours(matrix: Any) -> np.ndarray:
+    """The rows of a symmetric matrix in an order in which those with a common entry are near each other.
+
+    SciPy's own order for that depends on the processor, by which NumPy sorts equal numbers.
+    """
+    from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+    part = connected_components(matrix, directed=False)[1]
+    starts = np.unique(part, return_index=True)[1]
+    walks = [breadth_first_order(matrix, start, directed=False, return_predecessors=False) for start in starts]
+    return np.concatenate(walks)
+
+
+def cubic_spline(values: np.ndarray, every: int, count: int) -> np.ndarray:
+    """Interpolate by a cubic spline whose third derivative is continuous at the knots next to the ends.
+
+    Parameters
+    ----------
+    values : (knots, m) float64, at least 5 knots, at 0, ``every``, 2 ``every`` ...
+
+    Returns
+    -------
+    (count, m) float64: the spline at 0, 1, 2 ...
+    """
+    from texloom.stages.kernels.core.banded import solve_band
+
+    bend = values[2:] - 2 * values[1:-1] + values[:-2]
+    second = np.empty_like(values)  # derivatives at the knots, times the square of their distance
+    second[1], second[-2] = bend[0], bend[-1]
+    inner = 6 * bend[1:-1]
+    inner[0] -= second[1]
+    inner[-1] -= second[-2]
+    solve_band(np.tile([4.0, 1.0], (len(inner), 1)), inner)
+    second[2:-2] = inner
+    second[0], second[-1] = 2 * second[1] - second[2], 2 * second[-2] - second[-3]
+    place = np.arange(count)
+    left = np.minimum(place // every, len(values) - 2)
+    after = ((place - left * every) / every)[:, None]
+    before = 1 - after
+    bent = (before * before - 1) * before * second[left] + (after * after - 1) * after * second[left + 1]
+    return before * values[left] + after * values[left + 1] + bent / 6

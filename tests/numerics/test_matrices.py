@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from texloom.stages.numerics.matrices import (
+    cubic_spline,
     determinant,
     eigenvectors,
     inverse_of,
@@ -101,3 +103,10 @@ def test_sparse_systems_are_solved(rng: np.random.Generator) -> None:
     part = sparse.random_array((90, 60), density=0.05, rng=rng)
     matrix, right = part.T @ part + sparse.eye_array(60), rng.normal(size=(60, 2))
     np.testing.assert_allclose(matrix @ solve_symmetric(matrix, right), right, atol=1e-12)
+
+
+@pytest.mark.parametrize(("knots", "every", "count"), [(5, 1, 5), (5, 3, 11), (6, 4, 21), (40, 7, 270)])
+def test_splines_are_those_of_scipy(knots: int, every: int, count: int, rng: np.random.Generator) -> None:
+    values = rng.normal(size=(knots, 3))
+    expected = CubicSpline(every * np.arange(knots), values)(np.arange(count))
+    np.testing.assert_allclose(cubic_spline(values, every, count), expected, atol=1e-12)

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from texloom.stages.common.geometry.jacobians import inverted
-from texloom.stages.numerics.matrices import solve_symmetric
+from texloom.stages.numerics.matrices import cubic_spline, solve_symmetric
 from texloom.stages.vocabulary.arrays import Jacobian, Mask
 from texloom.stages.vocabulary.declare import InputError
 
@@ -18,7 +18,6 @@ _MAX_MISS = 0.5  # elements between a pixel's position and the nearest one in th
 
 def charted(jacobian: Jacobian, sharp: Mask) -> np.ndarray:
     """Positions in the texture of all pixels, (h, w, 2): solved at nodes and interpolated by cubic splines."""
-    from scipy.interpolate import CubicSpline
     from scipy.sparse import coo_matrix
 
     height, width = sharp.shape
@@ -48,8 +47,9 @@ def charted(jacobian: Jacobian, sharp: Mask) -> np.ndarray:
     # One node is fixed, since positions are determined up to a shift.
     fixed = coo_matrix(([weight.mean()], ([0], [0])), shape=(inside.size, inside.size))
     solution = solve_symmetric(weighted @ differences + fixed, weighted @ step)
-    solution = CubicSpline(rows, solution.reshape(*inside.shape, 2), axis=0)(np.arange(height))
-    return np.asarray(CubicSpline(columns, solution, axis=1)(np.arange(width)))
+    down = cubic_spline(solution.reshape(rows.size, -1), every, height).reshape(height, columns.size, 2)
+    across = cubic_spline(down.swapaxes(0, 1).reshape(columns.size, -1), every, width)
+    return np.ascontiguousarray(across.reshape(width, height, 2).swapaxes(0, 1))
 
 
 def photo_positions(
