@@ -245,4 +245,4 @@ def cubic_spline(values: np.ndarray, every: int, count: int) -> np.ndarray:
     after = ((place - left * every) / every)[:, None]
     before = 1 - after
     bent = (before * before - 1) * before * second[left] + (after * after - 1) * after * second[left + 1]
-    return before * values[left] + after * values[left + 1] + bent / 6
+    return np.asarray(before * values[left] + after * values[left + 1] + bent / 6)
