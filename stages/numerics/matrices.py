@@ -35,7 +35,7 @@ def row_product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
     out = np.empty((len(rows), matrix.shape[1]), rows.dtype)
     given = np.ascontiguousarray(rows), np.ascontiguousarray(matrix, rows.dtype)
-    run_spans(multiply_rows, (*given, out), len(rows), min(_PIECES, max(1, rows.size * out.shape[1] >> 16)))
+    run_spans(multiply_rows, (*given, out), len(rows), min(_PIECES, max(1, rows.size * out.shape[1] >> 20)))
     return out
 
 
