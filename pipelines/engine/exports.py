@@ -197,10 +197,14 @@ class Export:
 def is_noted(store: Store, file: str | Path) -> bool:
     """Whether a run with this store wrote what the file holds."""
     try:
-        note = store.exports / file_digest(Path(file))
-        os.utime(note, follow_symlinks=False)  # it was of use today
+        note = file_digest(Path(file))
+    except OSError:  # what cannot be read is not known
+        return False
+    try:
+        with store.inside("exports") as folder:
+            folder.touch(note)  # it was of use today
     except FileNotFoundError:
         return False
     except OSError:  # a store that can only be read
-        return note.exists()
+        return (store.exports / note).exists()
     return True
