@@ -220,7 +220,7 @@ def test_seed_of_the_command_line(write: Any) -> None:
         (Overrides({}, {"edges.finest": "[1]"}), "--set edges.finest: input should be a valid number, got [1]"),
         (Overrides({}, {"edges.finest": "[1"}), "--set edges.finest: not valid YAML: "),
         (Overrides({}, {"edges.finest": "!!float 1"}), "--set edges.finest: not valid YAML: tags (!!float)"),
-        (Overrides({}, {"start.size": "64x5"}), "--set start.size: input should be greater than or equal to 16"),
+        (Overrides({}, {"start.size": "64x5"}), "--set start.size: the height should be greater than"),
         (Overrides({}, {"edges.model": "nowhere.yml"}), "--set edges.model: "),
         (Overrides(seed=-1), "--seed: must be a whole number from 0 to 2**63 - 1, got -1"),
         (Overrides(seed=2**63), "--seed: must be a whole number"),

@@ -52,7 +52,7 @@ export interface PatchRecipe {
   corners?: [[number, number], [number, number], [number, number], [number, number]] | null;
   controls?: [[[number, number], [number, number], [number, number], [number, number]], [[number, number], [number, number], [number, number], [number, number]], [[number, number], [number, number], [number, number], [number, number]], [[number, number], [number, number], [number, number], [number, number]]] | null;
   weights?: [[number, number, number, number], [number, number, number, number], [number, number, number, number], [number, number, number, number]] | null;
-  size?: [number, number] | null;
+  size?: string | null;
   edge?: number | null;
 }
 
