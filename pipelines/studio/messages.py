@@ -196,6 +196,8 @@ class Job(Message):
     """of the run, when it has ended"""
     files: tuple[str, ...] = ()
     """the exports, by their names"""
+    saved: str = ""
+    """the folder beside the pictures in which they have been saved"""
     scores: dict[str, float] = {}
     texture: str = ""
     """id of the result as a picture that flows can take"""

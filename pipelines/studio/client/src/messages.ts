@@ -99,6 +99,7 @@ export interface Job {
   done: number;
   seconds: number;
   files: (string)[];
+  saved: string;
   scores: Record<string, number>;
   texture: string;
   maps: Record<string, string>;
