@@ -12,6 +12,7 @@ from typing import Any
 
 from texloom.pipelines.errors import closest, hint, refused
 from texloom.pipelines.flow.draft import EACH, FORMER, Draft, DraftStep, Entry, image_of, keep, step_of, upstream
+from texloom.pipelines.flow.gone import FLOWS
 from texloom.pipelines.flow.schema import (
     EXPORT,
     NAME,
@@ -59,6 +60,8 @@ def _find(name: str, folder: Path) -> Path:
     others = plugin_flows() if "/" not in name else {}
     if name in others:
         return others[name][0]
+    if name in FLOWS:
+        raise refused(f"{name}: is part of another flow now, as in: texloom run {FLOWS[name]}")
     if is_picture(path):
         raise refused(f"{name}: is a picture, not a flow, as in: texloom run self_tuning {name}")
     if path.is_dir():
