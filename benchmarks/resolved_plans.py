@@ -45,6 +45,7 @@ def resolved(command: str) -> dict[str, Any] | None:
     plan = {
         "steps": {name: described(step) for name, step in flow.steps.items()},
         "seeds": flow.seeds,
+        "picture": next(iter(flow.sources), None),
         "sources": {name: str(source) for name, source in flow.sources.items()},
         "params": flow.params,
         "exports": {file: str(reference) for file, reference in flow.exports.items()},
@@ -104,8 +105,9 @@ def renamed(plan: dict[str, Any], names: dict[str, str]) -> dict[str, Any]:
 
 def differences(before: dict[str, Any], after: dict[str, Any]) -> Iterator[tuple[bool, str]]:
     """What is not the same in two plans, and whether it counts."""
-    if before["seeds"] != after["seeds"]:
-        yield True, f"seeds: {before['seeds']} -> {after['seeds']}"
+    for part in ("seeds", "picture"):
+        if before[part] != after[part]:
+            yield True, f"{part}: {before[part]} -> {after[part]}"
     for part in ("steps", "sources", "params", "exports"):
         for name in {**before[part], **after[part]}:
             old, new = (plan[part].get(name) for plan in (before, after))
