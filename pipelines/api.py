@@ -222,7 +222,8 @@ def plan(
     Returns
     -------
     for each step, over a set for each step of each item: ``name``, ``stage``, ``state`` (``cached``, ``run``,
-    ``wait`` for others, ``refused``), ``reasons`` why it is not cached, ``key`` if it is known, and ``item``.
+    ``wait`` for others, ``refused``, ``skipped`` without an optional source), ``reasons`` why it is not cached or
+    is skipped, ``key`` if it is known, and ``item``.
 
     Raises
     ------
@@ -244,7 +245,7 @@ def plan(
         )  # fmt: skip
         opened = open_request(asked)[0]
         _masked_notes(sources or {}, opened.flow)
-        return opened.plan()
+        return [*opened.plan(), *opened.skipped()]
 
 
 # -- opening a flow
@@ -321,6 +322,7 @@ def _references(sources: Mapping[str, Any], folder: Path, store: Store | None = 
             text = text.replace(f"{Path(reference).parent}/", "")
         # an argument in place of the command
         text = re.sub(r"(sources\.(\w+): required), as in: .*", r"\1, as in sources={'\2': 'picture.png'}", text)
+        text = re.sub(r"(is used only with .*), as in: .*", r"\1", text)
         raise InputError(text) from None
 
 

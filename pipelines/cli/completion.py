@@ -196,7 +196,7 @@ def sources(context: click.Context, _parameter: click.Parameter, typed: str) -> 
     name, equals, path = typed.partition("=")
     if equals:
         return _pictures(f"{name}=", path)
-    return [] if flow is None else _plain([f"{name}=" for name in flow.sources], typed)
+    return [] if flow is None else _plain([f"{name}=" for name in [*flow.sources, *flow.left_out]], typed)
 
 
 def exports(context: click.Context, _parameter: click.Parameter, typed: str) -> Items:

@@ -83,11 +83,18 @@ def flow_description(name: str) -> dict[str, Any]:
             for key, source in flow.sources.items()
         }
         | dict.fromkeys(flow.left_out, OPTIONAL),
+        "optional": dict(flow.optional),
         "params": {name: _flow_param(flow, targets) for name, targets in flow.params.items()},
         "steps": {
             key: {"stage": step.stage.name, "summary": step.stage.summary} for key, step in flow.steps.items()
         },
         "exports": {file: str(reference) for file, reference in flow.exports.items()},
+        # what is left out unless these sources are given, or unless there is a set
+        "steps_with": {
+            key: {"stage": step.stage.name, "summary": step.stage.summary, "only_with": list(step.lacks)}
+            for key, step in flow.skipped.items()
+        },
+        "exports_with": {file: list(lacks) for file, lacks in flow.unwritten.items()},
     }
 
 
@@ -104,8 +111,9 @@ def _flow_param(flow: Flow, targets: tuple[str, ...]) -> dict[str, Any]:
         what = {"include": "the flow whose steps are taken", "repeat": "how often the steps are repeated"}[step]
         kind = {"include": "a flow's name or file", "repeat": f"int >= 1 <= {MOST_ROUNDS}"}[step]
         return {"targets": list(targets), "type": kind, "default": default, "range": "", "what": what}
-    declared = _params(flow.steps[step].stage)[param]
-    default = flow.steps[step].params.model_dump(mode="json")[param]
+    known = flow.steps.get(step) or flow.skipped[step]
+    declared = _params(known.stage)[param]
+    default = known.params.model_dump(mode="json")[param]
     return {"targets": list(targets), **declared, "default": default}
 
 
@@ -189,17 +197,28 @@ def flow_explained(found: dict[str, Any]) -> str:
         lines.append(f"  {line}" if line.startswith(" ") else textwrap.indent(textwrap.fill(line, 100), "  "))
     lines += ["", "params (--set NAME=VALUE)" if found["params"] else "no params of the flow's own"]
     lines += [line for entry in found["params"].items() for line in _entry_lines(*entry)]
+    what = {name: f"optional: {text}" for name, text in found["optional"].items() if text}
+    steps = {name: f"{step['stage']}: {step['summary']}" for name, step in found["steps"].items()}
     tables = {
-        "sources (--source NAME=PATH)": found["sources"],
-        "steps (--set STEP.PARAM=VALUE)": {
-            name: f"{step['stage']}: {step['summary']}" for name, step in found["steps"].items()
+        "sources (--source NAME=PATH)": found["sources"] | what,
+        "steps (--set STEP.PARAM=VALUE)": steps
+        | {
+            name: f"{step['stage']}: {step['summary']}{_only_with(step['only_with'])}"
+            for name, step in found["steps_with"].items()
         },
-        "exports": found["exports"],
+        "exports": found["exports"]
+        | {file: _only_with(lacks).lstrip() for file, lacks in found["exports_with"].items()},
     }
     for head, table in tables.items():
         width = max(map(len, table), default=0)
         lines += ["", head, *(f"  {name:{width}}  {what}" for name, what in table.items())]
     return "\n".join(line.rstrip() for line in lines)
+
+
+def _only_with(lacks: list[str]) -> str:
+    """What a step or an export is left out without."""
+    names = ["a set" if one == "set" else one for one in lacks]
+    return f" (only with {' and '.join(names)})" if names else ""
 
 
 def _entry_lines(name: str, entry: dict[str, Any]) -> list[str]:

@@ -83,9 +83,9 @@ def plan(flow: str | None, as_json: bool, out: Path | None, force: bool, **optio
     taken = opened.footprint() if any(step.state != "cached" for step in steps) else None
     if as_json:
         needs = {} if taken is None else {"needs": {"memory": taken.memory, "disk": taken.disk}}
-        print_json({**_what(opened), "steps": [_step(step) for step in steps], **needs})
+        print_json({**_what(opened), "steps": [_step(step) for step in [*steps, *opened.skipped()]], **needs})
     else:
-        _print_plan(steps)
+        _print_plan([*steps, *opened.skipped()])
         if taken is not None:
             say(taken.problem or str(taken))
     return Exit.DONE
@@ -98,7 +98,7 @@ def _print_plan(steps: list[StepPlan]) -> None:
     width = max(map(len, labels))
     for name, step in zip(labels, steps, strict=True):
         reasons = f"  {'; '.join(step.reasons)}" if step.reasons else ""
-        say(f"{name:{width}}  {step.state:6}{reasons}".rstrip())
+        say(f"{name:{width}}  {step.state:7}{reasons}".rstrip())
 
 
 @click.command(cls=FlowCommand, short_help="Print one command line per item of a set, for a render farm.")
@@ -200,7 +200,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
             {
                 **_what(opened),
                 "runner": opened.flow.runner.name,
-                "steps": [_step(report) for report in recorder.reports.values()],
+                "steps": [_step(report) for report in [*recorder.reports.values(), *opened.skipped()]],
                 **({"items": recorder.items(len(opened.items))} if opened.items else {}),
                 "exports": {name: str(path) for name, path in exports.items()},
                 **({"choices": choices} if choices else {}),

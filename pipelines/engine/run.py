@@ -42,7 +42,7 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.sizes import format_size, size_value
 
-State = Literal["cached", "run", "wait", "refused"]
+State = Literal["cached", "run", "wait", "refused", "skipped"]
 
 _MANY = 100  # items of a set whose files are not opened again
 _CHOICE = "evaluation.choice"
@@ -58,11 +58,11 @@ class StepPlan:
     stage: str
     state: State
     """``wait``: its inputs will be computed first; if they come out as before, it is cached after all.
-    ``refused``: its item's files are wrong"""
+    ``refused``: its item's files are wrong; ``skipped``: an optional source is not given"""
     reasons: tuple[str, ...]
-    """why it is not cached"""
+    """why it is not cached, or skipped"""
     key: str | None
-    """unknown while it waits"""
+    """unknown while it waits; none of what is skipped"""
     item: str | None = None
     """the item of a set that it would run for"""
 
@@ -287,6 +287,11 @@ class Run:
                 self.scopes[item.name] = scope
                 plans += self._plan_scope(scope, "item", earlier)
         return plans + self._plan_scope(self.shared, "final", earlier)
+
+    def skipped(self) -> list[StepPlan]:
+        """The steps that are left out of this run."""
+        left_out = self.flow.skipped.items()
+        return [StepPlan(name, one.stage.name, "skipped", (one.reason,), None) for name, one in left_out]
 
     def _plan_scope(self, scope: Scope, kind: str, earlier: History) -> list[StepPlan]:
         plans = []

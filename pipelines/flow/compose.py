@@ -6,24 +6,40 @@ import dataclasses
 import itertools
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from texloom.pipelines.errors import closest, hint, refused
-from texloom.pipelines.flow.draft import EACH, FORMER, Draft, DraftStep, Entry, image_of, keep, step_of, upstream
+from texloom.pipelines.flow.draft import (
+    EACH,
+    FORMER,
+    Change,
+    Draft,
+    DraftStep,
+    Entry,
+    changed_export,
+    image_of,
+    keep,
+    step_of,
+    texts_of,
+    upstream,
+)
 from texloom.pipelines.flow.gone import FLOWS
 from texloom.pipelines.flow.schema import (
     EXPORT,
     NAME,
     OPTIONAL,
     REQUIRED,
+    SETS,
+    SOURCE,
     FlowPart,
     FolderPart,
     IncludePart,
     SetPart,
     StepPart,
     VariantPart,
+    is_optional,
     parse_flow,
 )
 from texloom.pipelines.flow.shipped import plugin_flows, shipped_flows
@@ -222,7 +238,12 @@ class _Composer:
             if where:
                 self.set_params(draft, one.with_, f"{where}with")
             for name, source in one.sources.items():
-                draft.sources[name] = self.entry(source, f"{where}sources", name)
+                entry = self.entry(source, f"{where}sources", name)
+                if source is None and name not in draft.sources:
+                    raise entry.fail(f"{SOURCE}, got nothing")
+                if source is None and not is_optional(draft.sources[name].value or OPTIONAL):
+                    raise entry.fail("is not optional in the included flow, so that it cannot be left out")
+                draft.sources[name] = entry
             for name, step in one.steps.items():
                 self.set_step(draft, name, step, f"{where}steps.{name}")
             for file, export in one.exports.items():
@@ -231,7 +252,7 @@ class _Composer:
                 else:
                     draft.exports[file] = self.entry(export, f"{where}exports", file)
         # the first source is the one that a command's picture stands for
-        draft.sources = dict(sorted(draft.sources.items(), key=lambda item: item[1].value == OPTIONAL))
+        draft.sources = dict(sorted(draft.sources.items(), key=lambda item: is_optional(item[1].value)))
         _take_last_rounds(draft)
         if self.has_variants or len(self.stack) == 1:
             field = "for" if part.for_ else "steps" if part.repeat is None else "repeat"
@@ -294,7 +315,9 @@ class _Composer:
                 step, _, param = target.partition(".")
                 if step in draft.steps:
                     known = draft.steps[step]
-                    draft.steps[step] = dataclasses.replace(known, params={**known.params, param: entry})
+                    when = tuple(change.without((), (param,)) for change in known.when)
+                    params = {**known.params, param: entry}
+                    draft.steps[step] = dataclasses.replace(known, params=params, when=when)
 
     def set_step(self, draft: Draft, name: str, part: StepPart | None, place: str) -> None:
         """Add a step, or change one that is there."""
@@ -309,10 +332,14 @@ class _Composer:
             field: {key: self.entry(value, place, field, key) for key, value in getattr(part, field).items()}
             for field in ("inputs", "gather", "params")
         }
+        when = self.when(draft, part, place)
+        only = None if part.only is None else self.entry(part.only, place, "only")
+        if only is not None and only.value != SETS:
+            self.check_condition(draft, only)
         if before is None or part.stage is not None:
             stage = self.entry(part.stage, place, "stage")
             inputs, gather, params = fields.values()
-            draft.steps[name] = DraftStep(at, stage, inputs, gather, params, part.draws_as or name)
+            draft.steps[name] = DraftStep(at, stage, inputs, gather, params, part.draws_as or name, when, only)
             return
         changed = fields["inputs"] | fields["gather"]
         known = {**before.inputs, **before.gather}
@@ -330,7 +357,26 @@ class _Composer:
             gather=updated(before.gather, fields["gather"]),
             params={**before.params, **fields["params"]},
             draws_as=part.draws_as or before.draws_as,
+            when=(*(change.without(changed, fields["params"]) for change in before.when), *when),
+            only=only or before.only,
         )
+
+    def when(self, draft: Draft, part: StepPart, place: str) -> tuple[Change, ...]:
+        """What changes in a step where sources are there."""
+        changes = []
+        for source, change in part.when.items():
+            where = f"{place}.when.{source}"
+            condition = Entry(source, self.path, where)
+            self.check_condition(draft, condition)
+            inputs = {key: self.entry(value, where, "inputs", key) for key, value in change.inputs.items()}
+            params = {key: self.entry(value, where, "params", key) for key, value in change.params.items()}
+            changes.append(Change(condition, inputs, params))
+        return tuple(changes)
+
+    @staticmethod
+    def check_condition(draft: Draft, entry: Entry) -> None:
+        if entry.value not in draft.sources:
+            raise entry.fail(f"no source '{entry.value}'{hint(entry.value, draft.sources)}")
 
 
 def _label(name: str, value: Any) -> str:
@@ -357,11 +403,14 @@ def _take_last_rounds(draft: Draft) -> None:
             return entry
         return dataclasses.replace(entry, value=f"{draft.last[name]}{dot}{output}")
 
+    _change_references(draft, change)
+
+
+def _change_references(draft: Draft, change: Callable[[Entry], Entry | None]) -> None:
+    """Change all references of steps and exports."""
     draft.steps = {name: step.with_references(change) for name, step in draft.steps.items()}
-    draft.exports = {
-        file: entry if isinstance(entry.value, FolderPart) else change(entry)
-        for file, entry in draft.exports.items()
-    }
+    exports = {file: changed_export(entry, change) for file, entry in draft.exports.items()}
+    draft.exports = {file: entry for file, entry in exports.items() if entry is not None}
 
 
 def _select(draft: Draft, names: list[str], at: Entry) -> None:
@@ -370,7 +419,12 @@ def _select(draft: Draft, names: list[str], at: Entry) -> None:
         if name not in draft.steps:
             raise at.fail(f"no step '{name}'{hint(name, draft.steps)}", "steps", index)
     kept = upstream(draft.steps, names)
-    draft.exports = {file: entry for file, entry in draft.exports.items() if step_of(image_of(entry.value)) in kept}
+    exports = {
+        file: changed_export(entry, lambda one: one if step_of(one.value) in {"", *kept} else None)
+        for file, entry in draft.exports.items()
+        if set(map(step_of, texts_of(image_of(entry.value)))) & kept
+    }
+    draft.exports = {file: entry for file, entry in exports.items() if entry is not None}
     keep(draft, kept)
     taken = {text for step in draft.steps.values() for text in step.references()}
     sets = [entry.value for entry in draft.sources.values() if isinstance(entry.value, SetPart)]
@@ -381,24 +435,39 @@ def _select(draft: Draft, names: list[str], at: Entry) -> None:
 def _bind(draft: Draft, inputs: Mapping[str, Entry], first: bool) -> None:
     """Replace sources of an included flow by other references."""
     bound = {}
+    replaced = {name for name, entry in inputs.items() if _source_in(entry) is None}
     for name, entry in inputs.items():
-        if name not in draft.sources:
+        if name not in draft.sources or draft.sources[name].value is None:
             raise entry.fail(f"the included flow has no source '{name}'{hint(str(name), draft.sources)}")
         if not (first and _unless_former(entry) is None):
             bound[name] = entry
             del draft.sources[name]
     for name, source in draft.sources.items():
         part = source.value
-        if isinstance(part, SetPart) and part.is_required and part.pair in bound:
-            partner = bound[part.pair].value
-            is_source = isinstance(partner, str) and "." not in partner
-            alone = part.model_copy(update={"pair": partner}) if is_source else REQUIRED
+        if not isinstance(part, SetPart) or part.pair is None:
+            continue
+        if is_optional(part) and part.pair in replaced:
+            # what belongs to a file belongs to no result
+            draft.sources[name] = dataclasses.replace(source, value=None)
+        elif part.pair in bound and (part.is_required or is_optional(part)):
+            partner = _source_in(bound[part.pair])
+            alone = part.model_copy(update={"pair": partner}) if partner is not None else REQUIRED
             draft.sources[name] = dataclasses.replace(source, value=alone)
 
     def change(entry: Entry) -> Entry:
         return bound.get(entry.value, entry) if isinstance(entry.value, str) else entry
 
-    draft.steps = {name: step.with_references(change) for name, step in draft.steps.items()}
-    for file, entry in draft.exports.items():
-        if not isinstance(entry.value, FolderPart):
-            draft.exports[file] = change(entry)
+    _change_references(draft, change)
+    for file, entry in list(draft.exports.items()):
+        if isinstance(entry.value, FolderPart) and entry.value.like in bound:
+            like = _source_in(bound[entry.value.like])
+            if like is not None:
+                part = entry.value.model_copy(update={"like": like})
+                draft.exports[file] = dataclasses.replace(entry, value=part)
+            elif entry.value.if_maps:  # a result is no map set
+                del draft.exports[file]
+
+
+def _source_in(entry: Entry) -> str | None:
+    """The source that a reference is; None where it is a step's output, or a list."""
+    return entry.value if isinstance(entry.value, str) and "." not in entry.value else None

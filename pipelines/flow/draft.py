@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -31,29 +31,43 @@ class Entry:
 
 
 @dataclasses.dataclass(frozen=True)
+class Change:
+    """What changes in a step where a source is there."""
+
+    source: Entry
+    """or what an including flow has bound to it"""
+    inputs: Mapping[str, Entry]
+    params: Mapping[str, Entry]
+
+    def without(self, inputs: Collection[str], params: Collection[str]) -> Change:
+        """The change without that of some inputs and params."""
+        kept = {name: entry for name, entry in self.inputs.items() if name not in inputs}
+        return Change(self.source, kept, {name: one for name, one in self.params.items() if name not in params})
+
+
+@dataclasses.dataclass(frozen=True)
 class DraftStep:
     """A step before its stage is known."""
 
     at: Entry
     stage: Entry
     inputs: Mapping[str, Entry]
+    """to a reference, or to a list of which the first that is there is taken"""
     gather: Mapping[str, Entry]
-    """to a reference, or labels to references"""
+    """to the same, or labels to the same"""
     params: Mapping[str, Entry]
     draws_as: str
+    when: tuple[Change, ...] = ()
+    only: Entry | None = None
+    """the source without which it is left out, or `SETS`"""
     own: bool = True
     """written in the file itself; steps that are included run only if something needs them"""
 
     def references(self) -> list[str]:
-        """All references."""
-        texts: list[str] = []
-        waiting = [entry.value for entry in (*self.inputs.values(), *self.gather.values())]
-        for value in waiting:
-            if isinstance(value, dict):
-                waiting += value.values()
-            elif isinstance(value, str):
-                texts.append(value)
-        return texts
+        """All references, also those that it takes only where a source is there."""
+        changed = [entry for change in self.when for entry in change.inputs.values()]
+        entries = [*self.inputs.values(), *self.gather.values(), *changed, *filter(None, [self.only])]
+        return [text for entry in entries for text in texts_of(entry.value)]
 
     @property
     def joins_variants(self) -> bool:
@@ -64,9 +78,14 @@ class DraftStep:
         """Whether both have the same content; file names depend on the folder."""
 
         def content(step: DraftStep) -> list[Any]:
-            taken = [{name: entry.value for name, entry in part.items()} for part in (step.inputs, step.gather)]
-            params = {name: (entry.value, entry.path.parent) for name, entry in step.params.items()}
-            return [step.stage.value, step.draws_as, *taken, params]
+            parts = [step.inputs, step.gather, *(change.inputs for change in step.when)]
+            taken = [{name: entry.value for name, entry in part.items()} for part in parts]
+            params = [
+                {name: (entry.value, entry.path.parent) for name, entry in part.items()}
+                for part in (step.params, *(change.params for change in step.when))
+            ]
+            conditions = [entry.value for entry in (*(change.source for change in step.when), step.only) if entry]
+            return [step.stage.value, step.draws_as, taken, params, conditions]
 
         return content(self) == content(other)
 
@@ -75,13 +94,28 @@ class DraftStep:
 
         def gathered(entry: Entry) -> Entry | None:
             if not isinstance(entry.value, dict):
-                return change(entry)
-            changed = {label: change(dataclasses.replace(entry, value=text)) for label, text in entry.value.items()}
-            return dataclasses.replace(entry, value={label: new.value for label, new in changed.items() if new})
+                return changed(entry, change)
+            labelled = {
+                label: changed(dataclasses.replace(entry, value=text), change)
+                for label, text in entry.value.items()
+            }
+            return dataclasses.replace(entry, value={label: new.value for label, new in labelled.items() if new})
 
-        inputs = {name: new for name, entry in self.inputs.items() if (new := change(entry)) is not None}
-        gather = {name: new for name, entry in self.gather.items() if (new := gathered(entry)) is not None}
-        return dataclasses.replace(self, inputs=inputs, gather=gather)
+        def all_changed(inputs: Mapping[str, Entry]) -> dict[str, Entry]:
+            return {name: new for name, entry in inputs.items() if (new := changed(entry, change)) is not None}
+
+        when = [
+            Change(source, all_changed(one.inputs), one.params)
+            for one in self.when
+            if (source := changed(one.source, change)) is not None
+        ]
+        return dataclasses.replace(
+            self,
+            inputs=all_changed(self.inputs),
+            gather={name: new for name, entry in self.gather.items() if (new := gathered(entry)) is not None},
+            when=tuple(when),
+            only=None if self.only is None else changed(self.only, change),
+        )
 
 
 @dataclasses.dataclass
@@ -115,6 +149,40 @@ def step_of(text: Any) -> str:
     """The step that a reference names, or nothing."""
     name, dot, _ = text.partition(".") if isinstance(text, str) else ("", "", "")
     return name if dot else ""
+
+
+def texts_of(value: Any) -> list[str]:
+    """The references in a value: itself, one of a list, or those of labels."""
+    if isinstance(value, dict):
+        return [text for one in value.values() for text in texts_of(one)]
+    return [text for text in (value if isinstance(value, list) else [value]) if isinstance(text, str)]
+
+
+def changed(entry: Entry, change: Callable[[Entry], Entry | None]) -> Entry | None:
+    """An entry with each reference changed; nothing where ``change`` leaves none of a list."""
+    if not isinstance(entry.value, list):
+        return change(entry)
+    kept: list[Any] = []
+    for text in entry.value:
+        new = change(dataclasses.replace(entry, value=text))
+        if new is not None:
+            kept += new.value if isinstance(new.value, list) else [new.value]
+    return dataclasses.replace(entry, value=kept) if kept or not entry.value else None
+
+
+def changed_export(entry: Entry, change: Callable[[Entry], Entry | None]) -> Entry | None:
+    """The same of an export; nothing where nothing is left that it is made of."""
+    if not isinstance(entry.value, FolderPart):
+        return changed(entry, change)
+    parts = {
+        name: changed(dataclasses.replace(entry, value=getattr(entry.value, name)), change)
+        for name in ("image", "mesh")
+        if getattr(entry.value, name) is not None
+    }
+    if any(part is None for part in parts.values()):
+        return None
+    update = {name: part.value for name, part in parts.items() if part is not None}
+    return dataclasses.replace(entry, value=entry.value.model_copy(update=update))
 
 
 def image_of(export: Any) -> Any:

@@ -13,18 +13,20 @@ from typing import Any
 
 from texloom.pipelines.errors import closest, hint, one_of, refused, shown
 from texloom.pipelines.flow.compose import compose, find_flow
-from texloom.pipelines.flow.draft import Draft, DraftStep, Entry
+from texloom.pipelines.flow.draft import Change, Draft, DraftStep, Entry, keep, texts_of
 from texloom.pipelines.flow.gone import INPUTS, OUTPUTS
-from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Scope, Step, flat
+from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Scope, Skipped, Step, flat
+from texloom.pipelines.flow.presence import Alternatives, Presence, Taker
 from texloom.pipelines.flow.runner import choose_runner
 from texloom.pipelines.flow.schema import (
     EXPORT,
     FILE_NAME,
-    OPTIONAL,
     REQUIRED,
+    SETS,
     WRITTEN,
     FolderPart,
     SetPart,
+    is_optional,
     parse_flow,
 )
 from texloom.pipelines.flow.source_files import is_pattern, source_of, stack_of
@@ -154,6 +156,8 @@ class _Checker:
         self.overrides = overrides
         self.values = values
         self.sources: dict[str, str | Each] = {}
+        self.dropped: set[str] = set()
+        """the optional sources that an including flow leaves out for good"""
         self.stages: dict[str, Stage] = {}
         self.meshes: tuple[str, ...] = ()
 
@@ -162,32 +166,37 @@ class _Checker:
 
     def flow(self) -> Flow:
         draft = self.draft
-        self.sources, missing, left_out = self._sources()
-        if not draft.steps:
-            raise self.fail("steps", "there must be at least one step")
-        for name, step in draft.steps.items():
-            if name in draft.sources:
-                raise step.at.fail("there is a source of the same name")
-        draft.steps = {
-            name: step.with_references(lambda entry: None if entry.value in left_out else entry)
-            for name, step in draft.steps.items()
-        }
+        self._check_sources()
         self.stages = {name: self._stage(step.stage) for name, step in draft.steps.items()}
         self.meshes = self._mesh_sources()
-        step_params = StepParams(draft, self.stages)
+        takers = {name: self._taker(name, step) for name, step in draft.steps.items()}
+        takers |= {file: self._export_taker(file, entry) for file, entry in draft.exports.items()}
+        self._leave_out(Presence(takers, self.dropped, is_set=True))
+        self.sources, missing, left_out = self._sources()
+        seeds = self._seeds()
+        is_set = len(seeds) > 1 or any(isinstance(source, Each) for source in self.sources.values())
+        there = Presence(takers, {*left_out, *self.dropped}, is_set)
+        takers |= {name: self._changed(name, step, there) for name, step in draft.steps.items() if step.when}
+        there = Presence(takers, {*left_out, *self.dropped}, is_set, there)
+        self._check_given(there)
+        reasons = {name: _why_skipped(there.lacking.get(name)) for name in draft.steps if not there.is_there(name)}
+        step_params = StepParams(draft, self.stages, reasons)
         flow_params = step_params.of_flow()
         params = step_params.checked(self.values)
-        self._check_documents(step_params.given(self.values))
-        gather = {name: self._gather(name, step) for name, step in draft.steps.items()}
         steps = {
-            name: Step(name, self.stages[name], self._inputs(name, step), params[name], gather[name], step.draws_as)
+            name: Step(
+                name, self.stages[name], there.inputs(name), params[name], there.gathered(name), step.draws_as
+            )
             for name, step in draft.steps.items()
+            if there.is_there(name)
         }
+        if not steps:
+            raise self.fail("steps", "there must be at least one step")
+        self._check_documents(steps, step_params.given(self.values))
         steps = {name: steps[name] for name in self._order(steps)}
-        seeds = self._seeds()
         steps = self._scoped(steps, seeds)
         delivery = self.delivery
-        exports, likes, surfaces = self._exports()
+        exports, likes, surfaces = self._exports(there)
         self._add_layout(delivery, exports)
         self._check_likes(likes, exports, steps)
         declared = None if draft.runner is None else draft.runner.value
@@ -197,13 +206,127 @@ class _Checker:
         of_maps = tuple(
             file
             for file, entry in draft.exports.items()
-            if isinstance(entry.value, FolderPart) and entry.value.if_maps
+            if file in exports and isinstance(entry.value, FolderPart) and entry.value.if_maps
         )
+        skipped = {
+            name: Skipped(self.stages[name], params[name], there.lacking.get(name, ()), reason)
+            for name, reason in reasons.items()
+        }
+        unwritten = {file: there.lacking[file] for file in draft.exports if file in there.lacking}
+        optional = {
+            name: entry.value.optional or "" if isinstance(entry.value, SetPart) else ""
+            for name, entry in draft.sources.items()
+            if is_optional(entry.value)
+        }
         overrides = dataclasses.replace(self.overrides, params=step_params.texts(self.overrides.params))
         return Flow(
             draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, surfaces, self.meshes,
             of_maps, own, tuple(draft.included), flow_params, missing, left_out, overrides, delivery=delivery,
+            skipped=skipped, unwritten=unwritten, optional=optional,
         )  # fmt: skip
+
+    def _check_sources(self) -> None:
+        """Set aside the sources that are left out for good, and check names."""
+        draft = self.draft
+        self.dropped = {name for name, entry in draft.sources.items() if entry.value is None}
+        draft.sources = {name: entry for name, entry in draft.sources.items() if name not in self.dropped}
+        self._chosen_sources()
+        if not draft.steps:
+            raise self.fail("steps", "there must be at least one step")
+        for name, step in draft.steps.items():
+            if name in draft.sources:
+                raise step.at.fail("there is a source of the same name")
+
+    def _leave_out(self, possible: Presence) -> None:
+        """Forget what cannot be without sources that are left out for good, and those that nothing takes."""
+        draft = self.draft
+        keep(draft, {name for name in draft.steps if name not in possible.lacking})
+        draft.exports = {file: entry for file, entry in draft.exports.items() if file not in possible.lacking}
+        used = {
+            one.name
+            for name, taker in possible.takers.items()
+            if name not in possible.lacking
+            for alternatives in taker.taken()
+            for one in alternatives
+        }
+        changes = [change for step in draft.steps.values() for change in step.when]
+        used |= {text for change in changes for one in change.inputs.values() for text in texts_of(one.value)}
+        self.dropped |= {
+            name for name, entry in draft.sources.items() if is_optional(entry.value) and name not in used
+        }
+        draft.sources = {name: entry for name, entry in draft.sources.items() if name not in self.dropped}
+
+    def _check_given(self, there: Presence) -> None:
+        """Refuse optional sources that are given, but that nothing takes."""
+        optional = {
+            name for name, entry in self.draft.sources.items() if name in self.sources and is_optional(entry.value)
+        }
+        used = there.used_sources()
+        for name in self.draft.sources:
+            if name in optional - used:
+                takers = [one for one, taker in there.takers.items() if Reference(name) in sum(taker.taken(), ())]
+                lacks = [
+                    one for taker in takers for one in there.lacking.get(taker, ()) if one in self.draft.sources
+                ]
+                if not lacks:
+                    raise refused(f"--source {name}: nothing takes it with what else is given")
+                raise refused(
+                    f"--source {name}: is used only with {_and(lacks)}, as in: {self._example(name, lacks)}"
+                )
+        passed_over = there.passed_over(optional)
+        if passed_over is not None:
+            lost, won = ([name for name in self.draft.sources if name in names] for names in passed_over)
+            others = f"cannot be given with {_and(won)}; leave one out" if won else "is taken by nothing"
+            raise refused(f"--source {_and(lost)}: {others}")
+
+    def _example(self, name: str, lacks: Sequence[str]) -> str:
+        """A command that gives a source, and those that it needs."""
+        given = {one: f"{one}.png" for one in dict.fromkeys(lacks)} | {name: f"{name}.png"}
+        options = " ".join(f"--source {one}={file}" for one, file in given.items())
+        return f"texloom run {self.draft.name} {next(iter(self.draft.sources))}.png {options}"
+
+    def _taker(self, name: str, step: DraftStep) -> Taker:
+        """What a step takes, checked."""
+        stage = self.stages[name]
+        only: Alternatives = ()
+        if step.only is not None and step.only.value != SETS:
+            only = self._references(step.only)
+        for change in step.when:
+            for key, entry in change.inputs.items():
+                if entry.value is not None:
+                    self._check_input(entry, key, stage)
+                    self._input(entry, Hint.of(stage.inputs[key]))
+            for key, entry in change.params.items():
+                if key not in stage.params.model_fields:
+                    raise entry.fail(
+                        f"stage {stage.name} has no param '{key}'{hint(key, stage.params.model_fields)}"
+                    )
+        required = {key for key in stage.inputs if key not in stage.optional}
+        is_for_sets = step.only is not None and step.only.value == SETS
+        gather = self._gather(name, step)
+        return Taker(self._inputs(name, step), gather, required, only, is_for_sets)
+
+    def _changed(self, name: str, step: DraftStep, there: Presence) -> Taker:
+        """What a step takes with the sources that are there; its params are changed in the draft."""
+        taker = there.takers[name]
+        for change in step.when:
+            if not self._holds(change, there):
+                continue
+            inputs = {
+                key: None if entry.value is None else self._references(entry)
+                for key, entry in change.inputs.items()
+            }
+            kept = {**taker.inputs, **inputs}
+            taker = dataclasses.replace(taker, inputs={key: one for key, one in kept.items() if one is not None})
+            step = dataclasses.replace(step, params={**step.params, **change.params})
+        self.draft.steps[name] = step
+        return taker
+
+    def _holds(self, change: Change, there: Presence) -> bool:
+        """Whether the source of a change is there; a step that nothing takes is gone, and with it what it made."""
+        texts = texts_of(change.source.value)
+        known = [text for text in texts if text.partition(".")[0] in {*self.stages, *self.sources}]
+        return any(there.chosen((self._reference(change.source, text),)) for text in known)
 
     def _seeds(self) -> tuple[int, ...]:
         if isinstance(self.overrides.seeds, Sequence):
@@ -219,16 +342,19 @@ class _Checker:
         chosen = self._chosen_sources()
         missing, left_out = [], []
         for name, entry in self.draft.sources.items():
+            part = entry.value
+            if isinstance(part, SetPart) and part.optional is not None and (part.each or part.stack):
+                raise entry.fail("is either optional or has files of its own, by 'each' or 'stack'")
             if name in chosen:
                 sources[name] = _chosen_source(name, chosen[name], entry)
-            elif entry.value == OPTIONAL:
+            elif is_optional(part):
                 left_out.append(name)
             else:
                 sources[name] = _declared_source(entry)
                 if _is_required(entry.value):
                     missing.append(name)
         for name, entry in self.draft.sources.items():
-            if isinstance(entry.value, SetPart) and entry.value.pair is not None:
+            if name in sources and isinstance(entry.value, SetPart) and entry.value.pair is not None:
                 sources[name] = self._paired(name, entry.value, sources)
         return sources, tuple(missing), tuple(left_out)
 
@@ -257,7 +383,7 @@ class _Checker:
             raise entry.fail(f"'{pair}' must be another source, without 'pair'", "pair")
         if not isinstance(source, Each) or isinstance(other, Each):
             return source
-        if part.is_required:
+        if part.is_required or part.optional is not None:
             return dataclasses.replace(source, pair=None)
         if pair in self._chosen_sources():
             raise refused(
@@ -275,9 +401,16 @@ class _Checker:
         except KeyError:
             raise entry.fail(f"no stage '{name}'{nearest_stage(name)}") from None
 
-    def _reference(self, entry: Entry, *place: object) -> Reference:
-        """The reference in an entry."""
-        text, stages, sources = entry.value, self.stages, self.sources
+    def _references(self, entry: Entry, *place: object) -> Alternatives:
+        """The references in an entry, of which the first that is there is taken."""
+        texts = entry.value if isinstance(entry.value, list) else [entry.value]
+        if not texts:
+            raise entry.fail("must be a source or STEP.OUTPUT, got []", *place)
+        return tuple(self._reference(entry, text, *place) for text in texts)
+
+    def _reference(self, entry: Entry, text: Any, *place: object) -> Reference:
+        """One of the references in an entry."""
+        stages, sources = self.stages, {*self.draft.sources, *self.dropped}
         if not isinstance(text, str):
             raise entry.fail(f"must be a source or STEP.OUTPUT, got {shown(text)}", *place)
         name, dot, output = text.partition(".")
@@ -288,8 +421,9 @@ class _Checker:
                 outputs = stages[name].outputs
                 which = ", ".join(f"{name}.{one}" for one in outputs)
                 raise entry.fail(f"which output of step '{name}'? {which}", *place)
-            known = [*sources, *(f"{step}.{one}" for step, stage in stages.items() for one in stage.outputs)]
-            raise entry.fail(f"no source '{name}'{closest(name, known) or one_of(sources)}", *place)
+            listed = [one for one in self.draft.sources if one not in self.dropped]
+            known = [*listed, *(f"{step}.{one}" for step, stage in stages.items() for one in stage.outputs)]
+            raise entry.fail(f"no source '{name}'{closest(name, known) or one_of(listed)}", *place)
         if name not in stages:
             near = closest(name, [*stages, *self.draft.spread])
             raise entry.fail(f"no step '{name}'{near or one_of(stages)}", *place)
@@ -299,22 +433,22 @@ class _Checker:
             raise entry.fail(f"step '{name}' has no output '{output}'{hint(output, stages[name].outputs)}", *place)
         return Reference(name, output)
 
-    def _check_documents(self, given: set[tuple[str, str]]) -> None:
+    def _check_documents(self, steps: Mapping[str, Step], given: set[tuple[str, str]]) -> None:
         """A document of a file, such as a geometry, describes the picture that the same file names."""
         depths = {path: depth for depth, path in enumerate([self.path, *self.draft.included])}  # outermost first
-        for name, step in self.draft.steps.items():
+        for name, step in steps.items():
             for param in document_params(self.stages[name].params):
-                entry = step.params.get(param)
+                entry = self.draft.steps[name].params.get(param)
                 if entry is None or entry.value is None or (name, param) in given:
                     continue
                 for taken in step.inputs.values():
-                    source = self.draft.sources.get(taken.value) if isinstance(taken.value, str) else None
-                    if source is None or not isinstance(source.value, str) or source.value == OPTIONAL:
+                    source = self.draft.sources.get(taken.name) if taken.output is None else None
+                    if source is None or not isinstance(source.value, str) or is_optional(source.value):
                         continue
-                    is_chosen = taken.value in self._chosen_sources() and source.value != REQUIRED
+                    is_chosen = taken.name in self._chosen_sources() and source.value != REQUIRED
                     outer, inner = depths.get(source.path, 0), depths.get(entry.path, 0)
                     if outer < inner or (outer == inner and is_chosen):
-                        raise self._foreign_document(f"{name}.{param}", taken.value, entry)
+                        raise self._foreign_document(f"{name}.{param}", taken.name, entry)
 
     def _foreign_document(self, target: str, source: str, entry: Entry) -> InputError:
         short = next((one for one, targets in self.draft.params.items() if target in targets.value), target)
@@ -325,27 +459,27 @@ class _Checker:
     def _mesh_sources(self) -> tuple[str, ...]:
         """The sources that a step takes as a mesh."""
         taken = {
-            entry.value
+            text
             for name, step in self.draft.steps.items()
             for key, entry in step.inputs.items()
-            if isinstance(entry.value, str)
-            and key in self.stages[name].inputs
-            and Hint.of(self.stages[name].inputs[key]) == _MESH
+            if key in self.stages[name].inputs and Hint.of(self.stages[name].inputs[key]) == _MESH
+            for text in texts_of(entry.value)
         }
-        return tuple(name for name in self.sources if name in taken)
+        return tuple(name for name in self.draft.sources if name in taken)
 
     def _type_of(self, reference: Reference) -> Hint:
         if reference.output is None:
             return _MESH if reference.name in self.meshes else _IMAGE
         return Hint.of(self.stages[reference.name].outputs[reference.output])
 
-    def _input(self, entry: Entry, wanted: Hint, *place: object) -> Reference:
-        """The reference in an entry, to a value of the type ``wanted``."""
-        reference = self._reference(entry, *place)
-        kind = self._type_of(reference)
-        if not kind.fits(wanted):
-            raise entry.fail(f"must be {wanted}, but {reference} is {kind}", *place)
-        return reference
+    def _input(self, entry: Entry, wanted: Hint, *place: object) -> Alternatives:
+        """The references in an entry, to values of the type ``wanted``."""
+        references = self._references(entry, *place)
+        for reference in references:
+            kind = self._type_of(reference)
+            if not kind.fits(wanted):
+                raise entry.fail(f"must be {wanted}, but {reference} is {kind}", *place)
+        return references
 
     @staticmethod
     def _check_input(entry: Entry, name: str, stage: Stage) -> None:
@@ -354,10 +488,10 @@ class _Checker:
                 raise entry.fail(f"is gone: {INPUTS[name]}")
             raise entry.fail(f"stage {stage.name} has no such input{hint(name, stage.inputs)}")
 
-    def _gather(self, name: str, step: DraftStep) -> dict[str, Reference | Mapping[str, Reference]]:
+    def _gather(self, name: str, step: DraftStep) -> dict[str, Alternatives | Mapping[str, Alternatives]]:
         """Inputs that receive a list of all items' values, or such a list by label."""
         stage = self.stages[name]
-        gathered: dict[str, Reference | Mapping[str, Reference]] = {}
+        gathered: dict[str, Alternatives | Mapping[str, Alternatives]] = {}
         for key, entry in step.gather.items():
             self._check_input(entry, key, stage)
             wanted = Hint.of(stage.inputs[key])
@@ -375,7 +509,7 @@ class _Checker:
                 raise entry.fail(f"must map labels to STEP.OUTPUT, got {shown(entry.value)}")
         return gathered
 
-    def _inputs(self, name: str, step: DraftStep) -> dict[str, Reference]:
+    def _inputs(self, name: str, step: DraftStep) -> dict[str, Alternatives]:
         stage = self.stages[name]
         references = {}
         for key, entry in step.inputs.items():
@@ -439,32 +573,45 @@ class _Checker:
             raise self.draft.steps[step.name].at.fail(problem)
         return "item" if "item" in scopes else "final" if "final" in scopes else "shared"
 
-    def _exports(self) -> tuple[dict[str, Reference], dict[str, str], dict[str, Reference]]:
+    def _export_taker(self, file: str, entry: Entry) -> Taker:
+        """What an export takes, checked."""
+        image, inputs = entry.value, {}
+        if isinstance(entry.value, FolderPart):
+            image, like, mesh = entry.value.image, entry.value.like, entry.value.mesh
+            if file.endswith("/") or (like is not None and file.endswith(".png")):
+                if like is not None and (not isinstance(like, str) or like not in self.draft.sources):
+                    raise entry.fail(f"no source {shown(like)}{hint(str(like), self.draft.sources)}", "like")
+                if like is not None:
+                    inputs["like"] = (Reference(like),)
+                elif entry.value.if_maps:
+                    raise entry.fail("needs 'like', the source that may be a map set", "if_maps")
+            elif mesh is not None and file.endswith(MODELS):
+                inputs["mesh"] = self._input(dataclasses.replace(entry, value=mesh), _MESH, "mesh")
+            else:
+                raise entry.fail(
+                    "must be a source or STEP.OUTPUT, got a mapping, which a folder takes, a PNG with 'like', "
+                    "a .glb, .usda or .mtlx with 'mesh'"
+                )
+        other = file.removesuffix("/") if file.endswith("/") else f"{file}/"
+        files = list(self.draft.exports)
+        if other in files[: files.index(file)]:
+            raise entry.fail(f"'{other}' is another export; a file and a folder cannot have the same name")
+        inputs["image"] = self._references(dataclasses.replace(entry, value=image))
+        for reference in inputs["image"]:
+            self._check_export(file, entry, reference)
+        return Taker(inputs, required={"image", "mesh"})
+
+    def _exports(self, there: Presence) -> tuple[dict[str, Reference], dict[str, str], dict[str, Reference]]:
         """What is written to which file, the sources that folders of maps and PNGs are like, meshes of models."""
         exports, likes, surfaces = {}, {}, {}
-        for file, entry in self.draft.exports.items():
-            image = entry.value
-            if isinstance(entry.value, FolderPart):
-                image, like, mesh = entry.value.image, entry.value.like, entry.value.mesh
-                if file.endswith("/") or (like is not None and file.endswith(".png")):
-                    if like is not None and (not isinstance(like, str) or like not in self.sources):
-                        raise entry.fail(f"no source {shown(like)}{hint(str(like), self.sources)}", "like")
-                    if like is not None:
-                        likes[file] = like
-                    elif entry.value.if_maps:
-                        raise entry.fail("needs 'like', the source that may be a map set", "if_maps")
-                elif mesh is not None and file.endswith(MODELS):
-                    surfaces[file] = self._input(dataclasses.replace(entry, value=mesh), _MESH, "mesh")
-                else:
-                    raise entry.fail(
-                        "must be a source or STEP.OUTPUT, got a mapping, which a folder takes, a PNG with 'like', "
-                        "a .glb, .usda or .mtlx with 'mesh'"
-                    )
-            other = file.removesuffix("/") if file.endswith("/") else f"{file}/"
-            if other in exports:
-                raise entry.fail(f"'{other}' is another export; a file and a folder cannot have the same name")
-            exports[file] = self._reference(dataclasses.replace(entry, value=image))
-            self._check_export(file, entry, exports[file])
+        for file in self.draft.exports:
+            if file not in there.lacking:
+                taken = there.inputs(file)
+                exports[file] = taken["image"]
+                if "like" in taken:
+                    likes[file] = taken["like"].name
+                if "mesh" in taken:
+                    surfaces[file] = taken["mesh"]
         # a model of a picture that another one lays on a mesh
         meshes = {exports[file]: mesh for file, mesh in surfaces.items()}
         of_models = {
@@ -519,6 +666,16 @@ class _Checker:
                 exports[_MAPS] = reference
                 return
         raise refused(f"--layout: {self.draft.name} exports no picture as texture.* and no folder of maps")
+
+
+def _why_skipped(lacks: Sequence[str] | None) -> str:
+    """Why a step is left out."""
+    return f"no {_and(lacks)}" if lacks else "nothing takes its result"
+
+
+def _and(names: Sequence[str]) -> str:
+    *first, last = dict.fromkeys(names)
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def absolute(reference: str, base: Path) -> str:

@@ -79,6 +79,18 @@ class Step:
 
 
 @dataclasses.dataclass(frozen=True)
+class Skipped:
+    """A step that is left out, as sources that it takes are not given."""
+
+    stage: Stage
+    params: Params
+    lacks: tuple[str, ...]
+    """the sources, or ``set``, without which it is left out; empty where its result would go nowhere"""
+    reason: str
+    """in words, as ``no mask``"""
+
+
+@dataclasses.dataclass(frozen=True)
 class Runner:
     """What computes the steps."""
 
@@ -170,6 +182,12 @@ class Flow:
     """the only item that runs"""
     picture: str | None = None
     """the only file that it exports, where the caller names one"""
+    skipped: Mapping[str, Skipped] = dataclasses.field(default_factory=dict)
+    """the steps that are left out of this run"""
+    unwritten: Mapping[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+    """the exports that are left out, with the sources that they lack, as in `Skipped`"""
+    optional: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """all optional sources, with what each does, as the file says it"""
 
     @property
     def is_set(self) -> bool:

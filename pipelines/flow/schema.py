@@ -24,7 +24,11 @@ REQUIRED = "required"
 """in place of a source's file: whoever runs the flow must give one"""
 OPTIONAL = "optional"
 """in place of a source's file: whoever runs the flow may give one, else the inputs that take it are left out"""
+SETS = "sets"
+"""in ``only``: the step is left out where there is one item alone"""
 MOST_ROUNDS = 100
+SOURCE = f"must be a file, 'texloom:NAME', 'skimage:NAME', '{REQUIRED}' or '{OPTIONAL}'"
+"""what a source is, in words"""
 _SEEDS = 2**63
 
 
@@ -100,6 +104,13 @@ class _Part(pydantic.BaseModel):
 _Name = Annotated[str, BeforeValidator(_name)]
 
 
+class WhenPart(_Part):
+    """What changes in a step where a source is there."""
+
+    inputs: Annotated[dict[str, Any], _optional] = {}
+    params: Annotated[dict[str, Any], _optional] = {}
+
+
 class StepPart(_Part):
     """A step, or what a file changes in a step of another."""
 
@@ -108,13 +119,18 @@ class StepPart(_Part):
     gather: Annotated[dict[str, Any], _optional] = {}
     params: Annotated[dict[str, Any], _optional] = {}
     draws_as: Annotated[str, _expect(str, "must be a step's name")] | None = None
+    when: Annotated[dict[str, Annotated[WhenPart, _mapping_of("'inputs' and 'params'")]], _optional] = {}
+    only: Annotated[str, _expect(str, f"must be an optional source or '{SETS}'")] | None = None
 
 
 class SetPart(_Part):
     """A source that is every file of a pattern, or the frame stack of a folder, pattern or EXR.
 
-    With ``pair`` alone it is a required file, or as many as the other source has.
+    With ``pair`` alone it is a required file, or as many as the other source has. With ``optional`` it has no file
+    unless the caller gives one, or as many as the other source has.
     """
+
+    optional: Annotated[str, _expect(str, "must be a text, what the source does")] | None = None
 
     each: Annotated[str, _expect(str, "must be a pattern like 'folder/*.png'")] | None = None
     pair: Annotated[str, _expect(str, "must be another source")] | None = None
@@ -122,8 +138,8 @@ class SetPart(_Part):
 
     @property
     def is_required(self) -> bool:
-        """Whether it has no files of its own."""
-        return self.pair is not None and self.each is None and self.stack is None
+        """Whether it has no files of its own, and must be given some."""
+        return self.pair is not None and self.each is None and self.stack is None and self.optional is None
 
 
 class FolderPart(_Part):
@@ -144,13 +160,14 @@ class IncludePart(_Part):
 
 
 _Source = Annotated[
-    Annotated[
+    Annotated[None, Tag("<nothing>")]
+    | Annotated[
         str,
-        _expect(str, f"must be a file, 'texloom:NAME', 'skimage:NAME', '{REQUIRED}' or '{OPTIONAL}'"),
+        _expect(str, SOURCE),
         Tag("<plain>"),
     ]
     | Annotated[SetPart, Tag("<mapping>")],
-    Discriminator(_tag),
+    Discriminator(lambda value: "<nothing>" if value is None else _tag(value)),
 ]
 _Include = Annotated[
     Annotated[str, _expect(str, "must be a flow's name or file"), Tag("<plain>")]
@@ -219,10 +236,16 @@ _FIELDS = (
 _VARIANT_FIELDS = ("include", "with", "sources", "steps", "exports")
 _PARTS: dict[str, tuple[str, ...]] = {
     "steps": tuple(StepPart.model_fields),
+    "when": tuple(WhenPart.model_fields),
     "sources": tuple(SetPart.model_fields),
     "exports": tuple(FolderPart.model_fields),
     "for": _VARIANT_FIELDS,
 }
+
+
+def is_optional(source: Any) -> bool:
+    """Whether a source, as a file declares it, may be given and need not be."""
+    return source == OPTIONAL or (isinstance(source, SetPart) and source.optional is not None)
 
 
 def parse_flow(document: Any, path: Path) -> FlowPart:

@@ -25,9 +25,11 @@ from texloom.stages.vocabulary.sizes import SIDES, size_value, takes_sides
 class StepParams:
     """Checks the params of a composed flow."""
 
-    def __init__(self, draft: Draft, stages: Mapping[str, Stage]):
+    def __init__(self, draft: Draft, stages: Mapping[str, Stage], skipped: Mapping[str, str]):
+        """``skipped``: steps that are left out, with why, whose params may not be given."""
         self.draft = draft
         self.stages = stages
+        self.skipped = skipped
 
     def of_flow(self) -> dict[str, tuple[str, ...]]:
         """Name to the ``STEP.PARAM`` that take its value."""
@@ -87,6 +89,15 @@ class StepParams:
 
     def _targets(self, name: str) -> list[tuple[str, str]]:
         """The steps and params, with a key of a mapping if one is named, that ``--set NAME`` changes."""
+        targets = self._all_targets(name)
+        kept = [(step, param) for step, param in targets if step not in self.skipped]
+        if targets and not kept:
+            step = targets[0][0]
+            raise refused(f"--set {name}: step '{step}' is skipped: {self.skipped[step]}")
+        return kept
+
+    def _all_targets(self, name: str) -> list[tuple[str, str]]:
+        """The same, with steps that are skipped."""
         draft, problem = self.draft, f"--set {name}: "
         step, dot, param = name.partition(".")
         if not dot and name in draft.params:
@@ -96,8 +107,8 @@ class StepParams:
             raise refused(problem + self._why_unknown(name))
         if step in draft.steps:
             return [(step, param)]
-        if step in draft.spread:
-            names = [one for one in draft.spread[step].values() if one in draft.steps]
+        names = [one for one in draft.spread.get(step, {}).values() if one in draft.steps]
+        if names:
             if step in draft.lacking:
                 lacking = ", ".join(draft.lacking[step])
                 raise refused(f"{problem}{lacking} has no step '{step}'; name that of one, as {names[0]}.{param}")

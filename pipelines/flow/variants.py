@@ -8,7 +8,18 @@ from collections.abc import Mapping
 from typing import Any
 
 from texloom.pipelines.errors import shown
-from texloom.pipelines.flow.draft import EACH, FORMER, Draft, DraftStep, Entry, image_of, keep, step_of, upstream
+from texloom.pipelines.flow.draft import (
+    EACH,
+    FORMER,
+    Draft,
+    DraftStep,
+    Entry,
+    image_of,
+    keep,
+    step_of,
+    texts_of,
+    upstream,
+)
 from texloom.pipelines.flow.schema import NAME, FolderPart
 
 
@@ -23,7 +34,8 @@ def prune(drafts: Mapping[str, Draft]) -> None:
     former = {step_of(text.removeprefix(FORMER)) for text in references if text.startswith(FORMER)}
     for draft in drafts.values():
         needed = {name for name, step in draft.steps.items() if step.own} | former
-        needed |= {step_of(image_of(entry.value)) for entry in draft.exports.values()}
+        made = [text for entry in draft.exports.values() for text in texts_of(image_of(entry.value))]
+        needed |= set(map(step_of, made))
         keep(draft, upstream(draft.steps, needed))
 
 
@@ -79,7 +91,9 @@ class _Merger:
                 whole.steps[name] = self.joined(step)
 
     def resolved(self, label: str, text: Any) -> Any:
-        """A reference of a variant, in the flow of all."""
+        """A reference of a variant, or a list of them, in the flow of all."""
+        if isinstance(text, list):
+            return [self.resolved(label, one) for one in text]
         if not isinstance(text, str):
             return text
         if self.are_rounds and text.startswith(FORMER):
@@ -120,14 +134,13 @@ class _Merger:
             if not self.are_rounds and self.resolved(last, entry.value) != entry.value:
                 problem = f"runs once for all variants, but {entry.value} exists for each; take it by 'gather'"
                 raise entry.fail(f"the step {problem}")
-        inputs = {
-            name: dataclasses.replace(entry, value=self.resolved(last, entry.value))
-            for name, entry in step.inputs.items()
-        }
         gather = {
             name: dataclasses.replace(entry, value=gathered(entry.value)) for name, entry in step.gather.items()
         }
-        return dataclasses.replace(step, inputs=inputs, gather=gather)
+        taking = step.with_references(
+            lambda entry: dataclasses.replace(entry, value=self.resolved(last, entry.value))
+        )
+        return dataclasses.replace(taking, gather=gather)
 
     def exports(self, file: str) -> dict[str, Entry]:
         """An export of the variants: one for all, the last round's, or one for each with its label."""

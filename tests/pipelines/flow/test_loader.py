@@ -274,7 +274,10 @@ WRONG = {  # change of GOOD => error
     ),
     "edges.strength} => edges}": "steps.structure.inputs.strength: which output of step 'edges'? edges.strength",
     "edges.strength} => [edges]}": (
-        "steps.structure.inputs.strength: must be a source or STEP.OUTPUT, got ['edges']"
+        "steps.structure.inputs.strength: which output of step 'edges'? edges.strength"
+    ),
+    "edges.strength} => [edges.strength, 3]}": (
+        "steps.structure.inputs.strength: must be a source or STEP.OUTPUT, got 3"
     ),
     "structure.structure => edges.strength": (
         "steps.start.inputs.structure: must be bool array (h w), but edges.strength is float32 array (h w)"
