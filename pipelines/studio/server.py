@@ -284,7 +284,7 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
 
     @app.get("/api/flows")
     def flows() -> list[FlowEntry]:
-        return [FlowEntry(name=name, about=about) for name, about in flow_catalogue().items()]
+        return [FlowEntry(name=name, about=one.about) for name, one in flow_catalogue().items() if one.listed]
 
     @app.get("/api/results/{key}/{file}")
     def result(key: str, file: str) -> FileResponse:

@@ -305,13 +305,15 @@ WRONG = {  # change of GOOD => error
     f"{EDGES} => parms: 1, {EDGES}": "steps.edges.parms: unknown; did you mean 'params'?",
     "exports: => export:": "export: unknown; did you mean 'exports'?",
     "exports: => zzz:": (
-        "zzz: unknown; there are flow, seed, runner, delivery, include, with, for, repeat, sources, steps, params, "
-        "exports"
+        "zzz: unknown; there are flow, group, listed, seed, runner, delivery, include, with, for, repeat, sources, "
+        "steps, params, exports"
     ),
     'exports: => "a\\nb\\e[0m":': "a\\nb\\x1b[0m: unknown",
     # flow, seed, exports
     "contours => my flow": "flow: must be a name like 'my_flow'",
     "contours => ../../etc": "flow: must be a name",
+    "seed: 3 => group: biger": "group: must be one of larger, tileable, materials, photographs, control, meshes, ",
+    "seed: 3 => listed: 3": "listed: must be true or false, got 3",
     "seed: 3 => seed: three": "seed: must be a whole number from 0 to 2**63 - 1, got 'three'",
     "seed: 3 => seed: 3.5": "seed: must be a whole number",
     "seed: 3 => seed: true": "seed: must be a whole number",
