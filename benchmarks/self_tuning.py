@@ -118,7 +118,7 @@ def best(exemplar: str, params: dict[str, str], repeats: int) -> Timing:
 
 def one_run(exemplar: str, side: int, repeats: int) -> None:
     """Print a table of stages and one of scales."""
-    timing = best(exemplar, {"start.size": f"[{side},{side}]"}, repeats)
+    timing = best(exemplar, {"start.size": str(side)}, repeats)
     print(f"{'step':12}{'s':>8}{'share':>8}{'cpu s':>8}")
     for name, seconds in timing.steps.items():
         print(f"{name:12}{seconds:8.2f}{seconds / timing.whole:8.0%}{timing.cpu[name]:8.2f}")
@@ -137,7 +137,7 @@ def growth(exemplar: str, repeats: int) -> None:
     print(f"{'result':>11}{'s':>8}{'texture s':>11}{'us/px':>8}{'to 256':>8}")
     first = 0.0
     for side in (256, 512, 1024, 2048):
-        timing = best(exemplar, {"start.size": f"[{side},{side}]"}, repeats)
+        timing = best(exemplar, {"start.size": str(side)}, repeats)
         whole, texture = timing.whole, timing.steps["texture"]
         first = first or whole
         rate = whole / side**2 * 1e6
@@ -163,8 +163,8 @@ def large(exemplar: str, sides: list[int], keep: Path | None) -> None:
 
 def one_large(exemplar: str, side: int, keep: Path | None) -> None:
     """Print the seconds and processor seconds of the texture, and the most memory the flow has held in MB."""
-    run_flow(exemplar, {"start.size": "[128,128]", "texture.preset": "fast"})
-    params = {"start.size": f"[{side},{side}]"}
+    run_flow(exemplar, {"start.size": "128", "texture.preset": "fast"})
+    params = {"start.size": str(side)}
     with tempfile.TemporaryDirectory(prefix="texloom-benchmark-") as folder:
         flow = load_flow(find_flow("self_tuning"), Overrides({"exemplar": exemplar}, params))
         kept = {name: step for name, step in flow.steps.items() if name != "scores"}
@@ -178,7 +178,7 @@ def one_large(exemplar: str, side: int, keep: Path | None) -> None:
 
 def presets(exemplar: str, side: int, repeats: int) -> None:
     """Print the presets side by side."""
-    size = f"[{side},{side}]"
+    size = str(side)
     base = best(exemplar, {"start.size": size}, repeats).steps["texture"]
     print(f"{'preset':12}{'texture s':>10}{'to default':>12}")
     print(f"{'default':12}{base:10.2f}{1:12.2f}")
@@ -205,7 +205,7 @@ def main() -> None:
         one_large(exemplar, options.one_large, options.keep)
         return
     if not options.large:
-        run_flow(exemplar, {"start.size": "[128,128]", "texture.preset": "fast"})
+        run_flow(exemplar, {"start.size": "128", "texture.preset": "fast"})
     print(f"{exemplar}, {thread_count()} threads\n")
     if options.growth:
         growth(exemplar, options.repeats)

@@ -11,6 +11,7 @@ import pydantic
 from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.request_fields import DELIVERY, MOST_SEEDS, OPTIONS, RUNNER, SHORT
+from texloom.stages.vocabulary.sizes import parse_size
 
 Value = str | tuple[Any, ...]
 """of a param: a YAML text, as on the command line, or a tuple of Python, in which a size is (height, width)"""
@@ -49,8 +50,12 @@ class RunRequest(pydantic.BaseModel):
 
         Raises
         ------
-        InputError : two fields say the same, or there are too many seeds.
+        InputError : two fields say the same, there are too many seeds, or a picture is a word that can be none.
         """
+        for picture in self.pictures:
+            _check_picture(picture)
+        if empty := [name for name in ("size", "preset") if getattr(self, name) == ""]:
+            raise refused(f"--{empty[0]}: the value is empty")
         count = len(self.seeds) if isinstance(self.seeds, tuple) else self.seeds
         if count is not None and not 1 <= count <= MOST_SEEDS:
             raise refused(f"--seeds: must be from 1 to {MOST_SEEDS} seeds")
@@ -73,6 +78,18 @@ class RunRequest(pydantic.BaseModel):
         if twice is not None:
             raise refused(f"--{twice} and --set {twice}=... say the same; give one of them")
         return {**self.params, **short}
+
+
+def _check_picture(picture: str) -> None:
+    """`InputError` where a word was meant as a size, as standard input, or is that of an unset variable."""
+    if not picture:
+        raise refused("PICTURE: the name is empty; give a file, a folder or a pattern")
+    if Path(picture).exists():
+        return
+    if picture == "-":
+        raise refused("-: pictures are not read from standard input; give a file")
+    if parse_size(picture) is not None:
+        raise refused(f"{picture}: no such picture; a size is written --size N or --size WIDTHxHEIGHT")
 
 
 for _name, _field in RunRequest.model_fields.items():

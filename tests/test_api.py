@@ -207,7 +207,7 @@ def test_textures_are_shown_in_notebooks(rgb: np.ndarray) -> None:
     [
         ({"method": "per_pixel_control"}, "sources: texture, control, target"),
         ({"method": "self_tunning"}, "did you mean 'self_tuning'"),
-        ({"size": 3}, "^params size: input should be greater than or equal to 16, got 3"),
+        ({"size": 3}, "^params size: the side should be greater than or equal to 16, got 3"),
         ({"params": {"texture.occurence": 3}}, "^params texture.occurence: .* did you mean 'occurrence'"),
         ({"params": {"texture.weights": object()}}, "a parameter cannot hold a value of type object"),
         ({"preset": "slow"}, "^params preset: input"),

@@ -42,11 +42,13 @@ class _Commands(click.Group):
     def resolve_command(self, context: click.Context, args: list[str]) -> Any:
         try:
             return super().resolve_command(context, args)
-        except click.UsageError:
+        except click.UsageError as error:
             from texloom.pipelines.flow.shipped import shipped_flows
 
             if args[0] not in shipped_flows():
-                raise
+                if getattr(error, "possibilities", None):  # which click names
+                    raise
+                raise click.UsageError(f"{error.message} See texloom --help.", context) from None
             raise click.UsageError(f"{args[0]} is a flow: texloom run {args[0]}", context) from None
 
 

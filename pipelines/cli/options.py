@@ -91,6 +91,19 @@ def _set_memory(context: click.Context, _option: click.Parameter, value: str | N
     context.call_on_close(restore)
 
 
+class _NamedPath(click.Path):
+    """A path; an empty word, as of a variable that is not set, is not the working folder."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """See click."""
+        if value == "":
+            self.fail("the path is empty", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 def _store_folder(_context: click.Context, _option: click.Parameter, folder: Path | None) -> Path:
     from texloom.pipelines.store.location import default_store
 
@@ -109,7 +122,7 @@ store_option = click.option(
     "--store",
     "store_folder",
     envvar="TEXLOOM_STORE",
-    type=click.Path(path_type=Path),
+    type=_NamedPath(),
     callback=_store_folder,
     help=OPTIONS["store"].help,
 )
@@ -129,7 +142,7 @@ def request_option(field: str) -> Callable[..., Any]:
     kinds: dict[type, dict[str, Any]] = {
         bool: {"is_flag": True},
         dict: {"multiple": True, "callback": assignments},
-        Path: {"type": click.Path(path_type=Path)},
+        Path: {"type": _NamedPath()},
     }
     more = kinds.get(option.kind, {"type": option.kind})
     if field in _PARSED:

@@ -120,7 +120,7 @@ def _open(flow: str | None, store_folder: Path, **options: Any) -> tuple[Run, Pa
     from texloom.pipelines.engine.opening import open_request
     from texloom.pipelines.request import request
 
-    if flow is None:
+    if not flow:
         raise WhichFlowError
     asked = request(flow=flow, store=store_folder, **options)
     with named_as_given(asked.params):

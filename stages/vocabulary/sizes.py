@@ -85,8 +85,8 @@ class _Sides:
             return pair or value
         if type(value) in ((int, float) if is_pair else (int,)):
             return value, value
-        if is_pair and not isinstance(value, tuple):
-            raise ValueError(f"{self._form}, got {value!r:.40}")
+        if is_pair and not (isinstance(value, tuple) and len(value) == 2):
+            raise ValueError(f"{self._form}, got {'nothing' if value is None else f'{value!r:.40}'}")
         return value
 
     def _of_list(self, sides: list[Any]) -> str:
@@ -105,7 +105,7 @@ def _text(value: Any) -> Any:
 def _named(error: ValidationError, pair: Any) -> ValueError | None:
     """What is wrong with one side, by its name: texts have the sides in another order than pairs."""
     first = error.errors()[0]
-    if first["loc"] not in ((0,), (1,)) or first["type"] == "missing":
+    if first["loc"] not in ((0,), (1,)):
         return None
     side = "side" if pair[0] == pair[1] else ("height", "width")[first["loc"][0]]
     return ValueError(f"the {side} {first['msg'].removeprefix('Input ')}, got {first['input']!r:.40}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 from tests.studio.conftest import Watched, repeated
@@ -23,6 +24,11 @@ def test_from_a_dropped_picture_to_the_same_bits_in_a_terminal(watched: Watched,
     page.get_by_role("status").filter(has_text="Preview").wait_for()
     settings = page.get_by_label("Settings")
     assert "quilting" in repeated(settings, tmp_path)
+    settings.get_by_role("button", name="Save in the folder").click()
+    saved = watched.served.folder / "blotches_quilting"
+    settings.get_by_text(f"Saved in {saved}").wait_for()
+    assert (saved / "texture.png").read_bytes() == (tmp_path / "texture.png").read_bytes()
+    shutil.rmtree(saved)
     with page.expect_download() as maps:
         settings.get_by_label("Download maps for a program").select_option("unity")
     assert maps.value.suggested_filename == "blotches_quilting_unity.zip"

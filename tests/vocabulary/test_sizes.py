@@ -73,6 +73,8 @@ def test_what_has_two_readings_is_refused(size: object, message: str) -> None:
         (5, "the side should be greater than or equal to 16, got 5"),
         (512.5, "the side should be a valid integer"),
         (True, "as 512 or 768x512, got True"),
+        ((64,), "as 512 or 768x512, got (64,)"),
+        ((64, 48, 3), "as 512 or 768x512, got (64, 48, 3)"),
     ],
 )
 def test_the_wrong_side_is_named(size: object, message: str) -> None:

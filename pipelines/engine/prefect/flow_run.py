@@ -6,7 +6,9 @@ import contextlib
 import contextvars
 import dataclasses
 import glob
+import inspect
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +26,8 @@ from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.model import Each, Flow, Overrides
 from texloom.pipelines.flow.source_files import is_pattern
 from texloom.pipelines.flow.step_params import document_params
-from texloom.pipelines.request import request
+from texloom.pipelines.request import RunRequest, request
+from texloom.pipelines.request_fields import OPTIONS
 from texloom.pipelines.store.location import default_store
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.yaml import parse_yaml
@@ -124,7 +127,7 @@ def _run_name() -> str:
     flows = given["flow"] if isinstance(given["flow"], list) else [given["flow"]]
     words = [" and ".join(Path(flow).stem for flow in flows) if opened is None else opened.run.flow.name]
     words += [_set_name(source) for source in (given["source"] or {}).values()]
-    seeds = given["seeds"] if isinstance(given["seeds"], list) else [given["seed"]] * (given["seeds"] or 1)
+    seeds = given["seeds"] if isinstance(given["seeds"], list | tuple) else [given["seed"]] * (given["seeds"] or 1)
     if seeds != [None]:
         words.append(f"seed {seeds[0]}" if len(seeds) == 1 else f"{len(seeds)} seeds")
     return ", ".join(words)
@@ -134,59 +137,20 @@ def _set_name(source: str | list[str]) -> str:
     return Path(source).name if isinstance(source, str) else f"{len(source)} pictures"
 
 
-def run_flow(
-    flow: str | list[str],
-    source: dict[str, str | list[str]] | None = None,
-    set: dict[str, Any] | None = None,
-    export: dict[str, str] | None = None,
-    size: int | str | None = None,
-    tileable: bool | None = None,
-    preset: str | None = None,
-    seed: int | None = None,
-    seeds: int | list[int] | None = None,
-    item: str | None = None,
-    store: str | None = None,
-    out: str | None = None,
-    force: bool = False,
-    runner: str | None = None,
-    workers: int | None = None,
-    address: str | None = None,
-    layout: str | None = None,
-    texel_size: str | None = None,
-    color_space: str | None = None,
-    udim: str | None = None,
-) -> dict[str, str]:
-    """Run a flow file, every step a task. The options are those of ``texloom run``.
+def run_flow(flow: str | list[str], **given: Any) -> dict[str, str]:
+    """Run a flow file, every step a task.
 
-    Parameters
-    ----------
-    flow : a flow file, or the name of a flow that ships with texloom; several are compared, as by
-        ``texloom compare``.
-    source, set, export, size, tileable, preset, seed, seeds, item : what differs from the file.
-    store : folder of the artifacts.
-    out : folder of this run's exports, or a picture for the main result alone.
-    force : whether files in ``out`` that texloom did not write may be replaced.
-    runner, workers, address : who computes.
-    layout, texel_size, color_space, udim : how exports are written.
+    The parameters are the options of ``texloom run``; several flows are compared, as by ``texloom compare``.
     """
     opened = _opened.get()
     if opened is None:
-        asked = request(
-            flow=flow if isinstance(flow, str) else "comparison",
-            sources=source or {},
-            params={target: json.dumps(value) for target, value in (set or {}).items()},
-            exports=export or {},
-            size=None if size is None else str(size),
-            tileable=tileable, preset=preset, seed=seed, seeds=seeds, item=item, store=store, out=out or None,
-            force=force, runner=runner, workers=workers, address=address, layout=layout, texel_size=texel_size,
-            color_space=color_space, udim=udim,
-        )  # fmt: skip
+        asked = request(flow=flow if isinstance(flow, str) else "comparison", **_fields(given))
         if isinstance(flow, str):
             run, folder = open_request(asked)
         else:
             compared = Run(comparison_flow(flow, asked.overrides), Store(asked.store or default_store()))
             run, folder = placed(compared, asked.out)
-        run.check(folder, force)
+        run.check(folder, asked.force)
         opened = _Opened(run, folder, _ignore)
     run, folder, listener = opened.run, opened.folder, opened.listener
     listener(Note(f"flow run {prefect.runtime.flow_run.name}: {prefect.runtime.flow_run.ui_url}"))
@@ -214,6 +178,35 @@ def run_flow(
     return {name: str(path) for name, path in opened.exports.items()}
 
 
+_NAMES = {field: option.flags[0].strip("-") for field, option in OPTIONS.items() if option.flags}
+"""of the parameters that are called as the option, not as the field"""
+_KINDS: dict[str, Any] = {"set": dict[str, Any], "size": int | str | None, "store": str | None, "out": str | None}
+"""of those that are not JSON, or may be more of it"""
+
+
+def _signature() -> inspect.Signature:
+    """The parameters of a flow run: the fields of `RunRequest`, but for pictures, which sources name."""
+    parameters = [inspect.Parameter("flow", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=str | list[str])]
+    for field in OPTIONS:
+        if field not in ("flow", "pictures"):
+            name, known = _NAMES.get(field, field), RunRequest.model_fields[field]
+            kind = _KINDS.get(name, known.annotation)
+            parameters.append(
+                inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=known.default, annotation=kind)
+            )
+    return inspect.Signature(parameters, return_annotation=dict[str, str])
+
+
+def _fields(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a request by the parameters of a flow run, whose values are JSON."""
+    named = {field: given.get(_NAMES.get(field, field)) for field in OPTIONS}
+    fields = {field: value for field, value in named.items() if value not in (None, "")}  # "": of an empty form
+    if "size" in fields:
+        fields["size"] = str(fields["size"])
+    return fields | {"params": {target: json.dumps(value) for target, value in fields.get("params", {}).items()}}
+
+
+run_flow.__signature__ = _signature()  # type: ignore[attr-defined]
 texloom_flow = prefect.flow(
     name="texloom", flow_run_name=_run_name, validate_parameters=True, persist_result=False
 )(run_flow)

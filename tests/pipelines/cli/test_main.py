@@ -233,6 +233,7 @@ def test_an_exemplar_smaller_than_a_patch(wrong: Path, empty: Path) -> None:
 
 WRONG_COMMANDS = {
     "rnu": "No such command 'rnu'. Did you mean 'run'?",
+    "help": "No such command 'help'. See texloom --help.",
     "quilting mine.png": "quilting is a flow: texloom run quilting",
     "run mine.png": "mine.png: is a picture, not a flow, as in: texloom run self_tuning mine.png",
     "run self_tunning": "self_tunning: no such flow; did you mean 'self_tuning'?",
@@ -297,6 +298,13 @@ WRONG_COMMANDS = {
     "run self_tuning --size 1:30": "--size: must be N or WIDTHxHEIGHT, as 512 or 768x512, got '1:30'",
     "run self_tuning --size 0x200": "--size: the width should be greater than or equal to 16, got 0",
     "run self_tuning --size 512x5": "--size: the height should be greater than or equal to 16, got 5",
+    "run self_tuning --size ''": "--size: the value is empty",
+    "plan quilting --size 64 x 48": "48: no such picture; a size is written --size N or --size WIDTHxHEIGHT",
+    "plan quilting 64x48": "64x48: no such picture; a size is written --size N or --size WIDTHxHEIGHT",
+    "plan quilting skimage:brick ''": "PICTURE: the name is empty; give a file, a folder or a pattern",
+    "plan quilting -": "-: pictures are not read from standard input; give a file",
+    "run quilting --out ''": "Invalid value for '--out' / '-o': the path is empty",
+    "run quilting --store ''": "Invalid value for '--store': the path is empty",
     "run self_tuning --set size=wide": "--set size: must be N or WIDTHxHEIGHT",
     "run self_tuning --export edges.png=edges.strenght": (
         "--export edges.png: edges.strenght: step 'edges' has no output 'strenght'; did you mean 'strength'?"
