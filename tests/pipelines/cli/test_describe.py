@@ -87,7 +87,7 @@ def test_flows_are_listed_and_explained() -> None:
     assert summaries["graph_cut"].endswith("least visible seam.")
     flow = flow_description("inverse")
     assert json.loads(json.dumps(flow)) == flow
-    assert flow["sources"] == {"texture": "skimage:gravel", "control": "optional: what is where in the texture"}
+    assert flow["sources"] == {"texture": "skimage:gravel", "control": "optional"}
     assert flow["params"]["size"]["targets"] == ["compact.size"]
     assert flow["steps"]["compact"]["stage"] == "synthesis.compact"
     assert flow["exports"]["texture.exr"] == "compact.image"

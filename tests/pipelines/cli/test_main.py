@@ -263,8 +263,8 @@ WRONG_COMMANDS = {
         "sources.control: required, as in: "
         "texloom run resynthesise a.png --source control=control.png --source target=t.png"
     ),
-    "run inverse --source control=c.png": (
-        "sources.texture: required, as in: texloom run inverse texture.png --source control=c.png"
+    "run energy_curve --source control=c.png": (
+        "sources.texture: required, as in: texloom run energy_curve texture.png --source control=c.png"
     ),
     "run self_tuning --set texture.occurrence=1 --set ' texture.occurrence=2'": (
         "'--set': 'texture.occurrence' is given twice: '1' and '2'"
