@@ -19,8 +19,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-MERGED: dict[str, str] = {}
-"""command of an earlier flow to that of the one it was merged into"""
+MERGED: dict[str, str] = {
+    "inverse a.png --source control=b.png": "inverse a.png --source control=b.png",
+    "inverse_stationary": "inverse",
+}
+"""command of an earlier flow to that which replaces it, or does the same where sources are optional now"""
 RENAMED: dict[str, dict[str, str]] = {}
 """earlier flow to the names of its steps, before and now"""
 
@@ -123,7 +126,8 @@ def differences(before: dict[str, Any], after: dict[str, Any]) -> Iterator[tuple
 
 def compare(interpreter: str) -> int:
     """Print what differs; how many flows do."""
-    commands = {name: name for name in flow_names(interpreter)} | MERGED
+    named = (name for name in flow_names(interpreter) if not any(old.startswith(f"{name} ") for old in MERGED))
+    commands = {name: name for name in named} | MERGED
     before = of_interpreter(interpreter, list(commands))
     after = of_interpreter(sys.executable, list(commands.values()))
     count = 0

@@ -20,7 +20,7 @@ from texloom.pipelines.byte_size import format_byte_size
 _LIBRARIES = ("numpy", "numba", "scipy", "opencv-contrib-python-headless", "scikit-image", "OpenEXR", "prefect")
 _WARMED = (
     "self_tuning", "materials", "make_tileable", "quilting", "graph_cut", "patch_based", "hybrid", "adaptive",
-    "near_regular", "per_pixel", "inverse_stationary", "bidirectional_similarity",
+    "near_regular", "per_pixel", "inverse", "bidirectional_similarity",
     "image_melding",
 )  # fmt: skip
 _SIDE = 96  # px of what is made

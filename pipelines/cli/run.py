@@ -81,10 +81,10 @@ def _print_plan(steps: list[StepPlan]) -> None:
     from texloom.pipelines.engine.events import label
 
     labels = [label(step.name, step.item) for step in steps]
-    width = max(map(len, labels))
+    width, states = max(map(len, labels)), max(len(step.state) for step in steps)
     for name, step in zip(labels, steps, strict=True):
         reasons = f"  {'; '.join(step.reasons)}" if step.reasons else ""
-        say(f"{name:{width}}  {step.state:7}{reasons}".rstrip())
+        say(f"{name:{width}}  {step.state:{max(6, states)}}{reasons}".rstrip())
 
 
 @click.command(cls=FlowCommand, short_help="Print one command line per item of a set, for a render farm.")

@@ -176,7 +176,7 @@ def changed_export(entry: Entry, change: Callable[[Entry], Entry | None]) -> Ent
         return changed(entry, change)
     parts = {
         name: changed(dataclasses.replace(entry, value=getattr(entry.value, name)), change)
-        for name in ("image", "mesh")
+        for name in ("image", "mesh", "only")
         if getattr(entry.value, name) is not None
     }
     if any(part is None for part in parts.values()):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-FLOWS: dict[str, str] = {}
+FLOWS = {"inverse_stationary": "inverse PICTURE"}
 """flow to the command that replaces it, after ``texloom run``"""
 
 _WRAPS = "pictures say themselves whether they wrap; leave it out"

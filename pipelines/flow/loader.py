@@ -576,8 +576,11 @@ class _Checker:
     def _export_taker(self, file: str, entry: Entry) -> Taker:
         """What an export takes, checked."""
         image, inputs = entry.value, {}
+        only: Alternatives = ()
         if isinstance(entry.value, FolderPart):
             image, like, mesh = entry.value.image, entry.value.like, entry.value.mesh
+            if entry.value.only is not None:
+                only = self._references(dataclasses.replace(entry, value=entry.value.only), "only")
             if file.endswith("/") or (like is not None and file.endswith(".png")):
                 if like is not None and (not isinstance(like, str) or like not in self.draft.sources):
                     raise entry.fail(f"no source {shown(like)}{hint(str(like), self.draft.sources)}", "like")
@@ -587,7 +590,7 @@ class _Checker:
                     raise entry.fail("needs 'like', the source that may be a map set", "if_maps")
             elif mesh is not None and file.endswith(MODELS):
                 inputs["mesh"] = self._input(dataclasses.replace(entry, value=mesh), _MESH, "mesh")
-            else:
+            elif not only or like is not None or mesh is not None:
                 raise entry.fail(
                     "must be a source or STEP.OUTPUT, got a mapping, which a folder takes, a PNG with 'like', "
                     "a .glb, .usda or .mtlx with 'mesh'"
@@ -599,7 +602,7 @@ class _Checker:
         inputs["image"] = self._references(dataclasses.replace(entry, value=image))
         for reference in inputs["image"]:
             self._check_export(file, entry, reference)
-        return Taker(inputs, required={"image", "mesh"})
+        return Taker(inputs, required={"image", "mesh"}, only=only)
 
     def _exports(self, there: Presence) -> tuple[dict[str, Reference], dict[str, str], dict[str, Reference]]:
         """What is written to which file, the sources that folders of maps and PNGs are like, meshes of models."""

@@ -143,12 +143,16 @@ class SetPart(_Part):
 
 
 class FolderPart(_Part):
-    """An export that is a folder of maps, or a PNG, and is like a source; or a model, with the mesh it lies on."""
+    """An export that is a folder of maps, or a PNG, and is like a source; or a model, with the mesh it lies on.
+
+    With ``only`` it is left out without that source.
+    """
 
     image: Any = None
     like: Any = None
     if_maps: Annotated[bool, _expect(bool, "must be true or false")] = False
     mesh: Any = None
+    only: Annotated[str, _expect(str, "must be an optional source")] | None = None
 
 
 class IncludePart(_Part):

@@ -149,7 +149,9 @@ class _Merger:
             if file in draft.exports:
                 value = draft.exports[file].value
                 if isinstance(value, FolderPart):
-                    resolved = {name: self.resolved(label, getattr(value, name)) for name in ("image", "mesh")}
+                    resolved = {
+                        name: self.resolved(label, getattr(value, name)) for name in ("image", "mesh", "only")
+                    }
                     value = value.model_copy(update=resolved)
                 else:
                     value = self.resolved(label, value)

@@ -87,15 +87,17 @@ def test_flows_are_listed_and_explained() -> None:
     assert summaries["graph_cut"].endswith("least visible seam.")
     flow = flow_description("inverse")
     assert json.loads(json.dumps(flow)) == flow
-    assert flow["sources"] == {"texture": "required", "control": "required"}
+    assert flow["sources"] == {"texture": "skimage:gravel", "control": "optional"}
     assert flow["params"]["size"]["targets"] == ["compact.size"]
     assert flow["steps"]["compact"]["stage"] == "synthesis.compact"
     assert flow["exports"]["texture.exr"] == "compact.image"
     assert flow_description("joint_compaction")["sources"]["texture"].endswith("/textures/*_color.png")
     text = flow_explained(flow)
-    assert "its control map, summarised in a small one." in text.replace("\n  ", " "), "sentences are joined"
+    assert "A control map that comes with the texture is summarised too;" in text.replace("\n  ", " "), (
+        "sentences are joined"
+    )
     assert "\n    texloom run inverse rust.png --source control=wetness.png --size 128" in text
-    for words in ("texture  required", "compact     synthesis.compact: ", "energy.json  compact.energy"):
+    for words in ("texture  skimage:gravel", "compact     synthesis.compact: ", "energy.json  compact.energy"):
         assert f"\n  {words}" in text
     sizes = "N | WIDTHxHEIGHT >= 1 | float > 0 < 1 | auto"
     assert f"\n  size: {sizes} = 128x128  [compact.size]\n      size" in text

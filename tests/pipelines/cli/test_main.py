@@ -264,8 +264,8 @@ WRONG_COMMANDS = {
         "sources.control: required, as in: "
         "texloom run resynthesise a.png --source control=control.png --source target=t.png"
     ),
-    "run inverse --source control=c.png": (
-        "sources.texture: required, as in: texloom run inverse texture.png --source control=c.png"
+    "run energy_curve --source control=c.png": (
+        "sources.texture: required, as in: texloom run energy_curve texture.png --source control=c.png"
     ),
     "run self_tuning --set texture.occurrence=1 --set ' texture.occurrence=2'": (
         "'--set': 'texture.occurrence' is given twice: '1' and '2'"
@@ -315,11 +315,9 @@ WRONG_COMMANDS = {
     "run self_tuning --set start.size=[64,64,3]": (
         "--set start.size: must be N or WIDTHxHEIGHT, as 512 or 768x512, got [64, 64, 3]"
     ),
-    "run inverse_stationary --size 64x": (
-        "--size: input should be N or WIDTHxHEIGHT, a valid number, or 'auto', got '64x'"
-    ),
-    "run inverse_stationary --size 1.5": "--size: input should be less than 1, got 1.5",
-    "run inverse_stationary --size 0": "--size: input should be greater than or equal to 1, got 0",
+    "run inverse --size 64x": ("--size: input should be N or WIDTHxHEIGHT, a valid number, or 'auto', got '64x'"),
+    "run inverse --size 1.5": "--size: input should be less than 1, got 1.5",
+    "run inverse --size 0": "--size: input should be greater than or equal to 1, got 0",
     "run per_pixel_control --set compaction=-3": (
         "--set compaction: input should be greater than or equal to 1, got -3"
     ),

@@ -196,7 +196,6 @@ def test_a_source_that_is_optional(folder: Path) -> None:
     [
         ("fill", ("picture", "holes")),
         ("masked", ("exemplar", "mask")),
-        ("inverse", ("texture", "control")),
         ("inverse_reconstruct", ("texture", "control", "target")),
         ("resynthesise", ("texture", "control", "target")),
         ("per_pixel_control", ("texture", "control", "target")),

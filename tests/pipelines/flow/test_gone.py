@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 import shutil
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,10 @@ import pytest
 import yaml
 
 from tests.conftest import ROOT
-from texloom.pipelines.flow.loader import check_flow
+from tests.pipelines.cli.test_main import assert_refused, texloom
+from texloom.pipelines.flow.gone import FLOWS
+from texloom.pipelines.flow.loader import check_flow, find_flow, load_flow
+from texloom.pipelines.flow.model import Overrides
 from texloom.stages.vocabulary.declare import InputError
 
 EARLIER = sorted((Path(__file__).parent / "fixtures" / "flows_8744c2c").glob("*.yaml"))
@@ -39,6 +43,21 @@ def corrected(document: dict[str, Any], place: str, problem: str) -> bool:
         del value[last]
         return True
     return False
+
+
+@pytest.mark.parametrize("name", FLOWS)
+def test_a_flow_that_is_gone_is_refused_with_the_command_that_replaces_it(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert_refused(texloom("run", name, "my.png"), f"{name}: is part of another flow now, as in: texloom run ")
+    flow, *words = shlex.split(FLOWS[name])
+    sources = dict(word.split("=") for word in words if "=" in word)
+    pictures = [word for word in words if "=" not in word and word != "--source"]
+    load_flow(find_flow(flow), Overrides(sources=sources, pictures=pictures)).check_sources()
+    (tmp_path / "mine.yaml").write_text(f"flow: mine\ninclude: {name}\n")
+    with pytest.raises(InputError, match=f"mine.yaml: include: {name}: is part of another flow now"):
+        load_flow(tmp_path / "mine.yaml")
 
 
 @pytest.mark.parametrize("earlier", EARLIER, ids=lambda path: path.stem)
