@@ -17,7 +17,8 @@ import click
 
 from texloom.pipelines.cli import describe
 from texloom.pipelines.cli.main import texloom
-from texloom.pipelines.flow.shipped import flow_catalogue
+from texloom.pipelines.flow.shipped import GROUPS as FLOW_GROUPS
+from texloom.pipelines.flow.shipped import FlowEntry, flow_catalogue
 
 ROOT = Path(__file__).parents[1]
 BIBLIOGRAPHY = ROOT / "stages" / "references.bib"
@@ -129,12 +130,20 @@ def term(match: re.Match[str]) -> str:
 # -- flows
 
 
-def flow_index(flows: dict[str, str]) -> str:
-    """The table of all flows."""
-    rows = [f"| [{name}](flows/{name}.md) | {prose(head, '')} |" for name, head in flows.items()]
-    toctree = ["```{toctree}", ":hidden:", "", *(f"flows/{name}" for name in flows), "```"]
+def flow_index(flows: dict[str, FlowEntry]) -> str:
+    """The tables of all flows by group, as `texloom flows` shows them."""
     text = "Pictures and times are in the [gallery](../gallery.md); [flows](../flows.md) explains how to write one."
-    return "\n".join(["# Flows", "", text, "", "| flow | what it does |", "|---|---|", *rows, "", *toctree, ""])
+    parts = ["# Flows", "", text, ""]
+    for group, title in (*FLOW_GROUPS.items(), (None, "Of plug-ins")):
+        rows = [
+            f"| [{name}](flows/{name}.md) | {prose(entry.about, '')} |"
+            for name, entry in flows.items()
+            if entry.group == group
+        ]
+        if rows:
+            parts += [f"## {title}", "", "| flow | what it does |", "|---|---|", *rows, ""]
+    toctree = ["```{toctree}", ":hidden:", "", *(f"flows/{name}" for name in flows), "```"]
+    return "\n".join([*parts, *toctree, ""])
 
 
 def flow_page(flow: dict[str, Any]) -> str:

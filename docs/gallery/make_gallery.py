@@ -23,6 +23,8 @@ import skimage.data
 import yaml
 from PIL import Image, ImageDraw
 
+from texloom.pipelines.flow.shipped import GROUPS
+
 HERE = Path(__file__).parent
 DOCS = HERE.parent
 WORK = DOCS.parent / "build" / "gallery"
@@ -282,7 +284,7 @@ def page(gallery: dict[str, Any], times: dict[str, float]) -> str:
     """The page in Markdown."""
     parts = [HEAD]
     for group in gallery["groups"]:
-        parts.append(f"## {group['title']}\n\n{group['text']}\n\n")
+        parts.append(f"## {GROUPS[group['group']]}\n\n{group['text']}\n\n")
         for flow in group["flows"]:
             name = flow.get("name", flow["flow"])
             command = f"texloom run {flow['flow']} {flow['run']}".strip()

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import re
+import shutil
+import textwrap
+from typing import TYPE_CHECKING
 
 import click
 
@@ -10,11 +15,18 @@ from texloom.pipelines.cli.exits import Exit
 from texloom.pipelines.cli.options import complete, json_option
 from texloom.pipelines.cli.output import print_json, say
 
+if TYPE_CHECKING:
+    from texloom.pipelines.flow.shipped import FlowEntry
+
+_PAPERS = re.compile(r"(?<! of) \[[A-Za-z]+\d{4}[^\]]*\]")
+"""what a list of flows leaves out of a sentence"""
+
 
 @click.command(short_help="List the flows, or explain one: sources, steps, exports.")
 @click.argument("name", required=False, shell_complete=complete("flow_names"))
+@click.option("--studies", is_flag=True, help="List the studies, which repeat experiments of papers.")
 @json_option
-def flows(name: str | None, as_json: bool) -> int:
+def flows(name: str | None, studies: bool, as_json: bool) -> int:
     """List the flows that ship with texloom, or explain the one called NAME: sources, steps, exports.
 
     \b
@@ -22,11 +34,15 @@ def flows(name: str | None, as_json: bool) -> int:
     texloom flows self_tuning
 
     NAME may also be a YAML file. `texloom stages` explains the params of the steps.
+    With --json all flows are listed.
     """
     from texloom.pipelines.flow.shipped import flow_catalogue
 
     if name is None:
-        return _print_catalogue(flow_catalogue(), "flows", as_json)
+        entries = flow_catalogue()
+        if as_json:
+            return print_json({flow: dataclasses.asdict(entry) for flow, entry in entries.items()})
+        return _print_flows(entries, studies)
     from texloom.pipelines.cli.describe import flow_description, flow_explained
 
     found = flow_description(name)
@@ -50,7 +66,7 @@ def stages(name: str | None, as_json: bool) -> int:
     from texloom.pipelines.cli.describe import catalogue, description, explained
 
     if name is None:
-        return _print_catalogue(catalogue(), "stages", as_json)
+        return _print_stages(catalogue(), as_json)
     found = description(name)
     if as_json:
         return print_json(found)
@@ -80,11 +96,39 @@ def check_stage(name: str, as_json: bool) -> int:
     return Exit.FAILED if any(one.state == "failed" for one in outcomes) else Exit.DONE
 
 
-def _print_catalogue(entries: dict[str, str], command: str, as_json: bool) -> int:
+def _print_stages(entries: dict[str, str], as_json: bool) -> int:
     if as_json:
         return print_json(entries)
     width = max(map(len, entries))
     for name, summary in entries.items():
         click.echo(f"{name:{width}}  {summary}")
-    click.echo(f"\ntexloom {command} NAME explains one.")
+    click.echo("\ntexloom stages NAME explains one.")
     return Exit.DONE
+
+
+def _print_flows(entries: dict[str, FlowEntry], studies: bool) -> int:
+    """Print the flows that are listed, by group, and the names of others; or the studies."""
+    from texloom.pipelines.flow.shipped import GROUPS, STUDIES
+
+    if studies:
+        shown = {name: entry for name, entry in entries.items() if entry.group == STUDIES}
+    else:
+        shown = {name: entry for name, entry in entries.items() if entry.listed}
+    width = max(map(len, shown)) + 4
+    columns = shutil.get_terminal_size().columns
+    for group, members in itertools.groupby(shown, lambda name: shown[name].group):
+        click.echo(GROUPS[group] if group else "Of plug-ins")
+        for name in members:
+            text = _PAPERS.sub("", shown[name].about)
+            click.echo(_wrapped(f"  {name:{width - 2}}", text, " " * width, columns))
+    if not studies:
+        others = [name for name, entry in entries.items() if entry not in shown.values() and entry.group != STUDIES]
+        click.echo("")
+        click.echo(_wrapped("Also by name: ", ", ".join(sorted(others)), "  ", columns))
+        click.echo("texloom flows --studies lists the studies.")
+    click.echo(f"{chr(10) if studies else ''}texloom flows NAME explains one.")
+    return Exit.DONE
+
+
+def _wrapped(begin: str, text: str, indent: str, columns: int) -> str:
+    return textwrap.fill(text, max(columns, 60), initial_indent=begin, subsequent_indent=indent)

@@ -145,10 +145,11 @@ def register() -> None:
 
 
 def flow_names(_context: click.Context, _parameter: click.Parameter, typed: str) -> Items:
-    """Flows that ship, and files."""
+    """Flows that ship, those that are listed before anything is typed, and files."""
     from texloom.pipelines.flow.shipped import flow_catalogue
 
-    found = [CompletionItem(name, help=text) for name, text in flow_catalogue().items() if name.startswith(typed)]
+    entries = {name: entry for name, entry in flow_catalogue().items() if typed or entry.listed}
+    found = [CompletionItem(name, help=one.about) for name, one in entries.items() if name.startswith(typed)]
     return found or [CompletionItem(typed, type="file")]
 
 

@@ -37,6 +37,7 @@ from texloom.pipelines.store.location import passed_over
 from texloom.pipelines.store.ownership import keeps_no_key
 from texloom.pipelines.store.run_log import LoggedRun
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
+from texloom.pipelines.store.types import Hint
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.sizes import format_size, size_value
@@ -462,15 +463,20 @@ class Run:
             place = str(export.path)
             known = history.exports.get(place) if self._known_files is not None else None
             state = export.current(self.store, known)
-            states[place] = self._write(export, reference, surface, scope, inputs) if state is None else state
+            if state is None:
+                state = self._write(export, reference, surface, scope, inputs)
             inputs.release([reference])
+            if state is None:
+                self.told.append(f"{file}: not written, as there is no {reference} here")
+                continue
+            states[place] = state
             written[prefix + file] = export.path
         return written
 
     def _write(
         self, export: Export, reference: Reference, surface: Reference | None, scope: Scope, inputs: ScopeInputs
-    ) -> States:
-        """Write an export that is not there yet; the states of its files."""
+    ) -> States | None:
+        """Write an export that is not there yet; the states of its files, None where the step gave nothing."""
         hint: Any = Image
         provenance = dict(export.about)
         if reference.output is not None:
@@ -485,6 +491,8 @@ class Run:
         with self.store.scratch(), logging_to(__name__, told.append):
             mesh = None if surface is None else inputs.value(self._given(surface, scope))
             value = inputs.value(self._given(reference, scope))
+            if value is None and Hint.of(hint).optional:
+                return None
             state = export.write(self.store, value, hint, provenance, mesh)
         # what shows a result, as a preview does, may clip
         shows = hint is Image and self._is_shown(reference) and not export.path.name.startswith("texture.")

@@ -25,6 +25,7 @@ from texloom.pipelines.flow.draft import (
     texts_of,
     upstream,
 )
+from texloom.pipelines.flow.gone import FLOWS
 from texloom.pipelines.flow.schema import (
     EXPORT,
     NAME,
@@ -75,6 +76,8 @@ def _find(name: str, folder: Path) -> Path:
     others = plugin_flows() if "/" not in name else {}
     if name in others:
         return others[name][0]
+    if name in FLOWS:
+        raise refused(f"{name}: is part of another flow now, as in: texloom run {FLOWS[name]}")
     if is_picture(path):
         raise refused(f"{name}: is a picture, not a flow, as in: texloom run self_tuning {name}")
     if path.is_dir():

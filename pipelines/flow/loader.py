@@ -14,6 +14,7 @@ from typing import Any
 from texloom.pipelines.errors import closest, hint, one_of, refused, shown
 from texloom.pipelines.flow.compose import compose, find_flow
 from texloom.pipelines.flow.draft import Change, Draft, DraftStep, Entry, keep, texts_of
+from texloom.pipelines.flow.gone import INPUTS, OUTPUTS
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Scope, Skipped, Step, flat
 from texloom.pipelines.flow.presence import Alternatives, Presence, Taker
 from texloom.pipelines.flow.runner import choose_runner
@@ -429,6 +430,8 @@ class _Checker:
             near = closest(name, [*stages, *self.draft.spread])
             raise entry.fail(f"no step '{name}'{near or one_of(stages)}", *place)
         if output not in stages[name].outputs:
+            if output in OUTPUTS:
+                raise entry.fail(f"{text} is gone: {OUTPUTS[output]}", *place)
             raise entry.fail(f"step '{name}' has no output '{output}'{hint(output, stages[name].outputs)}", *place)
         return Reference(name, output)
 
@@ -483,6 +486,8 @@ class _Checker:
     @staticmethod
     def _check_input(entry: Entry, name: str, stage: Stage) -> None:
         if name not in stage.inputs:
+            if name in INPUTS:
+                raise entry.fail(f"is gone: {INPUTS[name]}")
             raise entry.fail(f"stage {stage.name} has no such input{hint(name, stage.inputs)}")
 
     def _gather(self, name: str, step: DraftStep) -> dict[str, Alternatives | Mapping[str, Alternatives]]:

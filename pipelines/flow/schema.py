@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
 from texloom.pipelines.errors import hint, refused, shown
+from texloom.pipelines.flow.shipped import GROUPS
 from texloom.pipelines.media.writers.registry import SUFFIXES
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
@@ -52,6 +53,12 @@ def _export_name(value: Any) -> str:
     if not isinstance(value, str) or not EXPORT.fullmatch(value.replace("*", "x", 1)):
         _fail(f"is not {FILE_NAME}", "key")
     return value
+
+
+def _group(value: Any) -> str:
+    if value not in GROUPS:
+        _fail(f"must be one of {', '.join(GROUPS)}")
+    return str(value)
 
 
 def _seeds(value: Any) -> list[int]:
@@ -216,6 +223,8 @@ class FlowPart(VariantPart):
     """A flow file."""
 
     flow: Annotated[str, BeforeValidator(_flow_name)] | None = None
+    group: Annotated[str, BeforeValidator(_group)] | None = None
+    listed: Annotated[bool, _expect(bool, "must be true or false")] = True
     seed: Annotated[list[int], BeforeValidator(_seeds)] | None = None
     runner: Any = None
     delivery: Annotated[DeliveryPart, _mapping_of("'layout', 'texel_size', 'color_space' and 'udim'")] | None = None
@@ -225,8 +234,8 @@ class FlowPart(VariantPart):
 
 
 _FIELDS = (
-    "flow", "seed", "runner", "delivery", "include", "with", "for", "repeat", "sources", "steps", "params",
-    "exports",
+    "flow", "group", "listed", "seed", "runner", "delivery", "include", "with", "for", "repeat", "sources", "steps",
+    "params", "exports",
 )  # fmt: skip
 _VARIANT_FIELDS = ("include", "with", "sources", "steps", "exports")
 _PARTS: dict[str, tuple[str, ...]] = {

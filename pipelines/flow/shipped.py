@@ -2,10 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import re
 from pathlib import Path
 
+STUDIES = "studies"
+GROUPS = {
+    "larger": "Larger textures",
+    "tileable": "Tileable textures",
+    "materials": "Materials",
+    "photographs": "Photographs",
+    "control": "Textures under control",
+    "meshes": "Meshes",
+    "edits": "Edits",
+    "comparison": "Comparison",
+    STUDIES: "Studies",
+}
+"""where a flow stands in the catalogue, and the title there"""
 _FOLDER = Path(__file__).parents[2] / "configs"
 
 
@@ -35,14 +49,31 @@ def plugin_flows() -> dict[str, tuple[Path, str]]:
     return {name: found[name] for name in found if name not in shipped_flows()}
 
 
-def flow_catalogue() -> dict[str, str]:
-    """Name to the first sentence of its comment; of plug-ins with their origin."""
-    own = {name: _sentence(path) for name, path in shipped_flows().items()}
-    return own | {name: f"{_sentence(path)} [{origin}]" for name, (path, origin) in plugin_flows().items()}
+@dataclasses.dataclass(frozen=True)
+class FlowEntry:
+    """A flow in the catalogue."""
+
+    about: str
+    """the first sentence of its comment; of a plug-in with its origin"""
+    group: str | None
+    """one of `GROUPS`; None for flows of plug-ins that name none"""
+    listed: bool
+    """whether lists of flows show it first, and not only by its name"""
 
 
-def _sentence(path: Path) -> str:
-    return re.split(r"(?<=\.) ", flow_head(path).partition("\n\n")[0], maxsplit=1)[0]
+def flow_catalogue() -> dict[str, FlowEntry]:
+    """Name to entry, by group; flows that are listed come first, `STUDIES` and flows without a group last."""
+    found = {name: _entry(path, "") for name, path in shipped_flows().items()}
+    found |= {name: _entry(path, f" [{origin}]") for name, (path, origin) in plugin_flows().items()}
+    order = [*GROUPS, None]
+    return dict(sorted(found.items(), key=lambda item: (order.index(item[1].group), not item[1].listed)))
+
+
+def _entry(path: Path, origin: str) -> FlowEntry:
+    fields = dict(re.findall(r"^(group|listed): *(\w+)", path.read_text(encoding="utf-8"), flags=re.MULTILINE))
+    group = fields.get("group") if fields.get("group") in GROUPS else None
+    about = re.split(r"(?<=\.) ", flow_head(path).partition("\n\n")[0], maxsplit=1)[0]
+    return FlowEntry(about + origin, group, fields.get("listed") != "false" and group != STUDIES)
 
 
 def flow_head(path: Path) -> str:

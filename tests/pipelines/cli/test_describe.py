@@ -18,7 +18,7 @@ from texloom.pipelines.cli.describe import (
     flow_description,
     flow_explained,
 )
-from texloom.pipelines.flow.shipped import flow_catalogue
+from texloom.pipelines.flow.shipped import GROUPS, flow_catalogue
 from texloom.stages.lookup.registry import find_stage, stage_names
 from texloom.stages.vocabulary.declare import Document, InputError, InputFile, OddSize
 
@@ -80,7 +80,8 @@ def test_what_a_docstring_says_of_an_input_stands_with_it() -> None:
 
 
 def test_flows_are_listed_and_explained() -> None:
-    summaries = flow_catalogue()
+    assert all(entry.group in GROUPS for entry in flow_catalogue().values())
+    summaries = {name: entry.about for name, entry in flow_catalogue().items()}
     assert set(summaries) == {path.stem for path in (ROOT / "configs").glob("*.yaml")}
     assert all(summary and "\n" not in summary and not summary.startswith("#") for summary in summaries.values())
     assert summaries["graph_cut"].endswith("least visible seam.")

@@ -32,7 +32,7 @@ from texloom.pipelines import api
 from texloom.pipelines.cli import main as cli
 from texloom.pipelines.cli import run as cli_run
 from texloom.pipelines.engine import keys as fingerprint
-from texloom.pipelines.flow.shipped import shipped_flows
+from texloom.pipelines.flow.shipped import GROUPS, flow_catalogue, shipped_flows
 from texloom.pipelines.store import codec
 from texloom.stages.common.per_pixel import device
 from texloom.stages.lookup.registry import find_stage, stage_names
@@ -291,7 +291,12 @@ WRONG_COMMANDS = {
         "--set start.size: must be N or WIDTHxHEIGHT, got the list [64, 96]; write 96x64 or 64x96"
     ),
     "run self_tuning --size 64,96": "--size: must be N or WIDTHxHEIGHT, got the list [64, 96]; write 96x64 or",
-    "run self_tuning --size wide": ("--size: must be N or WIDTHxHEIGHT, px, as 512 or 768x512, got 'wide'"),
+    "run self_tuning --size wide": "--size: must be N or WIDTHxHEIGHT, as 512 or 768x512, got 'wide'",
+    "run self_tuning --size 1024*512": "--size: must be N or WIDTHxHEIGHT, as 512 or 768x512, got '1024*512'",
+    "run self_tuning --size 1e3": "--size: must be N or WIDTHxHEIGHT, as 512 or 768x512, got '1e3'",
+    "run self_tuning --size 1:30": "--size: must be N or WIDTHxHEIGHT, as 512 or 768x512, got '1:30'",
+    "run self_tuning --size 0x200": "--size: the width should be greater than or equal to 16, got 0",
+    "run self_tuning --size 512x5": "--size: the height should be greater than or equal to 16, got 5",
     "run self_tuning --set size=wide": "--set size: must be N or WIDTHxHEIGHT",
     "run self_tuning --export edges.png=edges.strenght": (
         "--export edges.png: edges.strenght: step 'edges' has no output 'strenght'; did you mean 'strength'?"
@@ -531,7 +536,7 @@ def test_exports_that_would_replace_an_input(
     if "surface" in what:
         step = "  surface: {stage: analysis.jacobian_field, inputs: {image: exemplar}}\n"
         text = text.replace("exports:", f"{step}exports:")
-        patch = {"corners": [[4, 4], [4, 50], [40, 50], [40, 4]], "size": [1, 1]}
+        patch = {"corners": [[4, 4], [4, 50], [40, 50], [40, 4]], "size": "1x1"}
         without = {"without": file} if file == HEIGHT else {}
         Path("threshold.json").write_text(json.dumps({"patches": [patch], **without}))
     Path("flow.yaml").write_text(text)
@@ -1315,12 +1320,22 @@ def test_stages() -> None:
     assert json.loads(texloom("stages", "optimise", "--json").out)["name"] == "synthesis.optimise"
 
 
-def test_flows(empty: Path) -> None:
+def test_flows(empty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
     listed = texloom("flows")
     assert listed.code == 0
-    shipped = [path.stem for path in sorted((ROOT / "configs").glob("*.yaml"))]
-    assert [line.split()[0] for line in listed.out.splitlines()[: len(shipped)]] == shipped
-    assert list(json.loads(texloom("flows", "--json").out)) == shipped
+    shown = {name for name, entry in flow_catalogue().items() if entry.listed}
+    assert set(re.findall(r"^  (\w+)  ", listed.out, re.MULTILINE)) == shown
+    assert {"self_tuning", "quilting", "materials", "fill", "on_mesh"} <= shown
+    assert len(shown) <= 20
+    assert max(map(len, listed.out.splitlines())) <= 80
+    assert list(GROUPS.values())[:-1] == [line for line in listed.out.splitlines() if line in GROUPS.values()]
+    studies = set(re.findall(r"^  (\w+)  ", texloom("flows", "--studies").out, re.MULTILINE))
+    assert "ablation" in studies
+    named = set(re.findall(r"\w+", listed.out.partition("Also by name: ")[2].partition("\ntexloom")[0]))
+    found = json.loads(texloom("flows", "--json").out)
+    assert set(found) == shown | studies | named == set(shipped_flows())
+    assert found["quilting"]["group"] == "larger"
     (empty / "mine.yaml").write_text(FLOW.lstrip())
     assert "\n  edges      analysis.edges: " in texloom("flows", "mine.yaml").out
     assert json.loads(texloom("flows", "mine.yaml", "--json").out)["sources"] == {

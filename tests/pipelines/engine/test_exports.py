@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.pipelines.flows import Events, files, open_run, run_local, write_set
+from tests.pipelines.flows import Events, files, open_run, paint, run_local, write_set
 from texloom.pipelines.engine import exports
 from texloom.pipelines.engine.code_digest import imports
 from texloom.pipelines.engine.run import Run
@@ -431,3 +431,17 @@ def test_maps_of_a_document_are_no_other_export(folder: Path) -> None:
     (folder / "flow.yaml").write_text(MATERIAL + "  texture_maps/: start.image\n")
     with pytest.raises(InputError, match=r"its maps are written into 'texture_maps', which is another export"):
         load_flow(folder / "flow.yaml")
+
+
+def test_what_a_step_did_not_give_is_not_written(tmp_path: Path) -> None:
+    paint(tmp_path / "exemplar.png")
+    (tmp_path / "flow.yaml").write_text(
+        "flow: small\nsources: {exemplar: exemplar.png, control: optional}\nsteps:\n"
+        "  small:\n    stage: synthesis.histogram_summary\n    inputs: {texture: exemplar, control: control}\n"
+        "    params: {size: [16, 16]}\n"
+        "exports: {texture.png: small.image, control.png: small.control}\n"
+    )
+    for _ in range(2):
+        told = run_local(open_run(tmp_path / "flow.yaml"), tmp_path / "out").notes
+        assert {path.name for path in (tmp_path / "out").iterdir()} == {"texture.png"}
+        assert told == ["control.png: not written, as there is no small.control here"]

@@ -220,7 +220,7 @@ def test_seed_of_the_command_line(write: Any) -> None:
         (Overrides({}, {"edges.finest": "[1]"}), "--set edges.finest: input should be a valid number, got [1]"),
         (Overrides({}, {"edges.finest": "[1"}), "--set edges.finest: not valid YAML: "),
         (Overrides({}, {"edges.finest": "!!float 1"}), "--set edges.finest: not valid YAML: tags (!!float)"),
-        (Overrides({}, {"start.size": "64x5"}), "--set start.size: input should be greater than or equal to 16"),
+        (Overrides({}, {"start.size": "64x5"}), "--set start.size: the height should be greater than"),
         (Overrides({}, {"edges.model": "nowhere.yml"}), "--set edges.model: "),
         (Overrides(seed=-1), "--seed: must be a whole number from 0 to 2**63 - 1, got -1"),
         (Overrides(seed=2**63), "--seed: must be a whole number"),
@@ -305,13 +305,15 @@ WRONG = {  # change of GOOD => error
     f"{EDGES} => parms: 1, {EDGES}": "steps.edges.parms: unknown; did you mean 'params'?",
     "exports: => export:": "export: unknown; did you mean 'exports'?",
     "exports: => zzz:": (
-        "zzz: unknown; there are flow, seed, runner, delivery, include, with, for, repeat, sources, steps, params, "
-        "exports"
+        "zzz: unknown; there are flow, group, listed, seed, runner, delivery, include, with, for, repeat, sources, "
+        "steps, params, exports"
     ),
     'exports: => "a\\nb\\e[0m":': "a\\nb\\x1b[0m: unknown",
     # flow, seed, exports
     "contours => my flow": "flow: must be a name like 'my_flow'",
     "contours => ../../etc": "flow: must be a name",
+    "seed: 3 => group: biger": "group: must be one of larger, tileable, materials, photographs, control, meshes, ",
+    "seed: 3 => listed: 3": "listed: must be true or false, got 3",
     "seed: 3 => seed: three": "seed: must be a whole number from 0 to 2**63 - 1, got 'three'",
     "seed: 3 => seed: 3.5": "seed: must be a whole number",
     "seed: 3 => seed: true": "seed: must be a whole number",
@@ -579,6 +581,10 @@ def test_any_override_is_taken_or_refused_on_one_line(
 def test_parse_yaml_of_plain_values() -> None:
     values = parse_yaml("[1, 2.5, text, true, null, {a: 1e-3}]", "here")
     assert values == [1, 2.5, "text", True, None, {"a": "1e-3"}]
+    assert parse_yaml("[-3, +4, 0, 1_000, 0x200, 0b11, 010, 1:30]", "here") == [
+        *(-3, 4, 0, 1000),
+        *("0x200", "0b11", "010", "1:30"),  # numbers to YAML 1.1, to nobody else
+    ]
     with pytest.raises(InputError, match=r"^here: larger than"):
         parse_yaml("x" * (plain_yaml._LARGEST + 1), "here")
 
