@@ -96,7 +96,7 @@ def test_names_that_must_stay() -> None:
     names = "tone offsets lattice edges structure distance guidance start texture scores"
     assert list(flow.steps) == names.split()
     assert {"exemplar"} == set(flow.sources)
-    assert {"texture.exr", "texture.png", "scores.json"} == set(flow.exports)
+    assert {"texture.exr", "texture.png", "scores.json", "maps/"} == set(flow.exports)
     assert {"occurrence", "patch_size", "tileable", "preset"} <= set(
         type(flow.steps["texture"].params).model_fields
     )
