@@ -25,9 +25,9 @@ CONTROLLED = "gravel.png --source control=levels.png --source target=fields.png 
 RUNS = {
     "self_tuning": "self_tuning gravel.png --size 192 --seed 3",
     "self_tuning, tileable": "self_tuning brick.png --size 160 --tileable --seed 5",
-    "self_tuning, guides": "self_tuning_guided brick.png --size 128 --seed 1"
+    "self_tuning, guides": "self_tuning brick.png --size 128 --seed 1"
     " --source exemplar_guide=levels.png --source target_guide=fields.png",
-    "self_tuning, mask": "masked gravel.png --source mask=fields.png --size 128 --seed 2",
+    "self_tuning, mask": "self_tuning gravel.png --source mask=fields.png --size 128 --seed 2",
     "materials": "materials maps --size 128 --seed 4",
     "near_regular": "near_regular brick.png --size 160 --seed 3",
     "regularised_patches": "regularised_patches brick.png --size 160 --seed 3",

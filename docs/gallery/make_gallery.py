@@ -52,8 +52,8 @@ def make(gallery: dict[str, Any], options: argparse.Namespace) -> list[str]:
     """Run the flows, keep their times and draw the figures; the names of those that failed."""
     if options.originals:
         prepare(gallery["exemplars"], options.originals)
-    flows = {flow["flow"]: flow for group in gallery["groups"] for flow in group["flows"]}
-    runs = {name: f"{name} {flow['run']}" for name, flow in flows.items()} | gallery["more"]
+    flows = {flow.get("name", flow["flow"]): flow for group in gallery["groups"] for flow in group["flows"]}
+    runs = {name: f"{flow['flow']} {flow['run']}" for name, flow in flows.items()} | gallery["more"]
     failed = []
     for name, line in runs.items():
         if options.only and name not in options.only:
@@ -286,11 +286,11 @@ def page(gallery: dict[str, Any], times: dict[str, float]) -> str:
     for group in gallery["groups"]:
         parts.append(f"## {GROUPS[group['group']]}\n\n{group['text']}\n\n")
         for flow in group["flows"]:
-            name = flow["flow"]
-            command = f"texloom run {name} {flow['run']}".strip()
+            name = flow.get("name", flow["flow"])
+            command = f"texloom run {flow['flow']} {flow['run']}".strip()
             seconds = f"{times[name]:.0f} s" if name in times else "not measured"
             parts.append(
-                f"### {name}\n\n{flow['use']}\n\n![{flow['flow']}](pictures/gallery/{name}.webp)\n\n"
+                f"### {name}\n\n{flow['use']}\n\n![{name}](pictures/gallery/{name}.webp)\n\n"
                 f"```bash\n{command}\n```\n\nTime: {seconds}.\n\n"
             )
     rows = [

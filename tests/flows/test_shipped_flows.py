@@ -87,7 +87,7 @@ def test_masked_places_leave_no_trace(ran: Any, gravel: np.ndarray, tmp_path: Pa
         save(path, np.where(logo[..., None], np.array(color, np.uint8), gravel))
         sources = {"exemplar": path, "mask": tmp_path / "mask.png"}
         small = {"size": "96x80", "preset": "fast"}
-        runs.append(ran(tmp_path / name, "masked", sources, **small))
+        runs.append(ran(tmp_path / name, "self_tuning", sources, **small))
     first, second = runs
     np.testing.assert_array_equal(first["texture.png"], second["texture.png"])
     np.testing.assert_array_equal(first["usable.png"] > 0, ~logo)
@@ -100,7 +100,7 @@ def test_a_drift_is_evened_and_a_picture_gives_another(ran: Any, gravel: np.ndar
     save(tmp_path / "drifting.png", (gravel * light).astype(np.uint8))
     save(tmp_path / "shade.png", np.linspace(40, 220, 50, dtype=np.uint8)[:, None].repeat(50, 1))
     sources = {"exemplar": tmp_path / "drifting.png", "control": tmp_path / "shade.png"}
-    exports = ran(tmp_path / "out", "self_tuning_tone", sources, size="64x64", preset="fast")
+    exports = ran(tmp_path / "out", "self_tuning", sources, size="64x64", preset="fast")
     even, toned = (exports[name].astype(float) for name in ("even.png", "texture.png"))
     top, bottom = (toned / np.maximum(even, 1)).mean(axis=(1, 2))[[8, -8]]
     assert bottom > 1.5 * top
@@ -137,7 +137,7 @@ def test_a_texture_follows_painted_labels(ran: Any, gravel: np.ndarray, tmp_path
     for name, pixels in sources.items():
         save(tmp_path / f"{name}.png", pixels)
     files = {name: tmp_path / f"{name}.png" for name in sources}
-    exports = ran(tmp_path / "out", "self_tuning_guided", files, preset="fast", tileable="true")
+    exports = ran(tmp_path / "out", "self_tuning", files, preset="fast", tileable="true")
     own, made = saved(files["exemplar"]).astype(int), exports["texture.png"].astype(int)
     assert made.shape == gravel.shape
     sign = np.sign(own[..., 0] - own[..., 2])

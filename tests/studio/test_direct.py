@@ -79,7 +79,7 @@ def test_painted_direction(watched: Watched, tmp_path: Path) -> None:
     shown.get_by_role("radio", name="Direction").click()
     drag(shown, 1, [(0.1, 0.1), (0.9, 0.8)])
     followed(shown)
-    assert "self_tuning_oriented" in repeated(shown, tmp_path)
+    assert "strokes:" in repeated(shown, tmp_path)
 
 
 def test_a_collage(watched: Watched, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from texloom.pipelines.cli import main as cli
 
 COMPLETED = {
     "": {"run", "plan", "doctor", "completion"},
-    "run self": {"self_tuning", "self_tuning_report", "self_tuning_set"},
+    "run self": {"self_tuning", "self_tuning_report"},
     "plan quil": {"quilting"},
     "run self_tuning texloom:bri": {"texloom:bricks"},
     "run self_tuning --set ": {"size=", "tileable=", "texture.occurrence=", "edges.detector="},

@@ -255,10 +255,10 @@ WRONG_COMMANDS = {
     "compare quilting self_tuning --over skimage:brick --preset fast": (
         "--preset: quilting has no such param; name that of one step, as self_tuning_texture.preset"
     ),
-    "run masked": "sources.exemplar: required, as in: texloom run masked exemplar.png --source mask=mask.png",
+    "run rectify": "sources.exemplar: required, as in: texloom run rectify exemplar.png --source layout=layout.png",
     "run fill mine.png": "sources.holes: required, as in: texloom run fill mine.png --source holes=holes.png",
     "run fill 'lib/*.png'": "as in: texloom run fill 'lib/*.png' --source holes=holes.png",
-    "run masked 'my moss.png'": "as in: texloom run masked 'my moss.png' --source mask=mask.png",
+    "run rectify 'my moss.png'": "as in: texloom run rectify 'my moss.png' --source layout=layout.png",
     "plan resynthesise a.png --source target=t.png": (
         "sources.control: required, as in: "
         "texloom run resynthesise a.png --source control=control.png --source target=t.png"

@@ -195,13 +195,11 @@ def test_a_source_that_is_optional(folder: Path) -> None:
     ("flow", "sources"),
     [
         ("fill", ("picture", "holes")),
-        ("masked", ("exemplar", "mask")),
         ("inverse_reconstruct", ("texture", "control", "target")),
         ("resynthesise", ("texture", "control", "target")),
         ("per_pixel_control", ("texture", "control", "target")),
         ("energy_curve", ("texture", "control")),
-        ("self_tuning_guided", ("exemplar", "exemplar_guide", "target_guide")),
-        ("self_tuning_oriented", ("exemplar", "strokes")),
+        ("revise", ("texture", "exemplar", "region")),
         ("rectify", ("exemplar", "layout")),
     ],
 )

@@ -175,15 +175,13 @@ export class DirectPaint extends DirectMode {
     const [mask, structure] = [this.painted("mask", "exemplar"), this.painted("structure", "exemplar")];
     if (structure) sources.exemplar_structure = await attach("structure.png", flattened(structure, "#000", "#fff"));
     const guide = [this.guide, ...GUIDES].find((one) => this.painted(one, "target"));
-    let flow = structure ? "self_tuning_structured" : this.picture.is_material ? "materials" : "self_tuning";
+    const flow = this.picture.is_material && !structure && !guide ? "materials" : "self_tuning";
     let params = {};
     if (guide === "direction") {
-      flow = "self_tuning_oriented";
       sources.strokes = await attach("strokes.png", this.of("direction", "target").canvas);
     } else if (guide) {
       const own = this.painted(guide, "exemplar");
       if (!own) return `Paint ${LAYERS[guide].title.toLowerCase()} over the exemplar too, on the left`;
-      flow = "self_tuning_guided";
       sources.exemplar_guide = await attach("exemplar_guide.png", flattened(own, guide === "labels" ? LABELS[0] : "#000", null));
       sources.target_guide = await attach("target_guide.png", this.of(guide, "target").canvas);
       params = { "guide.kind": guide };

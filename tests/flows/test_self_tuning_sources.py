@@ -1,0 +1,94 @@
+"""The optional sources of `self_tuning`, and what flows that include it have of them."""
+
+from typing import Any
+
+import pytest
+
+from texloom.pipelines.flow.loader import find_flow, load_flow
+from texloom.pipelines.flow.model import Flow, Overrides
+from texloom.stages.vocabulary.declare import InputError
+
+ALL = ("mask", "exemplar_structure", "exemplar_guide", "target_guide", "strokes", "control")
+PLAIN = ("tone", "offsets", "lattice", "edges", "structure", "distance", "guidance", "start", "texture", "scores")
+
+
+def opened(flow: str = "self_tuning", *given: str, **fields: Any) -> Flow:
+    sources = {name: f"{name}.png" for name in given}
+    return load_flow(find_flow(flow), Overrides(sources={"exemplar": "moss.png", **sources}, **fields))
+
+
+def taken(flow: Flow, step: str) -> dict[str, str]:
+    return {name: str(reference) for name, reference in flow.steps[step].inputs.items()}
+
+
+def test_alone_it_has_the_steps_that_it_always_had() -> None:
+    flow = opened()
+    assert set(flow.steps) == set(PLAIN)
+    assert all(step.draws_as == name for name, step in flow.steps.items())
+    assert {name: taken(flow, name) for name in ("tone", "distance", "start", "texture")} == {
+        "tone": {"image": "exemplar"},
+        "distance": {"structure": "structure.structure"},
+        "start": {"image": "tone.image", "structure": "structure.structure", "generators": "lattice.generators"},
+        "texture": {
+            "image": "tone.image",
+            "start": "start.match",
+            "guidance": "distance.field",
+            "weight": "guidance.weight",
+            "generators": "lattice.generators",
+        },
+    }
+    assert not flow.is_set
+    assert set(flow.exports) == {"texture.exr", "texture.png", "scores.json", "maps/"}
+
+
+@pytest.mark.parametrize(
+    ("given", "steps", "exports"),
+    [
+        (("mask",), {"clean"}, {"usable.png"}),
+        (("exemplar_structure",), {"painted"}, set()),
+        (("exemplar_guide", "target_guide"), {"guide"}, set()),
+        (("control",), {"toned"}, {"even.png"}),
+        (("mask", "exemplar_structure", "control"), {"clean", "painted", "toned"}, {"usable.png", "even.png"}),
+    ],
+)
+def test_a_source_adds_its_steps(given: tuple[str, ...], steps: set[str], exports: set[str]) -> None:
+    alone, flow = opened(), opened("self_tuning", *given)
+    assert set(flow.steps) == {*alone.steps, *steps}
+    assert set(flow.exports) == {*alone.exports, *exports}
+
+
+def test_strokes_take_the_place_of_the_lattice() -> None:
+    flow = opened("self_tuning", "strokes")
+    assert set(flow.steps) == {*PLAIN, "orientation", "wanted", "along"} - {"offsets", "lattice"}
+    assert {"generators"}.isdisjoint({*taken(flow, "start"), *taken(flow, "texture")})
+    assert dict(flow.steps["start"].params)["size"] is None
+    assert dict(opened("self_tuning", "strokes", params={"size": "64"}).steps["start"].params)["size"] == (64, 64)
+
+
+def test_guides_and_strokes_exclude_each_other() -> None:
+    with pytest.raises(InputError, match="--source strokes: cannot be given with exemplar_guide and target_guide"):
+        opened("self_tuning", "exemplar_guide", "target_guide", "strokes")
+
+
+@pytest.mark.parametrize(
+    ("flow", "sources"),
+    [
+        ("self_tuning", set(ALL)),
+        ("self_tuning_report", set(ALL)),
+        ("materials", set(ALL) - {"control"}),
+        ("refine", {"mask", "exemplar_structure"}),
+        ("photo_self_tuning", {"strokes", "control"}),
+        ("wang_tiles", {"mask", "exemplar_structure"}),
+        *(
+            (flow, set())
+            for flow in ("fill", "rectify", "make_tileable", "revise", "photo_atlas", "photo_flattening")
+        ),
+        *((flow, set()) for flow in ("photo_completion", "ablation", "guidance_study")),
+    ],
+)
+def test_flows_have_the_sources_that_make_sense(flow: str, sources: set[str]) -> None:
+    assert set(load_flow(find_flow(flow)).optional) == sources
+
+
+def test_a_set_has_a_table() -> None:
+    assert set(opened(seeds=2).exports) - set(opened().exports) == {"table.csv", "table.json"}
