@@ -78,7 +78,7 @@ def truth(folder: Path) -> None:
     from texloom.stages.evaluation.metrics import MetricsParams, metrics
 
     photo, patch = known.column(known.stripes)
-    plane: dict[str, Any] = {"patches": [{"corners": known.PLANE, "size": [2, 1]}], "region": [known.REGION]}
+    plane: dict[str, Any] = {"patches": [{"corners": known.PLANE, "size": "1x2"}], "region": [known.REGION]}
     cases: list[tuple[str, known.Pattern, Image, dict[str, Any]]] = [
         ("stripes, column", known.stripes, photo, {"patches": [patch]}),
         ("stripes, plane", known.stripes, known.plane(known.stripes), plane),
@@ -131,7 +131,7 @@ def main() -> None:
         geometry = Path(folder) / "geometry.json"
         corners = [[0, 0.3 * side], [0, 0.7 * side], [side - 1, side], [side - 1, 0]]
         region = [[0, 0], [0, side - 1], [side - 1, side - 1], [side - 1, 0]]
-        patch = {"corners": corners, "size": [1, 1], "beyond": 0.2}
+        patch = {"corners": corners, "size": "1x1", "beyond": 0.2}
         geometry.write_text(json.dumps({"patches": [patch], "region": [region]}))
         photo = photograph(side)
         for shown in (False, True):

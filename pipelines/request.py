@@ -10,14 +10,14 @@ import pydantic
 
 from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.model import Overrides
-from texloom.pipelines.request_fields import ABOUT, DELIVERY, MOST_SEEDS, RUNNER, SHORT
+from texloom.pipelines.request_fields import DELIVERY, MOST_SEEDS, OPTIONS, RUNNER, SHORT
 
 Value = str | tuple[Any, ...]
 """of a param: a YAML text, as on the command line, or a tuple of Python, in which a size is (height, width)"""
 
 
 class RunRequest(pydantic.BaseModel):
-    """What is to be run. `ABOUT` says what each field means; unknown ones are refused."""
+    """What is to be run. `OPTIONS` say what each field means; unknown ones are refused."""
 
     model_config = pydantic.ConfigDict(extra="forbid", frozen=True)
 
@@ -76,7 +76,7 @@ class RunRequest(pydantic.BaseModel):
 
 
 for _name, _field in RunRequest.model_fields.items():
-    _field.description = ABOUT[_name]
+    _field.description = OPTIONS[_name].help
 
 
 def request(**fields: Any) -> RunRequest:

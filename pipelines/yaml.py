@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import yaml
 from texloom.pipelines.errors import refused
 
 _STANDARD = "tag:yaml.org,2002:"
+_INT = f"{_STANDARD}int"
 _LARGEST = 1 << 20  # bytes of a file
 
 
@@ -46,6 +48,12 @@ def parse_yaml(text: str, where: str) -> Any:
 
 
 class _PlainLoader(yaml.SafeLoader):
+    # No 0x5 and 1:30, which YAML takes for 5 and 90.
+    yaml_implicit_resolvers = {  # noqa: RUF012 (of PyYAML)
+        first: [(tag, pattern) for tag, pattern in known if tag != _INT]
+        for first, known in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+
     @staticmethod
     def _not_allowed(what: str, mark: Any) -> yaml.MarkedYAMLError:
         return yaml.MarkedYAMLError(None, None, f"{what} are not allowed", mark)
@@ -71,3 +79,6 @@ class _PlainLoader(yaml.SafeLoader):
                 )
             seen.add(key_node.value)
         return super().construct_mapping(node, deep)
+
+
+_PlainLoader.add_implicit_resolver(_INT, re.compile(r"[-+]?(?:0|[1-9][0-9_]*)$"), list("-+0123456789"))  # type: ignore[no-untyped-call]

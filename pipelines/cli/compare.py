@@ -13,16 +13,16 @@ import click
 from texloom.pipelines.cli.options import (
     FlowCommand,
     assignments,
-    common_params,
     complete,
     memory_option,
     named_as_given,
-    out_options,
     report_option,
+    request_option,
     store_option,
     with_options,
 )
 from texloom.pipelines.cli.run import execute
+from texloom.pipelines.request_fields import RUNNER, SHORT
 
 
 @click.command(cls=FlowCommand, short_help="Run several flows on the same exemplars and say which is better.")
@@ -50,12 +50,12 @@ from texloom.pipelines.cli.run import execute
     help="Change a param that all flows declare, as size, or that a step of all has, as texture.tileable; that of "
     "one flow is FLOW_STEP.PARAM.",
 )  # fmt: skip
-@with_options(*common_params)
+@with_options(*map(request_option, SHORT))
 @click.option(
     "--report", type=click.Path(path_type=Path), metavar="FILE.html",
     help="Write the page here too, and FILE.csv and FILE.json beside it.",
 )  # fmt: skip
-@with_options(*out_options)
+@with_options(*map(request_option, ("out", "force", *RUNNER)))
 @memory_option
 @store_option
 @report_option

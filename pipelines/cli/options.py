@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from texloom.pipelines.request_fields import ABOUT, MOST_SEEDS
+from texloom.pipelines.request_fields import MOST_SEEDS, OPTIONS
 
 
 def complete(what: str) -> Callable[[click.Context, click.Parameter, str], Any]:
@@ -111,95 +111,46 @@ store_option = click.option(
     envvar="TEXLOOM_STORE",
     type=click.Path(path_type=Path),
     callback=_store_folder,
-    help=ABOUT["store"],
+    help=OPTIONS["store"].help,
 )
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 report_option = click.option("--json", "as_json", is_flag=True, help="Print one machine-readable report on stdout.")
-common_params = (
-    click.option(
-        "--size",
-        metavar="N|WIDTHxHEIGHT",
-        help=ABOUT["size"],
-    ),
-    click.option("--tileable", metavar="[=both|off]", callback=_tileable, help=ABOUT["tileable"]),
-    click.option(
-        "--preset",
-        metavar="NAME",
-        shell_complete=complete("presets"),
-        help=ABOUT["preset"],
-    ),
-)
-"""short options for params that most flows declare"""
-flow_options = (
-    click.argument("flow", required=False, shell_complete=complete("flow_names")),
-    click.argument("pictures", nargs=-1, metavar="[PICTURE]...", shell_complete=complete("pictures")),
-    click.option(
-        "--source", "sources", multiple=True, metavar="NAME=PATH", callback=assignments,
-        shell_complete=complete("sources"),
-        help=ABOUT["sources"],
-    ),
-    click.option(
-        "--set", "params", multiple=True, metavar="PARAM=VALUE", callback=assignments,
-        shell_complete=complete("params"),
-        help=ABOUT["params"],
-    ),
-    click.option(
-        "--export", "exports", multiple=True, metavar="NAME.EXT=STEP.OUTPUT", callback=assignments,
-        shell_complete=complete("exports"),
-        help=ABOUT["exports"],
-    ),
-    *common_params,
-    click.option("--seed", type=int, help=ABOUT["seed"]),
-    click.option(
-        "--seeds", metavar="N|A-B", callback=_seeds,
-        help=ABOUT["seeds"],
-    ),
-    memory_option,
-    store_option,
-    report_option,
-)  # fmt: skip
+_PARSED = {"tileable": _tileable, "seeds": _seeds}
+_COMPLETED = {
+    **{name: name for name in ("sources", "params", "exports")},
+    **{name: f"{name}s" for name in ("preset", "layout", "color_space", "runner")},
+}
 
-delivery_options = (
-    click.option(
-        "--layout", metavar="NAME", shell_complete=complete("layouts"),
-        help=ABOUT["layout"],
-    ),
-    click.option(
-        "--texel-size", metavar="LENGTH",
-        help=ABOUT["texel_size"],
-    ),
-    click.option(
-        "--color-space", metavar="NAME", shell_complete=complete("color_spaces"),
-        help=ABOUT["color_space"],
-    ),
-    click.option(
-        "--udim", metavar="COLUMNSxROWS",
-        help=ABOUT["udim"],
-    ),
-)  # fmt: skip
 
-out_option = click.option(
-    "--out", "-o", type=click.Path(path_type=Path), metavar="FOLDER|PICTURE",
-    help=ABOUT["out"],
-)  # fmt: skip
-force_option = click.option("--force", is_flag=True, help=ABOUT["force"])
+def request_option(field: str) -> Callable[..., Any]:
+    """The option of a field of `RunRequest`."""
+    option = OPTIONS[field]
+    kinds: dict[type, dict[str, Any]] = {
+        bool: {"is_flag": True},
+        dict: {"multiple": True, "callback": assignments},
+        Path: {"type": click.Path(path_type=Path)},
+    }
+    more = kinds.get(option.kind, {"type": option.kind})
+    if field in _PARSED:
+        more["callback"] = _PARSED[field]
+    if field in _COMPLETED:
+        more["shell_complete"] = complete(_COMPLETED[field])
+    flags = option.flags or (f"--{field.replace('_', '-')}",)
+    return click.option(*flags, field, metavar=option.metavar or None, help=option.help, **more)
 
-out_options = (
-    out_option, force_option,
-    click.option(
-        "--runner", metavar="NAME", shell_complete=complete("runners"),
-        help=ABOUT["runner"],
-    ),
-    click.option(
-        "--workers", type=int, metavar="N",
-        help=ABOUT["workers"],
-    ),
-    click.option(
-        "--address", metavar="tcp://HOST:PORT",
-        help=ABOUT["address"],
-    ),
-)  # fmt: skip
+
+def request_options(*without: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """A decorator that adds the arguments and options of a `RunRequest`, but for some fields."""
+    others = {
+        "flow": (click.argument("flow", required=False, shell_complete=complete("flow_names")),),
+        "pictures": (
+            click.argument("pictures", nargs=-1, metavar="[PICTURE]...", shell_complete=complete("pictures")),
+        ),
+        "store": (memory_option, store_option, report_option),
+    }
+    fields = [field for field in OPTIONS if field not in without]
+    return with_options(*(one for field in fields for one in others.get(field) or (request_option(field),)))
 
 
 def with_options(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:

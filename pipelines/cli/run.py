@@ -12,27 +12,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from texloom.pipelines.cli.exits import Exit, ended_by
-from texloom.pipelines.cli.options import (
-    FlowCommand,
-    delivery_options,
-    flow_options,
-    force_option,
-    named_as_given,
-    out_option,
-    out_options,
-    with_options,
-)
+from texloom.pipelines.cli.options import FlowCommand, named_as_given, request_options
 from texloom.pipelines.cli.output import complain, print_json, say, text_stream
-from texloom.pipelines.request_fields import ABOUT
+from texloom.pipelines.request_fields import RUNNER
 
 if TYPE_CHECKING:
     from texloom.pipelines.engine.events import StepReport
     from texloom.pipelines.engine.run import Run, StepPlan
-
-
-_item_option = click.option(
-    "--item", metavar="NAME", help=ABOUT["item"],
-)  # fmt: skip
 
 
 class WhichFlowError(Exception):
@@ -40,7 +26,7 @@ class WhichFlowError(Exception):
 
 
 @click.command(cls=FlowCommand, short_help="Run a flow and write its exports.")
-@with_options(*flow_options, *delivery_options, *out_options, _item_option)
+@request_options()
 def run(flow: str | None, as_json: bool, out: Path | None, force: bool, **options: Any) -> int:
     """Run FLOW, one of `texloom flows` or a YAML file, and write its exports.
 
@@ -64,7 +50,7 @@ def run(flow: str | None, as_json: bool, out: Path | None, force: bool, **option
 
 
 @click.command(cls=FlowCommand, short_help="Show what `run` would compute, and why.")
-@with_options(*flow_options, *delivery_options, *out_options, _item_option)
+@request_options()
 def plan(flow: str | None, as_json: bool, out: Path | None, force: bool, **options: Any) -> int:
     """Show what `run` would do with the same options: which steps are cached, which would run, and why.
 
@@ -102,11 +88,8 @@ def _print_plan(steps: list[StepPlan]) -> None:
 
 
 @click.command(cls=FlowCommand, short_help="Print one command line per item of a set, for a render farm.")
-@with_options(
-    *flow_options, *delivery_options,
-    out_option, force_option,
-    click.option("--only", type=click.Choice(["items", "gather"]), help="Print the lines of one kind."),
-)  # fmt: skip
+@request_options(*RUNNER, "item")
+@click.option("--only", type=click.Choice(["items", "gather"]), help="Print the lines of one kind.")
 def commands(
     flow: str | None, as_json: bool, out: Path | None, force: bool, only: str | None,
     **options: Any,
@@ -200,7 +183,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
             {
                 **_what(opened),
                 "runner": opened.flow.runner.name,
-                "steps": [_step(report) for report in [*recorder.reports.values(), *opened.skipped()]],
+                "steps": [*map(_step, recorder.reports.values()), *map(_step, opened.skipped())],
                 **({"items": recorder.items(len(opened.items))} if opened.items else {}),
                 "exports": {name: str(path) for name, path in exports.items()},
                 **({"choices": choices} if choices else {}),

@@ -251,8 +251,6 @@ class _Composer:
                     del draft.exports[file]
                 else:
                     draft.exports[file] = self.entry(export, f"{where}exports", file)
-        # the first source is the one that a command's picture stands for
-        draft.sources = dict(sorted(draft.sources.items(), key=lambda item: is_optional(item[1].value)))
         _take_last_rounds(draft)
         if self.has_variants or len(self.stack) == 1:
             field = "for" if part.for_ else "steps" if part.repeat is None else "repeat"

@@ -229,7 +229,9 @@ class _Checker:
         """Set aside the sources that are left out for good, and check names."""
         draft = self.draft
         self.dropped = {name for name, entry in draft.sources.items() if entry.value is None}
-        draft.sources = {name: entry for name, entry in draft.sources.items() if name not in self.dropped}
+        kept = [(name, entry) for name, entry in draft.sources.items() if name not in self.dropped]
+        # the first source is the one that a command's picture stands for
+        draft.sources = dict(sorted(kept, key=lambda item: is_optional(item[1].value)))
         self._chosen_sources()
         if not draft.steps:
             raise self.fail("steps", "there must be at least one step")
@@ -575,7 +577,8 @@ class _Checker:
 
     def _export_taker(self, file: str, entry: Entry) -> Taker:
         """What an export takes, checked."""
-        image, inputs = entry.value, {}
+        image = entry.value
+        inputs: dict[str, Alternatives] = {}
         only: Alternatives = ()
         if isinstance(entry.value, FolderPart):
             image, like, mesh = entry.value.image, entry.value.like, entry.value.mesh

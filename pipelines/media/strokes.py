@@ -1,8 +1,8 @@
 """Strokes as lists of points: a JSON file that stands for a picture of lines, white on black.
 
-    {"size": [384, 512], "strokes": [[[10, 20], [40, 200.5]], [[300, 20], [280, 90], [300, 400]]], "width": 3}
+    {"size": "512x384", "strokes": [[[10, 20], [40, 200.5]], [[300, 20], [280, 90], [300, 400]]], "width": 3}
 
-``size`` is the height and width of the picture, px; each stroke is a list of at least two points, (row, column) in
+``size`` is the width x height of the picture, px; each stroke is a list of at least two points, (row, column) in
 px; ``width`` of the lines may be left out.
 """
 
@@ -11,18 +11,21 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import pydantic
 from jaxtyping import Float32
 
-from texloom.stages.vocabulary.sizes import format_size
+from texloom.stages.vocabulary.declare import first_problem
+from texloom.stages.vocabulary.sizes import SIDES, format_size
 
 _LARGEST = 2**22  # bytes
 _POINTS = 100_000
 _PIXELS = 2**26  # of the picture that a few bytes ask for
 _WIDTHS = (1, 255)  # px
 _BEYOND = 2**15  # px that a point may lie beyond the picture
+_SIZE = pydantic.TypeAdapter(Annotated[tuple[pydantic.PositiveInt, pydantic.PositiveInt], SIDES])
 _FRACTION = 4  # bits of a pixel by which lines are drawn
 
 
@@ -57,8 +60,10 @@ def parse(content: bytes) -> Strokes:
     if not isinstance(document, dict) or not {"size", "strokes"} <= set(document) <= {"size", "strokes", "width"}:
         raise ValueError("strokes are a mapping with 'size', 'strokes' and, if need be, 'width'")
     size, strokes, thickness = document["size"], document["strokes"], document.get("width", 3)
-    if not _is_list(size, 2) or not all(type(side) is int and side > 0 for side in size):
-        raise ValueError("size must be height and width, px")
+    try:
+        size = _SIZE.validate_python(size)
+    except pydantic.ValidationError as error:
+        raise ValueError(f"size: {first_problem(error)}") from None
     if size[0] * size[1] > _PIXELS:
         raise ValueError(f"a size of {format_size(size)} is too large, at most {_PIXELS} pixels of strokes")
     if type(thickness) is not int or not _WIDTHS[0] <= thickness <= _WIDTHS[1]:
@@ -71,7 +76,7 @@ def parse(content: bytes) -> Strokes:
     return Strokes(size[0], size[1], tuple(lines), thickness)
 
 
-def _line(number: int, line: Any, size: list[int]) -> np.ndarray:
+def _line(number: int, line: Any, size: tuple[int, int]) -> np.ndarray:
     def is_inside(point: Any) -> bool:
         return _is_list(point, 2) and all(
             type(at) in (int, float) and math.isfinite(at) and -_BEYOND <= at <= side + _BEYOND

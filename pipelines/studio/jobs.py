@@ -45,6 +45,11 @@ class Jobs:
             self._change(job, text="stopping; finished steps are kept")
             self._worker.cancel()
 
+    def saved(self, job: str, out: str) -> Job:
+        """Tell that the exports of a run have been saved in a folder."""
+        self._change(job, saved=out)
+        return self.jobs[job]
+
     async def work(self) -> None:
         """Run what waits, for ever."""
         try:

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import pydantic
 from pydantic import Field
 
-from texloom.stages.vocabulary.sizes import SIDES
+from texloom.stages.vocabulary.sizes import LENGTHS, SIDES
 
 Side = Annotated[int, Field(ge=2, le=32768)]
 """px"""
@@ -117,7 +117,8 @@ class PatchRecipe(Message):
     corners: Spots | None = None
     controls: tuple[Spots, Spots, Spots, Spots] | None = None
     weights: tuple[Weights, Weights, Weights, Weights] | None = None
-    size: tuple[Positive, Positive] | None = None
+    size: Annotated[tuple[Positive, Positive], LENGTHS] | None = None
+    """``WIDTHxHEIGHT`` in any unit, as of a geometry file"""
     edge: Positive | None = None
 
 
@@ -195,6 +196,8 @@ class Job(Message):
     """of the run, when it has ended"""
     files: tuple[str, ...] = ()
     """the exports, by their names"""
+    saved: str = ""
+    """the folder beside the pictures in which they have been saved"""
     scores: dict[str, float] = {}
     texture: str = ""
     """id of the result as a picture that flows can take"""

@@ -46,7 +46,7 @@ class OpenPhoto:
         """Place the patches of the recipe; whether they are others than before."""
         has_moved = recipe.patches != self._patches
         self._patches = recipe.patches
-        self.session.replace(patch.model_dump(exclude_none=True) for patch in recipe.patches)
+        self.session.replace(patch.model_dump(mode="json", exclude_none=True) for patch in recipe.patches)
         return has_moved
 
     def paint(self, recipe: PhotoRecipe, has_moved: bool) -> set[str]:

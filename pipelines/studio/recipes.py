@@ -20,7 +20,7 @@ from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Flow, Overrides, Reference
 from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.pipelines.media.arrays import file_source, masked
-from texloom.pipelines.request import request
+from texloom.pipelines.request import RunRequest, request
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages import Described, Method, PlannedStep, Recipe
@@ -38,6 +38,8 @@ METHODS = {
     "per_pixel": "Grain, soil and noise, pixel by pixel",
 }
 """the flows of one exemplar that the page offers, and what each is for"""
+_SHARED = (RunRequest.model_fields.keys() & Recipe.model_fields.keys()) - {"sources", "params"}
+"""what a recipe gives as a request does; its pictures and documents have ids, not paths"""
 _UNIFORMITY = "occurrence"
 
 
@@ -85,13 +87,13 @@ def overrides_of(recipe: Recipe, library: Library) -> Overrides:
         mask = library.reference(recipe.mask)
         folder = library.roots.get("attached") or library.dropped()
         sources[first] = file_source(masked(sources[first], mask), folder)
+    given = {name: getattr(recipe, name) or None for name in _SHARED} | {"seed": recipe.seed}
     params = {
-        name: value if isinstance(value, tuple) else json.dumps(value) for name, value in _params(recipe, library)
+        name: value if isinstance(value, tuple) else json.dumps(value)
+        for name, value in _params(recipe, library)
+        if name not in _SHARED
     }
-    asked = request(
-        flow=recipe.flow, sources=sources, params=params, seed=recipe.seed, layout=recipe.layout or None
-    )
-    return asked.overrides
+    return request(**given, sources=sources, params=params).overrides
 
 
 def _params(recipe: Recipe, library: Library) -> Iterable[tuple[str, Any]]:

@@ -6,13 +6,15 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from texloom.pipelines.engine.destination import default_name
 from texloom.pipelines.engine.events import Event, StepProgress, StepStarted, describe_progress
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.media.material_set import recognised
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.pixels import rgba, small
 from texloom.pipelines.studio.recipes import open_recipe
-from texloom.pipelines.studio.work import Places, Ran, Running, RunWork, library_of
+from texloom.pipelines.studio.work import Places, Ran, Running, RunWork, Saved, SaveWork, library_of
+from texloom.stages.vocabulary.declare import InputError
 
 _MAPS, _PICTURE, _EXR = "maps", "texture.png", "texture.exr"
 _INTERVAL = 0.2  # seconds between reports of one step
@@ -54,6 +56,23 @@ def run(work: RunWork, places: Places, check: Callable[[], None], send: Callable
     texture = f"run:{folder.name}/{made}" if made else ""
     scores, maps = opened.main_scores(), maps_of(folder)
     send(Ran(out=str(folder), files=tuple(exports), scores=scores, texture=texture, maps=maps))
+
+
+def save(work: SaveWork, places: Places, check: Callable[[], None], send: Callable[..., None]) -> None:
+    """Write the exports where ``texloom run`` in the studio's folder would.
+
+    Raises
+    ------
+    InputError : there are files that texloom did not write.
+    """
+    opened = open_recipe(work.recipe, library_of(places), Store(Path(places.store)))
+    out = Path(places.folder) / default_name(opened)
+    try:
+        opened.check(out)
+    except InputError as error:
+        raise InputError(str(error).replace("; give another place, or --force", "; move it away")) from None
+    execute(opened, lambda _: check(), out)
+    send(Saved(out=str(out)))
 
 
 def _left(seconds: float, done: float) -> str:

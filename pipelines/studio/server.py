@@ -56,6 +56,7 @@ from texloom.pipelines.studio.work import (
     MeshWork,
     PictureWork,
     Places,
+    SaveWork,
     TileWork,
     library_of,
 )
@@ -245,6 +246,13 @@ def _add_jobs(app: FastAPI, studio: Studio) -> None:
         if job not in studio.jobs.jobs:
             raise HTTPException(404)
         studio.jobs.cancel(job)
+
+    @app.post("/api/jobs/{job}/saved")
+    async def save(job: str) -> Job:
+        if job not in studio.jobs.jobs or studio.jobs.jobs[job].state != "done":
+            raise HTTPException(404)
+        header, _ = unpacked(await studio.reader.answer(SaveWork(recipe=studio.jobs.jobs[job].recipe)))
+        return studio.jobs.saved(job, work.Saved.model_validate_json(header).out)
 
     @app.get("/api/jobs/{job}/insight")
     async def insight(job: str) -> Response:

@@ -51,6 +51,13 @@ class RunWork(Message):
     recipe: Recipe
 
 
+class SaveWork(Message):
+    """Write the exports of a recipe that has been run beside the pictures of the folder; `Saved` comes back."""
+
+    kind: Literal["save"] = "save"
+    recipe: Recipe
+
+
 class PictureWork(Message):
     """Decode a picture; `Encoded` comes back with a PNG."""
 
@@ -132,6 +139,7 @@ Work = (
     | LayersWork
     | PreviewRequest
     | RunWork
+    | SaveWork
     | PictureWork
     | KeepWork
 )
@@ -160,6 +168,13 @@ class Ran(Message):
     scores: dict[str, float]
     texture: str
     maps: dict[str, str]
+
+
+class Saved(Message):
+    """Where exports have been saved."""
+
+    kind: Literal["saved"] = "saved"
+    out: str
 
 
 class Described(Message):

@@ -41,6 +41,7 @@ from texloom.pipelines.studio.work import (
     PictureWork,
     Places,
     RunWork,
+    SaveWork,
     TileWork,
 )
 from texloom.stages.vocabulary.declare import InputError
@@ -120,6 +121,8 @@ class Worker:
                 self.previewer.make(work, payload, self.check, self._send)
             case RunWork() as work:
                 runs.run(work, self.places, self.check, self._send)
+            case SaveWork() as work:
+                runs.save(work, self.places, self.check, self._send)
             case PaintOpenRequest() as work:
                 self.painter.open(work, payload, self.check, self._send)
             case PaintDabRequest() as work:

@@ -26,6 +26,7 @@ from texloom.stages.interactive.streamlines import streamlets
 from texloom.stages.vocabulary.arrays import Image, Mask
 from texloom.stages.vocabulary.color import lab_from_linear, srgb_from_linear
 from texloom.stages.vocabulary.declare import Document, InputError
+from texloom.stages.vocabulary.sizes import size_value
 
 _PREVIEW_SIDE = 1024  # px of the longer side of the photograph that previews are sampled from
 _AREAS = ("region", "without", "hole")
@@ -119,11 +120,12 @@ class PhotoSession:
         Parameters
         ----------
         corners : four points, clockwise from the texture's origin.
-        size, edge, beyond : see docs/photographs.md; without a size the aspect ratio follows from perspective.
+        size : (height, width) in reality, in any unit; without it the aspect ratio follows from perspective.
+        edge, beyond : see docs/photographs.md.
         """
         entry: dict[str, Any] = {"name": name, "corners": _points(corners, (4, 2))}
         if size is not None:
-            entry["size"] = [float(side) for side in size]
+            entry["size"] = size_value(size)
         if edge is not None:
             entry["edge"] = float(edge)
         if beyond:
@@ -436,11 +438,11 @@ class PhotoSession:
         points, weights = alone.controls[..., :2] / alone.controls[..., 2:], alone.controls[..., 2]
         curved = {"name": name, "controls": points.tolist(), "weights": weights.tolist()}
         if "size" in entry:
-            curved["size"] = list(alone.size)
+            curved["size"] = size_value(alone.size)
         elif "edge" in entry:  # the nearest edge is now that of the extended plane
             curved["edge"] = entry["edge"] * (1 + 2 * entry.get("beyond", 0.0))
         else:
-            curved["size"] = list(self._patch(name).size)
+            curved["size"] = size_value(self._patch(name).size)
         return curved
 
     def _check_area(self, area: str) -> None:

@@ -30,23 +30,26 @@ def row_product(rows: np.ndarray, matrix: np.ndarray) -> np.ndarray:
     ----------
     rows, matrix : float32 or float64
     """
+    from texloom.stages.kernels.core.block_product import BYTES
     from texloom.stages.kernels.core.matrix_products import multiply_rows
     from texloom.stages.kernels.core.threads import run_spans
 
-    out = np.empty((len(rows), matrix.shape[1]), rows.dtype)
-    given = np.ascontiguousarray(rows), np.ascontiguousarray(matrix, rows.dtype)
-    run_spans(multiply_rows, (*given, out), len(rows), min(_PIECES, max(1, rows.size * out.shape[1] >> 20)))
+    count, width = matrix.shape
+    columns = BYTES // rows.itemsize
+    number = -(-width // columns)
+    wide = np.zeros((count, number * columns), rows.dtype)
+    wide[:, :width] = matrix
+    panels = np.ascontiguousarray(np.swapaxes(wide.reshape(count, number, columns), 0, 1))
+    out = np.empty((len(rows), width), rows.dtype)
+    pieces = min(_PIECES, max(1, rows.size * width >> 22))
+    run_spans(multiply_rows, (np.ascontiguousarray(rows), panels, out), len(rows), pieces)
     return out
 
 
 def square_sums(sample: np.ndarray) -> np.ndarray:
     """``sample.T @ sample`` of many rows, (n, k), on all threads: (k, k) float64."""
-    from texloom.stages.kernels.core.matrix_products import add_squares
-    from texloom.stages.kernels.core.threads import run_spans
-
-    out = np.zeros((sample.shape[1], sample.shape[1]))
-    run_spans(add_squares, (np.ascontiguousarray(sample, np.float64), out), len(out), min(_PIECES, len(out)))
-    return np.asarray(np.triu(out) + np.triu(out, 1).T)
+    values = np.asarray(sample, np.float64)
+    return row_product(values.T, values)
 
 
 def eigenvectors(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -16,6 +16,7 @@ from texloom.stages.analysis.photographs.unroll import UnrollParams, unroll
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.synthesis.photographs.place_texture import PlaceTextureParams, place_texture
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.sizes import size_value
 
 SIDE = 128
 FINER = 6  # samples a px and side of the rendering
@@ -72,7 +73,11 @@ def column(pattern: Pattern) -> tuple[Image, dict[str, Any]]:
     arc = [(-side, -near), (-handle[0], handle[1]), handle, (side, -near)]
     space = np.array([[[down, x, 4 + z] for x, z in arc] for down in np.linspace(-1.2, 1.2, 4)])
     controls = focal * space[..., :2] / space[..., 2:] + middle
-    return photo, {"controls": controls.tolist(), "weights": space[..., 2].tolist(), "size": [2.4, 2 * HALF]}
+    return photo, {
+        "controls": controls.tolist(),
+        "weights": space[..., 2].tolist(),
+        "size": size_value((2.4, 2 * HALF)),
+    }
 
 
 def direction_of(flat: np.ndarray) -> np.ndarray:
@@ -109,7 +114,7 @@ def recovered(photo: Image, folder: Path, content: dict[str, Any]) -> tuple[Imag
 
 
 def patch_of_plane() -> dict[str, Any]:
-    return {"patches": [{"corners": PLANE, "size": [2, 1]}], "region": [REGION]}
+    return {"patches": [{"corners": PLANE, "size": "1x2"}], "region": [REGION]}
 
 
 def test_stripes_of_a_plane(tmp_path: Path) -> None:

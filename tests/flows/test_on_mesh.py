@@ -66,7 +66,7 @@ def test_strokes_of_a_file_lead_the_texture(exemplar: Path, tmp_path: Path) -> N
     made = []
     for name, line in (("down", [[4, 32], [60, 32]]), ("around", [[32, 1], [32, 63]])):
         strokes = tmp_path / f"{name}.json"
-        strokes.write_text(json.dumps({"size": [64, 64], "strokes": [line]}))
+        strokes.write_text(json.dumps({"size": "64x64", "strokes": [line]}))
         sources = {"exemplar": exemplar, "mesh": "texloom:torus", "strokes": strokes}
         params = {"direction.field": "texture", "direction.stroke_radius": 4, "views.side": 32}
         made.append(run_flow("on_mesh", sources, params, size=64, store=tmp_path / "store", out=tmp_path / name))

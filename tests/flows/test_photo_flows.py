@@ -14,7 +14,7 @@ from tests.pipelines.media.test_material_set import save
 from texloom.stages.vocabulary.declare import InputError
 
 SIDES = (100, 110)
-PLANE = "patches: [{name: ground, corners: [[-10, 20], [-10, 90], [110, 120], [110, -10]], size: [100, 80]}]\n"
+PLANE = "patches: [{name: ground, corners: [[-10, 20], [-10, 90], [110, 120], [110, -10]], size: 80x100}]\n"
 REGION = "region: [[[2, 2], [2, 107], [97, 107], [97, 2]]]\n"
 HOLE = "hole: [[[40, 40], [40, 60], [60, 60], [60, 40]]]\n"
 

@@ -51,7 +51,7 @@ _REQUESTS: tuple[dict[str, Any], ...] = (
         "kind": "photo", "number": 5, "patch": "wall", "side": 16,
         "recipe": {
             "photo": "folder:a.png",
-            "patches": [{"name": "wall", "corners": _SQUARE, "size": [8, 8]}],
+            "patches": [{"name": "wall", "corners": _SQUARE, "size": "8x8"}],
             "areas": {"region": [{"tool": "stroke", "points": [[3, 4], [9, 9]], "radius": 2}]},
         },
     },

@@ -18,8 +18,8 @@ from texloom.stages.vocabulary.declare import Document, InputError
 
 SHAPE = (96, 128)
 CORNERS = [[20.0, 30.0], [25.0, 95.0], [90.0, 120.0], [85.0, 5.0]]
-LEFT = {"name": "left", "corners": [[10.5, 3], [12, 50], [80, 60], [88, 5]], "size": [2, 1.5]}
-RIGHT = {"name": "right", "corners": [[12, 45], [8, 120], [92, 121], [80, 50]], "size": [2, 2.25]}
+LEFT = {"name": "left", "corners": [[10.5, 3], [12, 50], [80, 60], [88, 5]], "size": "1.5x2"}
+RIGHT = {"name": "right", "corners": [[12, 45], [8, 120], [92, 121], [80, 50]], "size": "2.25x2"}
 
 
 @pytest.fixture(scope="module")

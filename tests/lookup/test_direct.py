@@ -83,7 +83,7 @@ RGB = np.zeros((40, 48, 3), np.uint8)
     ("inputs", "named", "error", "said"),
     [
         ((RGB,), {"sise": 8}, InputError, "quilting: no input or param 'sise'; did you mean 'size'"),
-        ((RGB,), {"size": (3, 64)}, InputError, r"quilting: size.0: .* got 3"),
+        ((RGB,), {"size": (3, 64)}, InputError, r"quilting: size: the height .* got 3"),
         ((), {}, InputError, "quilting: needs 'image'"),
         (("brick.png",), {}, InputError, "quilting: image: a str given"),
         ((RGB.astype(np.int64),), {}, InputError, "image: an array of int64 is no image"),

@@ -45,6 +45,18 @@ def test_products_of_rows_are_made_of_all(count: int, kind: type, rng: np.random
     np.testing.assert_array_equal(found, rows @ basis)
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+@pytest.mark.parametrize(("count", "width"), [(1, 1), (5, 16), (6, 17), (103, 8), (200, 40)])
+def test_products_of_rows_are_added_in_order_and_not_fused(
+    count: int, width: int, kind: type, rng: np.random.Generator
+) -> None:
+    rows, basis = (rng.normal(size=shape).astype(kind) for shape in ((count, 51), (51, width)))
+    total = np.zeros((count, width), kind)
+    for column, line in zip(rows.T, basis, strict=True):
+        total += column[:, None] * line
+    np.testing.assert_array_equal(row_product(rows, basis), total)
+
+
 @pytest.mark.parametrize("shape", [(0, 3), (1, 5), (131, 20)])
 def test_square_sums(shape: tuple[int, int], rng: np.random.Generator) -> None:
     sample = rng.integers(-9, 10, shape)

@@ -12,15 +12,16 @@ from typing import Any
 import pytest
 
 import texloom
+from texloom.pipelines import request_fields
 from texloom.pipelines.cli import main as cli
 from texloom.pipelines.cli.options import FlowCommand
 from texloom.pipelines.engine.prefect.flow_run import run_flow
 from texloom.pipelines.request import RunRequest, request
-from texloom.pipelines.request_fields import ABOUT
 from texloom.pipelines.studio.messages import Recipe
 from texloom.stages.vocabulary.declare import InputError
 
 FIELDS = set(RunRequest.model_fields)
+ABOUT = {name: option.help for name, option in request_fields.OPTIONS.items()}
 OPTIONS = {"store": "store_folder"}
 """fields that click calls otherwise, as other commands have them too"""
 PARAMETERS = {"sources": "source", "params": "set", "exports": "export"}
@@ -89,6 +90,7 @@ def test_every_field_is_everywhere(way: str) -> None:
 
 def test_the_help_is_that_of_the_fields() -> None:
     assert {name: field.description for name, field in RunRequest.model_fields.items()} == ABOUT
+    assert set(request_fields.OPTIONS) == FIELDS
     helped = {option.name: getattr(option, "help", None) for option in cli.texloom.commands["run"].params}
     for field in FIELDS - {"flow", "pictures"}:
         assert helped[OPTIONS.get(field, field)] == ABOUT[field]

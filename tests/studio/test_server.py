@@ -10,6 +10,7 @@ import io
 import json
 import os
 import shlex
+import shutil
 import signal
 import time
 import urllib.request
@@ -282,6 +283,30 @@ def test_runs_are_those_of_the_command_line(served: Served, tmp_path: Path) -> N
         for name in job["files"]:
             assert served.request(f"/api/jobs/{job['id']}/files/{name}")[1] == (out / name).read_bytes(), name
     assert {step["state"] for step in served.json("/api/described", recipe)["steps"]} == {"cached"}
+
+
+def test_a_run_is_saved_where_the_command_line_writes(served: Served) -> None:
+    job = finished(served, RECIPE)
+    folder = served.folder / "blotches_quilting"
+    address = f"/api/jobs/{job['id']}/saved"
+    try:
+        folder.mkdir()
+        (folder / "texture.png").write_bytes(b"mine")
+        status, answer = served.request(address, method="POST")
+        problem = "texture.png was not written by texloom, or was changed since; move it away"
+        assert status == 422
+        assert problem in json.loads(answer)["problem"]
+        assert [path.name for path in folder.iterdir()] == ["texture.png"]
+        (folder / "texture.png").unlink()
+        for _ in range(2):
+            status, answer = served.request(address, method="POST")
+            assert (status, json.loads(answer)["saved"]) == (200, str(folder))
+        for name in job["files"]:
+            content = served.request(f"/api/jobs/{job['id']}/files/{name}")[1]
+            assert (folder / name).read_bytes() == content, name
+        assert served.request("/api/jobs/none/saved", method="POST")[0] == 404
+    finally:
+        shutil.rmtree(folder)
 
 
 def test_previews_follow_and_the_last_one_wins(served: Served) -> None:

@@ -11,9 +11,19 @@ import pydantic
 import pytest
 
 from tests.conftest import ROOT
+from texloom.stages.lookup.registry import find_stage, shipped_stages
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import Params
-from texloom.stages.vocabulary.sizes import SIDES, Size, format_size, parse_size, size_value, takes_sides
+from texloom.stages.vocabulary.sizes import (
+    LENGTHS,
+    SIDES,
+    Size,
+    format_size,
+    parse_lengths,
+    parse_size,
+    size_value,
+    takes_sides,
+)
 
 
 class Sized(Params):
@@ -52,6 +62,44 @@ def test_json_has_texts_that_are_read_again() -> None:
 def test_what_has_two_readings_is_refused(size: object, message: str) -> None:
     with pytest.raises(pydantic.ValidationError, match=re.escape(message)):
         Sized.model_validate({"size": size})
+
+
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        ("5x512", "the width should be greater than or equal to 16, got 5"),
+        ("512x5", "the height should be greater than or equal to 16, got 5"),
+        ((5, 512), "the height should be greater than or equal to 16, got 5"),
+        (5, "the side should be greater than or equal to 16, got 5"),
+        (512.5, "the side should be a valid integer"),
+        (True, "as 512 or 768x512, got True"),
+    ],
+)
+def test_the_wrong_side_is_named(size: object, message: str) -> None:
+    with pytest.raises(pydantic.ValidationError, match=re.escape(message)):
+        Sized.model_validate({"size": size})
+
+
+def test_lengths_are_texts_without_loss() -> None:
+    class Measured(Params):
+        lengths: Annotated[tuple[float, float], LENGTHS]
+
+    for lengths in ((2.0, 13.2), (1e5, 1 / 3), (1e-5, 123456.0)):
+        measured = Measured(lengths=lengths)
+        assert Measured.model_validate(measured.model_dump(mode="json")) == measured
+    assert (parse_lengths("13.2x10"), parse_lengths("2.5"), parse_lengths("1e3")) == ((10, 13.2), (2.5, 2.5), None)
+    assert size_value((10.0, 13.2)) == "13.2x10"
+
+
+def test_every_size_that_a_stage_takes_is_one() -> None:
+    sizes = {
+        f"{name}.{param}": SIDES in field.metadata or takes_sides(field.annotation)
+        for name in shipped_stages()
+        for param, field in find_stage(name).params.model_fields.items()
+        if param in ("size", "extent", "period") and "tuple" in str(field.annotation)
+    }
+    assert [name for name, is_size in sizes.items() if not is_size] == []
+    assert "synthesis.epitome.size" in sizes
 
 
 def test_people_read_the_width_first() -> None:

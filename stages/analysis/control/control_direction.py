@@ -37,7 +37,7 @@ class ControlDirectionParams(Params):
     sigma: float = Field(8.0, gt=0, le=256)
     """standard deviation of the smoothing of directions, px; smaller follows tighter bends"""
     size: Size | None = None
-    """height and width of the field, px; null: those of ``image``, or of the map"""
+    """size of the field, px; null: that of ``image``, or of the map"""
     tileable: bool = False
     """the map continues across its borders"""
 

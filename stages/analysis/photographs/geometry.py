@@ -14,7 +14,7 @@ from texloom.stages.analysis.photographs import bezier
 from texloom.stages.numerics.matrices import determinant, length_of, matrix_product
 from texloom.stages.vocabulary.arrays import Mask, Quads
 from texloom.stages.vocabulary.declare import Document, InputError, first_problem
-from texloom.stages.vocabulary.sizes import format_size
+from texloom.stages.vocabulary.sizes import LENGTHS, format_size
 
 _MAX_ENTRIES = 256  # patches, and polygons of an area
 _MAX_CLASSES = 8  # of features
@@ -38,7 +38,7 @@ class _PatchEntry(pydantic.BaseModel, extra="forbid"):
     corners: _Points | None = None
     controls: tuple[_Points, _Points, _Points, _Points] | None = None
     weights: tuple[_Weights, _Weights, _Weights, _Weights] | None = None
-    size: tuple[_Positive, _Positive] | None = None
+    size: Annotated[tuple[_Positive, _Positive], LENGTHS] | None = None
     edge: _Positive | None = None
     beyond: Annotated[_Number, Field(ge=0)] = 0.0
 
@@ -103,7 +103,7 @@ def read_geometry(document: Document, shape: tuple[int, int]) -> Geometry:
     It contains ``patches`` and areas: ``region``, ``without``, ``hole``, and ``features`` by name. An area is a
     list of polygons, each a list of [row, column] in px, or an image of the photograph's size. A patch has four
     ``corners``, clockwise from the texture's origin, or 4x4 ``controls`` with 4x4 ``weights`` (default: those of
-    the plane through the corners). Its ``size``, down and across in any unit of length, is optional: by default it
+    the plane through the corners). Its ``size``, width x height in any unit of length, is optional: by default it
     follows from perspective and the length of the nearest ``edge``, or from the patch that is closest in the
     photograph, which it is assumed to meet there (the first: an edge of 1); all patches together determine the
     focal length. A plane may extend ``beyond`` its corners, in multiples of its size. A patch may
@@ -124,7 +124,7 @@ def frontal(shape: tuple[int, int]) -> Geometry:
     """The whole photograph as a frontal plane with units of a px."""
     down, across = shape[0] - 1, shape[1] - 1
     corners = [[0, 0], [0, across], [down, across], [down, 0]]
-    return parsed_geometry({"patches": [{"corners": corners, "size": [down, across]}]}, shape, {})
+    return parsed_geometry({"patches": [{"corners": corners, "size": (down, across)}]}, shape, {})
 
 
 def geometry_of_planes(corners: Quads, shape: tuple[int, int]) -> Geometry:

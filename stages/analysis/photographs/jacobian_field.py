@@ -34,7 +34,7 @@ class JacobianFieldParams(Params):
     """Geometry of the surfaces, and resolution of the texture."""
 
     geometry: Document | None = None
-    """a YAML or JSON file of patches, `patches: [{corners: [[row, column], ...], size: [down, across]}]`; see
+    """a YAML or JSON file of patches, `patches: [{corners: [[row, column], ...], size: WIDTHxHEIGHT}]`; see
     docs/photographs.md. null: ``planes``, or without any the whole photograph as a frontal plane"""
     detail: float = Field(0.3, gt=0, le=1)
     """share of the region that is sharp enough for the finest level: smaller values give a larger, finer texture

@@ -31,7 +31,7 @@ class SurfaceChartsParams(Params):
     """Size of the texture, and whose texture coordinates it has."""
 
     size: Size = Field((1024, 1024), validate_default=True)
-    """height and width of the texture, px"""
+    """size of the texture, px"""
     charts: Literal["auto", "own", "new"] = "auto"
     """own: the mesh's texture coordinates; new: computed by xatlas; auto: its own where each place of the texture
     belongs to one face"""

@@ -7,55 +7,33 @@ import math
 
 import numpy as np
 
+from texloom.stages.kernels.core.block_product import ROWS, block_product
 from texloom.stages.kernels.core.compiled import compiled
 
-_STRIP = 64  # rows of a matrix that stay in the processor's cache
+_STRIP = 96  # rows that stay in the processor's cache while all panels pass
 
 
 @compiled
-def _add_lines(total, one, first, two, second, three, third, four, fourth):
-    """Add to ``total`` four lines times their factors, one after another."""
-    for j in range(total.size):
-        total[j] = total[j] + one * first[j] + two * second[j] + three * third[j] + four * fourth[j]
+def multiply_rows(rows, panels, out, first, last):
+    """Set rows ``first`` to ``last`` of ``out``, (n, m), to those of ``rows``, (n, k), times a matrix.
 
-
-@compiled
-def multiply_rows(rows, matrix, out, first, last):
-    """Set rows ``first`` to ``last`` of ``out``, (n, m), to those of ``rows``, (n, k), times ``matrix``, (k, m)."""
-    count = matrix.shape[0]
-    fours = count - count % 4
-    for i in range(first, last):
-        total, row = out[i], rows[i]
-        for j in range(total.size):
-            total[j] = 0
-        for k in range(0, fours, 4):
-            _add_lines(
-                total, row[k], matrix[k], row[k + 1], matrix[k + 1], row[k + 2], matrix[k + 2], row[k + 3],
-                matrix[k + 3],
-            )  # fmt: skip
-        for k in range(fours, count):
-            factor, line = row[k], matrix[k]
-            for j in range(total.size):
-                total[j] += factor * line[j]
-
-
-@compiled
-def add_squares(sample, out, first, last):
-    """Add rows ``first`` to ``last`` of ``sample.T @ sample`` to ``out``, (k, k), from the diagonal on."""
-    for top in range(0, sample.shape[0], _STRIP):
-        bottom = min(top + _STRIP, sample.shape[0])
-        fours = bottom - (bottom - top) % 4
-        for i in range(first, last):
-            total = out[i, i:]
-            for n in range(top, fours, 4):
-                _add_lines(
-                    total, sample[n, i], sample[n, i:], sample[n + 1, i], sample[n + 1, i:], sample[n + 2, i],
-                    sample[n + 2, i:], sample[n + 3, i], sample[n + 3, i:],
-                )  # fmt: skip
-            for n in range(fours, bottom):
-                factor, line = sample[n, i], sample[n, i:]
-                for j in range(total.size):
-                    total[j] += factor * line[j]
+    Parameters
+    ----------
+    panels : (p, k, c), the matrix' columns, c for each of p panels, see `block_product`; the last one's may be more
+    """
+    columns, width = panels.shape[2], out.shape[1]
+    block = np.empty((ROWS, columns), out.dtype)
+    for top in range(first, last, _STRIP):
+        bottom = min(top + _STRIP, last)
+        for panel in range(panels.shape[0]):
+            left = panel * columns
+            right = min(left + columns, width)
+            for i in range(top, bottom, ROWS):
+                block_product(rows, i, bottom, panels, panel, block)
+                for r in range(min(ROWS, bottom - i)):
+                    line, made = out[i + r, left:right], block[r]
+                    for j in range(line.size):
+                        line[j] = made[j]
 
 
 @compiled

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from texloom.stages.common.grids.pyramid import halved_size
 from texloom.stages.common.grids.size_checks import Sized
 from texloom.stages.vocabulary.arrays import Correspondence, Image
 from texloom.stages.vocabulary.declare import Check, InputError, Outline, Params
-from texloom.stages.vocabulary.sizes import format_size
+from texloom.stages.vocabulary.sizes import SIDES, format_size
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,8 +62,8 @@ def square_of_share(share: float, pixels: int, largest: tuple[int, int]) -> tupl
 class SummaryParams(Params):
     """Size of the small image."""
 
-    size: tuple[int, int] | None = None
-    """height and width of the result, px; null: those of the input ``sides``"""
+    size: Annotated[tuple[int, int], SIDES] | None = None
+    """size of the result, px; null: the input ``sides``"""
 
 
 def size_check(name: str, min_side: str | None = None) -> Check:

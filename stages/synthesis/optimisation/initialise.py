@@ -49,7 +49,7 @@ class InitialiseParams(Params):
     """Size of the result, and what it is initialised from."""
 
     size: Size | None = (1024, 1024)
-    """height and width of the result, px; null: those of the target's guide, which it needs then"""
+    """size of the result, px; null: that of the target's guide, which it needs then"""
     method: Literal["lattice", "blocks", "pixels"] = "lattice"
     """`lattice`: blocks displaced by whole lattice cells, or by whole courses and any distance along them, or
     `blocks` if there are neither; `blocks`: blocks from anywhere; `pixels`: random pixels, for comparison"""
@@ -434,7 +434,7 @@ def _size(params: InitialiseParams, target: tuple[int, int] | None) -> tuple[int
     """Height and width of the result, given those of the target's guide."""
     size = params.size or target
     if size is None:
-        raise InputError("size: give the height and width of the result, or a guide that has them")
+        raise InputError("size: give the size of the result, or a guide that has it")
     return size
 
 

@@ -141,7 +141,7 @@ class OptimiseParams(Params):
     """weight of the lattice phase, CIELAB units: a phase error of half a cell counts as twice this difference; of
     half the period of straight lines at uneven distances, as once"""
     period: Size | None = None
-    """height and width of the parts of a tileable result that each contain whole cells of the lattice, as the tiles
+    """size of the parts of a tileable result that each contain whole cells of the lattice, as the tiles
     of an atlas do, px; null: all of it"""
     weights: MapWeights = Field({})
     final_sigma: float | None = Field(None, gt=0, le=100)

@@ -138,7 +138,7 @@ class PerPixelParams(ArrangementParams):
     """How large the result is, and how it is arranged."""
 
     size: Size | None = None
-    """height and width of the result, px; null takes those of the target, of what is fixed or of its Jacobians, or
+    """size of the result, px; null takes that of the target, of what is fixed or of its Jacobians, or
     512x512 where there are none"""
     tileable: bool = False
     """the result continues across its borders; so should the target. Its sides must be whole multiples of twice the
@@ -147,7 +147,7 @@ class PerPixelParams(ArrangementParams):
     """row and column, px, of the result's first pixel in an endless texture: results with the same seed and other
     origins fit together exactly; [0, 0] where the result is tileable"""
     extent: Size | None = None
-    """height and width, px, that the target covers from [0, 0], where the result is only a window of that; null:
+    """size, px, that the target covers from [0, 0], where the result is only a window of that; null:
     the result's"""
 
 

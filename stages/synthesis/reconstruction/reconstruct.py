@@ -63,7 +63,7 @@ class ReconstructParams(Params):
     supports ``target_jacobian``; `mixed`: patches up to half of full size, for structure, then pixels; so does
     `discrete` where ``generators`` are given"""
     size: Size | None = None
-    """height and width of the result, px; null: those of the target or of its Jacobians"""
+    """size of the result, px; null: that of the target or of its Jacobians"""
     control_weight: float = Field(CONTROL_WEIGHT, gt=0, le=100)
     """variance of control, all channels together, relative to that of the texture: 1 weighs both alike, 0.25 guides
     weakly, 10 enforces; the same scale as in `control_features`"""

@@ -19,6 +19,7 @@ from texloom.stages.analysis.structure.signed_distance import signed_distance
 from texloom.stages.synthesis.per_pixel.per_pixel import flat
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.sizes import size_value
 
 SHAPE = (160, 200)
 CORNERS = [[15.0, 60.0], [20.0, 140.0], [150.0, 190.0], [145.0, 5.0]]
@@ -38,7 +39,7 @@ def measured(structure: np.ndarray, jacobian: np.ndarray, **params: object) -> F
 @pytest.fixture(scope="module")
 def plane(tmp_path_factory: pytest.TempPathFactory) -> JacobianField:
     """A plane that is seen at a slant; its nearest edge shows 1 element a px or more."""
-    patches = [{"corners": CORNERS, "size": SIZE.tolist()}]
+    patches = [{"corners": CORNERS, "size": size_value(SIZE)}]
     return surfaces(picture(np.full(SHAPE, 0.5)), tmp_path_factory.mktemp("plane"), detail=0.1, patches=patches)
 
 

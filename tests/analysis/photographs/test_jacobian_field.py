@@ -25,11 +25,12 @@ from texloom.stages.analysis.photographs.jacobian_field import (
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Document, InputError
+from texloom.stages.vocabulary.sizes import size_value
 
 SHAPE = (96, 128)
 CORNERS = [[20.0, 30.0], [25.0, 95.0], [90.0, 120.0], [85.0, 5.0]]
-PLANE = {"corners": CORNERS, "size": [2.0, 3.0]}
-FLAT = {"corners": [[0, 0], [0, 127], [95, 127], [95, 0]], "size": [95, 127]}
+PLANE = {"corners": CORNERS, "size": "3x2"}
+FLAT = {"corners": [[0, 0], [0, 127], [95, 127], [95, 0]], "size": "127x95"}
 
 
 def grey(shape: tuple[int, int] = SHAPE) -> Image:
@@ -46,11 +47,11 @@ def field(folder: Path, *patches: Any, **more: Any) -> JacobianField:
     return jacobian_field(grey(), JacobianFieldParams(geometry=filed(folder, *patches, **more), detail=1.0))
 
 
-@pytest.mark.parametrize("size", [[1.0, 3.0], [3.0, 2.0], [1.0, 1.0]])
+@pytest.mark.parametrize("size", [(1.0, 3.0), (3.0, 2.0), (1.0, 1.0)])
 def test_cells_of_the_drawn_grid_are_square_in_the_texture(tmp_path: Path, size: list[float]) -> None:
     shape = (round(480 * size[0]), round(480 * size[1]))
     bottom, right = shape[0] - 1, shape[1] - 1
-    patch = {"corners": [[0, 0], [0, right], [bottom, right], [bottom, 0]], "size": size}
+    patch = {"corners": [[0, 0], [0, right], [bottom, right], [bottom, 0]], "size": size_value(size)}
     params = JacobianFieldParams(geometry=filed(tmp_path, patch))
     color = jacobian_field(grey(shape), params).grid.color
     # lines across are green, those down are red; between them is the photograph
@@ -91,7 +92,7 @@ def test_a_plane_is_its_homography(tmp_path: Path) -> None:
 def test_a_plane_by_control_points_is_the_plane_by_corners(tmp_path: Path) -> None:
     points, weights = texloom.control_points(CORNERS)
     np.testing.assert_allclose(points[[0, 0, 3, 3], [0, 3, 3, 0]], CORNERS, atol=1e-9)
-    curved = {"controls": points.tolist(), "weights": weights.tolist(), "size": [2.0, 3.0]}
+    curved = {"controls": points.tolist(), "weights": weights.tolist(), "size": "3x2"}
     one, other = field(tmp_path, PLANE), field(tmp_path, curved)
     np.testing.assert_array_equal(one.region, other.region)
     np.testing.assert_allclose(one.jacobian, other.jacobian, rtol=1e-6, atol=1e-6)
@@ -129,7 +130,7 @@ def seen(
 def test_the_aspect_ratio_is_found_in_one_view(tmp_path: Path) -> None:
     corners = seen((2, 3), 0.7, 0.4, (0, 0, 6))
     measured = field(tmp_path, {"corners": corners}).jacobian
-    known = field(tmp_path, {"corners": corners, "size": [2.0, 3.0]}).jacobian
+    known = field(tmp_path, {"corners": corners, "size": "3x2"}).jacobian
     np.testing.assert_allclose(measured, known, rtol=1e-3)
 
 
@@ -148,7 +149,9 @@ def test_planes_without_sizes_have_one_unit(tmp_path: Path) -> None:
     beside = [(-1.0, 0.7, 6.0), (-1.0, 1.7, 6.0), (1.0, 1.7, 6.0), (1.0, 0.7, 6.0)]
     sizes = ([2, 2], [1.5, 2], [2, 1])
     quads = [corners(points) for points in (wall, ground, beside)]
-    known = field(tmp_path, *({"corners": quad, "size": size} for quad, size in zip(quads, sizes, strict=True)))
+    known = field(
+        tmp_path, *({"corners": quad, "size": size_value(size)} for quad, size in zip(quads, sizes, strict=True))
+    )
     measured = field(tmp_path, *({"corners": quad} for quad in quads))
     inside = known.region
     np.testing.assert_allclose(measured.jacobian[inside], known.jacobian[inside], rtol=0.01, atol=0.01)
@@ -171,9 +174,9 @@ def test_patches_have_one_focal_length(tmp_path: Path) -> None:
     """A plane whose sides converge gives the lens to one whose sides are parallel in the photograph."""
     tilted = seen((2, 3), 0.7, 0.4, (0, -1, 6), 90)
     parallel = seen((2, 2), 0.9, 0.0, (0, 2, 6), 90)
-    wall, ground = {"corners": tilted, "size": [2, 3]}, {"corners": parallel, "edge": 2}
+    wall, ground = {"corners": tilted, "size": "3x2"}, {"corners": parallel, "edge": 2}
     measured = field(tmp_path, wall, ground).jacobian
-    known = field(tmp_path, wall, {"corners": parallel, "size": [2, 2]}).jacobian
+    known = field(tmp_path, wall, {"corners": parallel, "size": "2x2"}).jacobian
     np.testing.assert_allclose(measured, known, rtol=1e-2)
     alone = field(tmp_path, ground).jacobian
     assert np.abs(alone[48, 100] / alone[48, 100, 3] - known[48, 100] / known[48, 100, 3]).max() > 0.1
@@ -188,7 +191,7 @@ def test_a_cylinder_is_passed_at_even_speed(tmp_path: Path) -> None:
     arc = np.array([ends[0], ends[0] + along[0], ends[1] - along[1], ends[1]])  # across and depth
     space = np.array([[[down, x, 4 + z] for x, z in arc] for down in np.linspace(-0.9, 0.9, 4)])
     pixels = focal * space[..., :2] / space[..., 2:] + [47.5, 63.5]
-    patch = {"controls": pixels.tolist(), "weights": space[..., 2].tolist(), "size": [1.8, 2 * half]}
+    patch = {"controls": pixels.tolist(), "weights": space[..., 2].tolist(), "size": size_value((1.8, 2 * half))}
     result = unscaled(field(tmp_path, patch))[48]
     columns = np.arange(35, 93)
     # the angle around the column at which each pixel's ray meets it
@@ -202,8 +205,8 @@ def test_a_cylinder_is_passed_at_even_speed(tmp_path: Path) -> None:
 
 
 def test_overlaps_are_averaged_and_gaps_are_filled(tmp_path: Path) -> None:
-    left = {"corners": [[0, 0], [0, 70], [95, 70], [95, 0]], "size": [95, 70]}
-    right = {"corners": [[0, 50], [0, 100], [95, 100], [95, 50]], "size": [95, 25]}
+    left = {"corners": [[0, 0], [0, 70], [95, 70], [95, 0]], "size": "70x95"}
+    right = {"corners": [[0, 50], [0, 100], [95, 100], [95, 50]], "size": "25x95"}
     result = unscaled(field(tmp_path, left, right))
     np.testing.assert_allclose(result[50, 20, 3], 1, rtol=1e-4)
     np.testing.assert_allclose(result[50, 90, 3], 2, rtol=1e-4)
@@ -213,7 +216,7 @@ def test_overlaps_are_averaged_and_gaps_are_filled(tmp_path: Path) -> None:
 
 
 def test_extrapolation_keeps_constants(tmp_path: Path) -> None:
-    patch = {"corners": [[30, 20], [30, 71], [70, 71], [70, 20]], "size": [40, 51]}
+    patch = {"corners": [[30, 20], [30, 71], [70, 71], [70, 20]], "size": "51x40"}
     result = field(tmp_path, patch)
     assert not result.region.all()
     np.testing.assert_allclose(result.jacobian, np.broadcast_to([1, 0, 0, 1], (*SHAPE, 4)), atol=1e-4)
@@ -233,8 +236,13 @@ def test_threads_do_not_matter(tmp_path: Path, on_threads: Any) -> None:
         ({"corners": [[0, 0], [0, 10], [0, 20], [20, 0]]}, "are collinear"),
         ({"corners": [[500, 500], [500, 600], [600, 600], [600, 500]]}, "is outside the photograph"),
         ({"corners": CORNERS[:3]}, r"patches\.0\.corners\.3: Field required"),
-        ({**PLANE, "size": [0, 1]}, r"patches\.0\.size\.0: Input should be greater than 0, got 0"),
-        ({**PLANE, "size": [0.0001, 1]}, "size: one side is more than 1000 times as long as the other"),
+        ({**PLANE, "size": "1x0"}, r"patches\.0\.size: the height should be greater than 0, got 0"),
+        (
+            {**PLANE, "size": [10, 13.2]},
+            r"patches\.0\.size: .* got the list \[10, 13\.2\]; write 13\.2x10 or 10x13\.2",
+        ),
+        ({**PLANE, "size": "3 x 2"}, r"patches\.0\.size: must be N or WIDTHxHEIGHT, as 2 or 13\.2x10, got '3 x 2'"),
+        ({**PLANE, "size": "1x0.0001"}, "size: one side is more than 1000 times as long as the other"),
         ({**PLANE, "colour": 1}, r"patches\.0\.colour: no such entry"),
         ({"controls": [[[0.0, 0.0]] * 4] * 4}, "have no area"),
         ({}, "want either corners or controls"),
@@ -281,7 +289,7 @@ def test_a_flat_stack_is_gaussian(tmp_path: Path) -> None:
 
 
 def test_far_places_are_only_in_coarse_levels(tmp_path: Path) -> None:
-    path = filed(tmp_path, {"corners": [[10, 50], [10, 78], [95, 127], [95, 0]], "size": [1, 1]})
+    path = filed(tmp_path, {"corners": [[10, 50], [10, 78], [95, 127], [95, 0]], "size": "1x1"})
     params = GaussianStackParams(max_levels=3, min_whole=0.15)
     near = jacobian_field(grey(), JacobianFieldParams(geometry=path, detail=0.2))
     assert near.level[15, 64] > near.level[90, 64]

@@ -27,7 +27,7 @@ def laid_out(
         inside = ((place > 0) & (place < 1)).all(axis=2)
         photo = np.where(inside, 0.2 + 0.6 * (np.floor(place * cells).sum(axis=2) % 2), photo)
     image = picture(np.repeat(photo[..., None], 3, axis=2))
-    patches = [{"corners": LEFT, "size": [4, 4]}, {"corners": RIGHT, "size": [4, 6]}]
+    patches = [{"corners": LEFT, "size": "4x4"}, {"corners": RIGHT, "size": "6x4"}]
     surface = surfaces(image, folder, patches=patches, without=[without] if without else [])
     return patch_atlas(
         image, surface.region, surface.controls, surface.spaces, surface.sizes, surface.scale,
@@ -72,7 +72,7 @@ def test_patches_of_too_many_pixels_are_refused() -> None:
 
 def test_a_region_beside_all_patches_is_refused(tmp_path: Path) -> None:
     image, nothing = picture(np.zeros((*SHAPE, 3))), np.zeros(SHAPE, bool)
-    surface = surfaces(image, tmp_path, patches=[{"corners": LEFT, "size": [4, 4]}])
+    surface = surfaces(image, tmp_path, patches=[{"corners": LEFT, "size": "4x4"}])
     with pytest.raises(InputError, match="region: no patch shows any of it"):
         patch_atlas(image, nothing, surface.controls, surface.spaces, surface.sizes, 10.0, PatchAtlasParams())
 

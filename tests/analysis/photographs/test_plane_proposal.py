@@ -108,7 +108,7 @@ def test_no_plane_is_proposed_where_a_file_tells(tmp_path: Path) -> None:
     import skimage.data
 
     (tmp_path / "wall.json").write_text(
-        '{"patches": [{"corners": [[0, 0], [0, 9], [9, 9], [9, 0]], "size": [1, 1]}]}'
+        '{"patches": [{"corners": [[0, 0], [0, 9], [9, 9], [9, 0]], "size": "1x1"}]}'
     )
     params = PlaneProposalParams.model_validate({"geometry": tmp_path / "wall.json"})
     assert plane_proposal(Image.of(skimage.data.brick()), params).corners.shape == (0, 4, 2)

@@ -17,7 +17,7 @@ from texloom.stages.vocabulary.declare import InputError
 
 def test_a_plane_lies_as_its_homography_says(tmp_path: Path) -> None:
     photo = plane(stripes)
-    surface = surfaces(photo, tmp_path, detail=0.6, patches=[{"corners": PLANE, "size": [2, 1]}], region=[REGION])
+    surface = surfaces(photo, tmp_path, detail=0.6, patches=[{"corners": PLANE, "size": "1x2"}], region=[REGION])
     sharp = surface.region & (surface.level <= 0.5)
     made = unroll(photo, surface.jacobian, sharp[None], UnrollParams())
     back = unit_square(PLANE, *np.indices(sharp.shape))

@@ -22,7 +22,7 @@ HOLE = [[60, 50], [60, 80], [80, 84], [80, 44]]
 def laid(folder: Path, **params: Any) -> tuple[UnrollHole, np.ndarray, np.ndarray]:
     """That of a hole in stripes in perspective, the region, and the hole."""
     photo = plane(stripes)
-    surface = surfaces(photo, folder, patches=[{"corners": PLANE, "size": [2, 1]}], region=[REGION], hole=[HOLE])
+    surface = surfaces(photo, folder, patches=[{"corners": PLANE, "size": "1x2"}], region=[REGION], hole=[HOLE])
     made = unroll_hole(photo, surface.jacobian, surface.region, surface.hole, UnrollHoleParams(**params))
     return made, surface.region, surface.hole
 

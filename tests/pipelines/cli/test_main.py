@@ -291,7 +291,12 @@ WRONG_COMMANDS = {
         "--set start.size: must be N or WIDTHxHEIGHT, got the list [64, 96]; write 96x64 or 64x96"
     ),
     "run self_tuning --size 64,96": "--size: must be N or WIDTHxHEIGHT, got the list [64, 96]; write 96x64 or",
-    "run self_tuning --size wide": ("--size: must be N or WIDTHxHEIGHT, px, as 512 or 768x512, got 'wide'"),
+    "run self_tuning --size wide": "--size: must be N or WIDTHxHEIGHT, as 512 or 768x512, got 'wide'",
+    "run self_tuning --size 1024*512": "--size: must be N or WIDTHxHEIGHT, as 512 or 768x512, got '1024*512'",
+    "run self_tuning --size 1e3": "--size: must be N or WIDTHxHEIGHT, as 512 or 768x512, got '1e3'",
+    "run self_tuning --size 1:30": "--size: must be N or WIDTHxHEIGHT, as 512 or 768x512, got '1:30'",
+    "run self_tuning --size 0x200": "--size: the width should be greater than or equal to 16, got 0",
+    "run self_tuning --size 512x5": "--size: the height should be greater than or equal to 16, got 5",
     "run self_tuning --set size=wide": "--set size: must be N or WIDTHxHEIGHT",
     "run self_tuning --export edges.png=edges.strenght": (
         "--export edges.png: edges.strenght: step 'edges' has no output 'strenght'; did you mean 'strength'?"
@@ -529,7 +534,7 @@ def test_exports_that_would_replace_an_input(
     if "surface" in what:
         step = "  surface: {stage: analysis.jacobian_field, inputs: {image: exemplar}}\n"
         text = text.replace("exports:", f"{step}exports:")
-        patch = {"corners": [[4, 4], [4, 50], [40, 50], [40, 4]], "size": [1, 1]}
+        patch = {"corners": [[4, 4], [4, 50], [40, 50], [40, 4]], "size": "1x1"}
         without = {"without": file} if file == HEIGHT else {}
         Path("threshold.json").write_text(json.dumps({"patches": [patch], **without}))
     Path("flow.yaml").write_text(text)

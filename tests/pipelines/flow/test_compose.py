@@ -487,7 +487,7 @@ WRONG = {
     ),
     "include: {flow: method.yaml, inputs: {exemplar: prt.image}}": "include.inputs.exemplar: no step 'prt'; there",
     "include: method.yaml\nwith: {sise: 3}": "with.sise: the flow has no param 'sise'; did you mean 'size'?",
-    "include: method.yaml\nwith: {size: 3}": "with.size.0: input should be greater than or equal to 16, got 3",
+    "include: method.yaml\nwith: {size: 3}": "with.size: the side should be greater than or equal to 16, got 3",
     "include: method.yaml\nfor: {method: [pixels, square]}": "for: with.method: input should be 'lattice'",
     "include: method.yaml\nfor: {mthod: [pixels]}": "for: with.mthod: the flow has no param 'mthod'",
     "include: method.yaml\nfor: {a: {steps: {texture: {params: {sise: 3}}}}}": (

@@ -96,7 +96,7 @@ def test_names_that_must_stay() -> None:
     names = "tone offsets lattice edges structure distance guidance start texture scores"
     assert list(flow.steps) == names.split()
     assert {"exemplar"} == set(flow.sources)
-    assert {"texture.exr", "texture.png", "scores.json"} == set(flow.exports)
+    assert {"texture.exr", "texture.png", "scores.json", "maps/"} == set(flow.exports)
     assert {"occurrence", "patch_size", "tileable", "preset"} <= set(
         type(flow.steps["texture"].params).model_fields
     )
@@ -220,7 +220,7 @@ def test_seed_of_the_command_line(write: Any) -> None:
         (Overrides({}, {"edges.finest": "[1]"}), "--set edges.finest: input should be a valid number, got [1]"),
         (Overrides({}, {"edges.finest": "[1"}), "--set edges.finest: not valid YAML: "),
         (Overrides({}, {"edges.finest": "!!float 1"}), "--set edges.finest: not valid YAML: tags (!!float)"),
-        (Overrides({}, {"start.size": "64x5"}), "--set start.size: input should be greater than or equal to 16"),
+        (Overrides({}, {"start.size": "64x5"}), "--set start.size: the height should be greater than"),
         (Overrides({}, {"edges.model": "nowhere.yml"}), "--set edges.model: "),
         (Overrides(seed=-1), "--seed: must be a whole number from 0 to 2**63 - 1, got -1"),
         (Overrides(seed=2**63), "--seed: must be a whole number"),
@@ -581,6 +581,10 @@ def test_any_override_is_taken_or_refused_on_one_line(
 def test_parse_yaml_of_plain_values() -> None:
     values = parse_yaml("[1, 2.5, text, true, null, {a: 1e-3}]", "here")
     assert values == [1, 2.5, "text", True, None, {"a": "1e-3"}]
+    assert parse_yaml("[-3, +4, 0, 1_000, 0x200, 0b11, 010, 1:30]", "here") == [
+        *(-3, 4, 0, 1000),
+        *("0x200", "0b11", "010", "1:30"),  # numbers to YAML 1.1, to nobody else
+    ]
     with pytest.raises(InputError, match=r"^here: larger than"):
         parse_yaml("x" * (plain_yaml._LARGEST + 1), "here")
 

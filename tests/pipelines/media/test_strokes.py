@@ -23,7 +23,7 @@ def written(path: Path, content: Any) -> Path:
 
 
 def test_lines_are_drawn_where_their_points_are(tmp_path: Path) -> None:
-    source = open_source("strokes", str(written(tmp_path / "s.json", {"size": [80, 100], "strokes": LINES})))
+    source = open_source("strokes", str(written(tmp_path / "s.json", {"size": "100x80", "strokes": LINES})))
     assert (source.height, source.width, source.channels) == (80, 100, ("Y",))
     drawn = source.read().pixels[..., 0]
     on, off = ([10, 10, 50, 40], [15, 50, 35, 50]), ([20, 70, 50], [50, 50, 50])
@@ -33,7 +33,7 @@ def test_lines_are_drawn_where_their_points_are(tmp_path: Path) -> None:
 
 
 def test_directions_follow_them(tmp_path: Path, rng: np.random.Generator) -> None:
-    lines = {"size": [80, 100], "strokes": [[[70, 10], [10, 70]]]}
+    lines = {"size": "100x80", "strokes": [[[70, 10], [10, 70]]]}
     strokes = open_source("strokes", str(written(tmp_path / "s.json", lines))).read()
     noise = picture(rng.random((80, 100)).astype(np.float32))
     angle = orientation_field(noise, OrientationFieldParams(), strokes).angle
@@ -46,17 +46,17 @@ def test_directions_follow_them(tmp_path: Path, rng: np.random.Generator) -> Non
         ("{", "it is not JSON"),
         ('{"a":' * 100_000, "it is not JSON"),
         ({"strokes": LINES}, "a mapping with 'size', 'strokes'"),
-        ({"size": [80, 100], "strokes": LINES, "color": 1}, "a mapping with 'size', 'strokes'"),
-        ({"size": [80], "strokes": LINES}, "size must be height and width"),
-        ({"size": [80, 1e9], "strokes": LINES}, "size must be height and width"),
-        ({"size": [80, 100], "strokes": []}, "must be a list of lines"),
-        ({"size": [80, 100], "strokes": [LINES[0], [[1, 2]]]}, "stroke 2 must be a list of two or more points"),
-        ({"size": [80, 100], "strokes": [[[1, 2], [3, 1e300]]]}, "stroke 1 must be"),
-        ({"size": [80, 100], "strokes": [[[1, 2], [float("nan"), 3]]]}, "stroke 1 must be"),
-        ({"size": [80, 100], "strokes": [[[1, 2], [True, 3]]]}, "stroke 1 must be"),
-        ({"size": [80, 100], "strokes": [[[0, 0]] * 100_001]}, "more than 100000 points"),
-        ({"size": [80, 100], "strokes": LINES, "width": 0}, "width must be a whole number from 1 to 255"),
-        ({"size": [80, 40_000], "strokes": LINES}, "is too large: 40000 x 80 px"),
+        ({"size": "100x80", "strokes": LINES, "color": 1}, "a mapping with 'size', 'strokes'"),
+        ({"size": [80, 100], "strokes": LINES}, r"got the list \[80, 100\]; write 100x80 or 80x100"),
+        ({"size": "0x80", "strokes": LINES}, "size: the width should be greater than 0"),
+        ({"size": "100x80", "strokes": []}, "must be a list of lines"),
+        ({"size": "100x80", "strokes": [LINES[0], [[1, 2]]]}, "stroke 2 must be a list of two or more points"),
+        ({"size": "100x80", "strokes": [[[1, 2], [3, 1e300]]]}, "stroke 1 must be"),
+        ({"size": "100x80", "strokes": [[[1, 2], [float("nan"), 3]]]}, "stroke 1 must be"),
+        ({"size": "100x80", "strokes": [[[1, 2], [True, 3]]]}, "stroke 1 must be"),
+        ({"size": "100x80", "strokes": [[[0, 0]] * 100_001]}, "more than 100000 points"),
+        ({"size": "100x80", "strokes": LINES, "width": 0}, "width must be a whole number from 1 to 255"),
+        ({"size": "40000x80", "strokes": LINES}, "is too large: 40000 x 80 px"),
     ],
 )
 def test_what_is_wrong_is_told(tmp_path: Path, content: Any, message: str) -> None:
@@ -68,7 +68,7 @@ def test_what_is_wrong_is_told(tmp_path: Path, content: Any, message: str) -> No
 
 
 def test_a_few_bytes_make_no_huge_picture(tmp_path: Path) -> None:
-    path = written(tmp_path / "s.json", {"size": [16384, 16384], "strokes": LINES})
+    path = written(tmp_path / "s.json", {"size": "16384x16384", "strokes": LINES})
     with pytest.raises(
         InputError, match=r"a size of 16384 x 16384 px is too large, at most 67108864 pixels of strokes"
     ):

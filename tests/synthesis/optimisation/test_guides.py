@@ -116,7 +116,7 @@ def test_guides_that_do_not_fit_are_refused(exemplar: Image) -> None:
     params, random = OptimiseParams(), np.random.default_rng(0)
     with pytest.raises(ValueError, match="go together"):
         optimise(exemplar, first.match, params, random, exemplar_guide=guides["exemplar_guide"])
-    with pytest.raises(InputError, match="size: give the height and width"):
+    with pytest.raises(InputError, match="size: give the size of the result"):
         initialise(exemplar, InitialiseParams(size=None), random)
     with pytest.raises(ValueError, match="guides of shapes"):
         optimise(exemplar, first.match, params, random, exemplar_guide=guides["exemplar_guide"][1:],

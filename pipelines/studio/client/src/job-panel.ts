@@ -3,7 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
 import type { Job } from "./messages";
-import { cancel, fileAddress, RequestError } from "./server";
+import { cancel, fileAddress, RequestError, save } from "./server";
 import { title } from "./recipe-form";
 import { download, type Studio } from "./studio";
 
@@ -31,6 +31,7 @@ export class JobPanel extends Element {
   @property({ attribute: false }) job!: Job;
   /** the run that writes the maps for a program */
   @state() private written = "";
+  @state() private isSaving = false;
 
   override connectedCallback(): void {
     super.connectedCallback();
@@ -47,6 +48,12 @@ export class JobPanel extends Element {
     select.value = "";
     this.written = (await this.studio.start({ ...this.job.recipe, layout }))?.id ?? "";
     this.onChange();
+  }
+
+  private async save(): Promise<void> {
+    this.isSaving = true;
+    await this.studio.attempt(save(this.job.id));
+    this.isSaving = false;
   }
 
   private readonly onChange = (): void => {
@@ -77,6 +84,8 @@ export class JobPanel extends Element {
                 <a href=${fileAddress(job.id, file)} download=${downloadName(job, file)}>${shown(file)}</a>
                 <span class="hint">${ABOUT[file] ?? ""}</span></li>`)}
             </ul>
+            <p class="row"><button ?disabled=${this.isSaving} @click=${() => this.save()}>Save in the folder</button></p>
+            ${job.saved ? html`<p class="hint" role="status">Saved in ${job.saved}</p>` : nothing}
             <label class="field"><span>Maps for</span>
               <select aria-label="Download maps for a program" ?disabled=${this.written !== ""}
                 @change=${(event: Event) => this.write(event.target as HTMLSelectElement)}>

@@ -181,7 +181,7 @@ export class MeshView extends Element {
     const { strokes, codes } = this.painted.now;
     const sources: Record<string, string> = { exemplar: this.exemplar!.id, mesh: this.shape };
     const lines = strokes.flatMap((one) => pieces(one, this.side));
-    if (lines.length) sources.strokes = await keepDocument("strokes", { size: [this.side, this.side], strokes: lines, width: 3 });
+    if (lines.length) sources.strokes = await keepDocument("strokes", { size: sizeText([this.side, this.side]), strokes: lines, width: 3 });
     if (codes && this.control) {
       const blob = await new Promise<Blob | null>((done) => this.map!.canvas.toBlob(done, "image/png"));
       sources.control = this.control;

@@ -52,7 +52,7 @@ export interface PatchRecipe {
   corners?: [[number, number], [number, number], [number, number], [number, number]] | null;
   controls?: [[[number, number], [number, number], [number, number], [number, number]], [[number, number], [number, number], [number, number], [number, number]], [[number, number], [number, number], [number, number], [number, number]], [[number, number], [number, number], [number, number], [number, number]]] | null;
   weights?: [[number, number, number, number], [number, number, number, number], [number, number, number, number], [number, number, number, number]] | null;
-  size?: [number, number] | null;
+  size?: string | null;
   edge?: number | null;
 }
 
@@ -99,6 +99,7 @@ export interface Job {
   done: number;
   seconds: number;
   files: (string)[];
+  saved: string;
   scores: Record<string, number>;
   texture: string;
   maps: Record<string, string>;

@@ -12,6 +12,7 @@ import { changed, cleared, EMPTY, type Handle, painted, type PhotoDocument, weig
 import { photoFlow, PURPOSES, type Purpose, type Settings } from "./photo-flows";
 import "./picture-list";
 import { bitmap, pictureAddress } from "./server";
+import { sides, sizeText } from "./sizes";
 import { canvasOf, type Payload, type Studio } from "./studio";
 import { Undo } from "./undo";
 
@@ -334,9 +335,9 @@ export class PhotographView extends Element {
             <p class="hint">Drag the points. Or choose one with [ and ], and move it with the arrow keys.</p>
             ${this.handle?.kind === "control" ? this.weight(patch, this.handle.row, this.handle.column) : nothing}
             <div class="field"><span>Real size</span><span class="pair">
-              ${[0, 1].map((axis) => html`<input type="number" min="0" step="any" placeholder="auto" aria-label=${axis ? "Real width" : "Real height"}
-                .value=${patch.size ? String(patch.size[axis]) : ""} @change=${(event: Event) => this.resize(patch, axis, event)} />`)}</span></div>
-            <p class="hint">Height and width in any unit, the same for all patches; without them perspective tells.</p>
+              ${[1, 0].map((axis) => html`<input type="number" min="0" step="any" placeholder="auto" aria-label=${axis ? "Real width" : "Real height"}
+                .value=${patch.size ? String(sides(patch.size)[axis]) : ""} @change=${(event: Event) => this.resize(patch, axis, event)} />`)}</span></div>
+            <p class="hint">Width and height in any unit, the same for all patches; without them perspective tells.</p>
             <button @click=${() => this.set(without(this.document, patch.name))}>Remove ${patch.name}</button>
           `
         : nothing}
@@ -352,9 +353,9 @@ export class PhotographView extends Element {
 
   private resize(patch: PatchRecipe, axis: number, event: Event): void {
     const value = Number((event.target as HTMLInputElement).value);
-    const size = [...(patch.size ?? [1, 1])] as [number, number];
+    const size = sides(patch.size ?? "1");
     size[axis] = value;
-    this.edit(({ size: _, ...others }) => (value > 0 ? { ...others, size } : others));
+    this.edit(({ size: _, ...others }) => (value > 0 ? { ...others, size: sizeText(size) } : others));
   }
 
   private areasSide(): TemplateResult {

@@ -37,6 +37,9 @@ export const keepPhoto = (recipe: PhotoRecipe): Promise<KeptPhoto> => post("/api
 export const run = (recipe: Recipe): Promise<Job> => post("/api/jobs", recipe);
 export const cancel = (job: string): Promise<Response> => request(`/api/jobs/${job}`, { method: "DELETE" });
 
+/** Write the files of a run beside the pictures of the folder. */
+export const save = (job: string): Promise<Job> => post(`/api/jobs/${job}/saved`);
+
 export const pictureAddress = (id: string, side: number): string =>
   `/api/pictures?${new URLSearchParams({ id, side: String(side) })}`;
 export const fileAddress = (job: string, file: string): string =>
