@@ -22,10 +22,24 @@ from typing import Any
 MERGED: dict[str, str] = {
     "inverse a.png --source control=b.png": "inverse a.png --source control=b.png",
     "inverse_stationary": "inverse",
+    "masked a.png --source mask=b.png": "self_tuning a.png --source mask=b.png",
+    "self_tuning_guided a.png --source exemplar_guide=b.png --source target_guide=c.png": (
+        "self_tuning a.png --source exemplar_guide=b.png --source target_guide=c.png"
+    ),
+    "self_tuning_oriented a.png --source strokes=b.png": "self_tuning a.png --source strokes=b.png",
+    "self_tuning_set [ab].png": "self_tuning [ab].png",
+    "self_tuning_structured a.png --source exemplar_structure=b.png": (
+        "self_tuning a.png --source exemplar_structure=b.png"
+    ),
+    "self_tuning_tone a.png --source control=b.png": "self_tuning a.png --source control=b.png",
 }
 """command of an earlier flow to that which replaces it, or does the same where sources are optional now"""
-RENAMED: dict[str, dict[str, str]] = {}
-"""earlier flow to the names of its steps, before and now"""
+RENAMED: dict[str, dict[str, str | None]] = {
+    "self_tuning_guided": {"detected": "structure", "structure": None},
+    "self_tuning_oriented": {"detected": "structure", "structure": None, "guide": "along"},
+    "self_tuning_structured": {"detected": "structure", "structure": "painted"},
+}
+"""earlier flow to the names of its steps, before and now; None: the step passed on what it took and is left out"""
 
 
 def resolved(command: str) -> dict[str, Any] | None:
@@ -70,7 +84,7 @@ def described(step: Any) -> dict[str, Any]:
         "params": step.params.model_dump(mode="json"),
         "inputs": {key: str(reference) for key, reference in step.inputs.items()},
         "gather": {key: texts(gathered) for key, gathered in step.gather.items()},
-        "draws_as": step.draws_as,
+        "draws_as": step.draws_as if step.stage.uses_rng else "",
         "scope": step.scope,
     }
 
@@ -91,7 +105,7 @@ def flow_names(interpreter: str) -> list[str]:
     ).stdout.split()
 
 
-def renamed(plan: dict[str, Any], names: dict[str, str]) -> dict[str, Any]:
+def renamed(plan: dict[str, Any], names: dict[str, str | None]) -> dict[str, Any]:
     """A plan whose steps have other names."""
 
     def change(value: Any) -> Any:
@@ -100,10 +114,10 @@ def renamed(plan: dict[str, Any], names: dict[str, str]) -> dict[str, Any]:
         if isinstance(value, list):
             return [change(one) for one in value]
         step, dot, output = value.partition(".") if isinstance(value, str) else ("", "", "")
-        return f"{names[step]}.{output}" if dot and step in names else value
+        return f"{names[step]}.{output}" if dot and names.get(step) else value
 
-    steps = {names.get(name, name): change(step) for name, step in plan["steps"].items()}
-    return {**change(plan), "steps": steps}
+    named = {names.get(name, name): change(step) for name, step in plan["steps"].items()}
+    return {**change(plan), "steps": {name: step for name, step in named.items() if name is not None}}
 
 
 def differences(before: dict[str, Any], after: dict[str, Any]) -> Iterator[tuple[bool, str]]:
@@ -121,7 +135,8 @@ def differences(before: dict[str, Any], after: dict[str, Any]) -> Iterator[tuple
                     if old[key] != new[key]:
                         yield True, f"steps.{name}.{key}: {old[key]} -> {new[key]}"
             elif old != new:
-                yield True, f"{part}.{name}: {old} -> {new or 'gone'}"
+                is_less = part != "params" or new is None or not set(old) <= set(new)
+                yield is_less, f"{part}.{name}: {old} -> {new or 'gone'}"
 
 
 def compare(interpreter: str) -> int:

@@ -183,7 +183,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
             {
                 **_what(opened),
                 "runner": opened.flow.runner.name,
-                "steps": [_step(report) for report in [*recorder.reports.values(), *opened.skipped()]],
+                "steps": [*map(_step, recorder.reports.values()), *map(_step, opened.skipped())],
                 **({"items": recorder.items(len(opened.items))} if opened.items else {}),
                 "exports": {name: str(path) for name, path in exports.items()},
                 **({"choices": choices} if choices else {}),

@@ -577,7 +577,8 @@ class _Checker:
 
     def _export_taker(self, file: str, entry: Entry) -> Taker:
         """What an export takes, checked."""
-        image, inputs = entry.value, {}
+        image = entry.value
+        inputs: dict[str, Alternatives] = {}
         only: Alternatives = ()
         if isinstance(entry.value, FolderPart):
             image, like, mesh = entry.value.image, entry.value.like, entry.value.mesh

@@ -78,11 +78,12 @@ class Presence:
         gathered: dict[str, Reference | Mapping[str, Reference]] = {}
         for key, given in self.takers[name].gather.items():
             if isinstance(given, tuple):
-                one = self.chosen(given)
-            else:
-                one = {label: ref for label, listed in given.items() if (ref := self.chosen(listed)) is not None}
-            if one:
-                gathered[key] = one
+                if (one := self.chosen(given)) is not None:
+                    gathered[key] = one
+            elif labelled := {
+                label: ref for label, listed in given.items() if (ref := self.chosen(listed)) is not None
+            }:
+                gathered[key] = labelled
         return gathered
 
     def used_sources(self) -> set[str]:
@@ -99,8 +100,9 @@ class Presence:
             if name in self.lacking:
                 continue
             for alternatives in taker.taken():
-                first, *others = [one for one in alternatives if not self._lacked(one)] or [None]
-                for other in others:
+                there = [one for one in alternatives if not self._lacked(one)]
+                first = self.chosen(alternatives)
+                for other in there[1:]:
                     lost, won = self._sources_of(other) & optional, self._sources_of(first) & optional
                     if not lost <= won:
                         return lost - won, won - lost

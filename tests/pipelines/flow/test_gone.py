@@ -70,6 +70,8 @@ def test_an_earlier_flow_loads_or_says_how_it_is_written_now(earlier: Path, fold
         except InputError as error:
             line = str(error)
             assert "\n" not in line
+            if "is part of another flow now, as in: texloom run" in line:
+                return
             place, problem = line.removeprefix(f"{path}: ").split(": ", 1)
             assert corrected(document, place, problem), line
         else:

@@ -1,17 +1,24 @@
 """Optional sources: what is skipped without them, what takes its place, what is refused."""
 
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from PIL import Image as Pillow
 
 import texloom
+from texloom.pipelines.cli import main as cli
 from texloom.pipelines.engine.run import Run
+from texloom.pipelines.flow.command_list import command_list
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Flow, Overrides
 from texloom.pipelines.store.store import Store
+from texloom.pipelines.studio.library import Library
+from texloom.pipelines.studio.messages import Recipe
+from texloom.pipelines.studio.recipes import flow_file, open_recipe
 from texloom.stages.vocabulary.declare import InputError
 
 FLOW = """
@@ -319,3 +326,44 @@ steps:
     for name, step in alone.flow.steps.items():
         assert run.flow.steps[name] == step
         assert run.parts(run.flow.steps[name], run.shared).key == alone.parts(step, alone.shared).key
+
+
+# -- all ways to run a flow
+
+
+def test_commands_and_deployments_give_it(folder: Path) -> None:
+    from texloom.pipelines.engine.prefect.flow_run import parameters_of
+
+    flow = loaded(folder, sources={"mask": "mask.png"})
+    listed = command_list(flow, [], folder / "store", folder / "out", force=False).lines()
+    assert f"--source mask={folder}/mask.png" in listed[0]
+    parameters = parameters_of(Run(flow, Store(folder / "store")), folder / "out")
+    assert parameters["source"]["mask"] == str(folder / "mask.png")
+    assert set(parameters["source"]) == {"exemplar", "mask"}
+
+
+def test_the_command_line_tells(folder: Path) -> None:
+    def told(*words: str) -> str:
+        made = CliRunner().invoke(cli.texloom, [*words], standalone_mode=False)
+        assert made.exception is None
+        return made.output
+
+    flow = str(folder / "base.yaml")
+    assert "clean      skipped  no mask" in told("plan", flow, "--store", str(folder / "store"))
+    explained = told("flows", flow)
+    assert "mask      optional: what is black is not used" in explained
+    assert "(only with own and painted)" in explained
+    assert json.loads(told("flows", flow, "--json"))["exports_with"]["table.json"] == ["set"]
+
+
+def test_the_studio_gives_it(folder: Path) -> None:
+    library = Library(folder, folder / "store")
+    sources = {"exemplar": "folder:exemplar.png", "mask": "folder:mask.png"}
+    recipe = Recipe(flow="self_tuning", sources=sources, size="64", params={"clean.grow": 1})
+    run = open_recipe(recipe, library, Store(folder / "store"))
+    assert "clean" in run.flow.steps
+    (folder / "made.yaml").write_text(flow_file(recipe, run.flow, "made.yaml", library))
+    made = load_flow(folder / "made.yaml")
+    assert {name: step.params for name, step in made.steps.items()} == {
+        name: step.params for name, step in run.flow.steps.items()
+    }
