@@ -17,7 +17,7 @@ _COMPONENTS = 16
 _MAX_TARGETS = 1 << 14
 _SELF = 256  # exemplar patches whose distance to the others is the reference
 _CHUNK = 256  # patches that are searched for at a time
-_ROWS = 256  # in which they are searched for at a time; the distances fit into the processor's cache
+_ROWS = 480  # in which they are searched for at a time; the distances fit into the processor's cache
 
 Whole: TypeAlias = Bool[np.ndarray, "p q"]
 """true for patches that count, by their top-left pixel"""

@@ -19,8 +19,10 @@ BYTES = 64
 
 
 @intrinsic
-def block_product(typing_context: Any, rows: Any, first: Any, last: Any, panels: Any, panel: Any, out: Any) -> Any:
-    """Fill ``out``, (`ROWS`, c), with the product of rows ``first``, ``first`` + 1 ... and a panel.
+def block_product(
+    typing_context: Any, rows: Any, first: Any, last: Any, panels: Any, panel: Any, out: Any, top: Any, left: Any
+) -> Any:
+    """Fill `ROWS` rows and c columns of ``out`` with the product of rows ``first``, ``first`` + 1 ... and a panel.
 
     Parameters
     ----------
@@ -28,8 +30,9 @@ def block_product(typing_context: Any, rows: Any, first: Any, last: Any, panels:
     first, last : int64; rows from ``last`` on are not read, and give the product of row ``last`` - 1
     panels : (p, k, c), c columns in `BYTES` each
     panel : int64, the number of one
+    top, left : int64, where the block begins in ``out``, (m, w)
     """
-    signature = types.void(rows, types.int64, types.int64, panels, types.int64, out)
+    signature = types.void(rows, types.int64, types.int64, panels, types.int64, out, types.int64, types.int64)
 
     def generate(context: Any, builder: ir.IRBuilder, signature: Any, values: Any) -> ir.Value:
         int64, size = ir.IntType(64), signature.args[0].dtype.bitwidth // 8
@@ -41,9 +44,8 @@ def block_product(typing_context: Any, rows: Any, first: Any, last: Any, panels:
         )
         _, count = cgutils.unpack_tuple(builder, given.shape)
 
-        def vector_at(start: ir.Value, number: ir.Value) -> ir.Value:
-            at = builder.gep(start, [builder.mul(number, int64(columns))])
-            return builder.bitcast(at, vector.as_pointer())
+        def vector_at(start: ir.Value, value: ir.Value) -> ir.Value:
+            return builder.bitcast(builder.gep(start, [value]), vector.as_pointer())
 
         end = builder.sub(values[2], int64(1))
         lines, sums = [], []
@@ -54,14 +56,17 @@ def block_product(typing_context: Any, rows: Any, first: Any, last: Any, panels:
             sums.append(cgutils.alloca_once_value(builder, ir.Constant(vector, None)))
         begin = builder.mul(values[4], count)
         with cgutils.for_range(builder, count) as loop:
-            beside = builder.load(vector_at(packed.data, builder.add(begin, loop.index)), align=size)
+            place = builder.mul(builder.add(begin, loop.index), int64(columns))
+            beside = builder.load(vector_at(packed.data, place), align=size)
             for line, total in zip(lines, sums, strict=True):
                 factor = builder.load(builder.gep(line, [loop.index]))
                 factor = builder.insert_element(none, factor, int64(0))
                 factor = builder.shuffle_vector(factor, none, ir.Constant(numbers, None))
                 builder.store(builder.fadd(builder.load(total), builder.fmul(factor, beside)), total)
+        _, width = cgutils.unpack_tuple(builder, found.shape)
         for number, total in enumerate(sums):
-            builder.store(builder.load(total), vector_at(found.data, int64(number)), align=size)
+            place = builder.add(builder.mul(builder.add(values[6], int64(number)), width), values[7])
+            builder.store(builder.load(total), vector_at(found.data, place), align=size)
         return context.get_dummy_value()
 
     return signature, generate

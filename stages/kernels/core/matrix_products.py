@@ -29,7 +29,10 @@ def multiply_rows(rows, panels, out, first, last):
             left = panel * columns
             right = min(left + columns, width)
             for i in range(top, bottom, ROWS):
-                block_product(rows, i, bottom, panels, panel, block)
+                if i + ROWS <= bottom and left + columns <= width:
+                    block_product(rows, i, bottom, panels, panel, out, i, left)
+                    continue
+                block_product(rows, i, bottom, panels, panel, block, 0, 0)
                 for r in range(min(ROWS, bottom - i)):
                     line, made = out[i + r, left:right], block[r]
                     for j in range(line.size):

@@ -16,6 +16,7 @@ _EDGE = 10.0  # ratio of curvatures that is an edge's
 _TURNS = 36  # bins of directions around a feature
 _SIDE, _PARTS = 4, 8  # cells along a descriptor's side, and directions in each
 _TAU = 2 * math.pi
+_HALVES = np.ldexp(1.0, -np.arange(1023))  # 1, 1/2, 1/4 ...
 
 
 @inner
@@ -27,7 +28,7 @@ def _exp_of_minus(x):
     square = rest * rest
     above = rest * ((1.26177193074810590878e-4 * square + 3.02994407707441961300e-2) * square + 1.0)
     below = (3.00198505138664455042e-6 * square + 2.52448340349684104192e-3) * square + 2.27265548208155028766e-1
-    return (1.0 + 2.0 * (above / (below * square + 2.0 - above))) * math.ldexp(1.0, -int(twos))
+    return (1.0 + 2.0 * (above / (below * square + 2.0 - above))) * _HALVES[int(twos)]
 
 
 @inner
@@ -64,6 +65,18 @@ def _is_extremum(levels, layer, y, x):
                 if (value > 0 and levels[k, i, j] > value) or (value < 0 and levels[k, i, j] < value):
                     return False
     return True
+
+
+@inner
+def _candidates(levels, layer, y, least, flags):
+    """Mark the pixels of a row, from `_BORDER` on, that no neighbour in their level exceeds."""
+    line = levels[layer, y]
+    own, before, after = line[_BORDER:], line[_BORDER - 1 :], line[_BORDER + 1 :]
+    above, below = levels[layer, y - 1, _BORDER:], levels[layer, y + 1, _BORDER:]
+    for x in range(flags.size):
+        most = max(before[x], after[x], above[x], below[x])
+        lowest = min(before[x], after[x], above[x], below[x])
+        flags[x] = ((own[x] > least) & (own[x] >= most)) | ((own[x] < -least) & (own[x] <= lowest))
 
 
 @inner
@@ -124,10 +137,12 @@ def find_extrema(levels, least):
     count, height, width = levels.shape
     found = np.empty((64, 7))
     number = 0
+    flags = np.empty(max(width - 2 * _BORDER, 0), np.bool_)
     for layer in range(1, count - 1):
         for y in range(_BORDER, height - _BORDER):
+            _candidates(levels, layer, y, np.float32(least), flags)
             for x in range(_BORDER, width - _BORDER):
-                if abs(levels[layer, y, x]) > least and _is_extremum(levels, layer, y, x):
+                if flags[x - _BORDER] and _is_extremum(levels, layer, y, x):
                     if number == len(found):
                         found = np.concatenate((found, np.empty_like(found)))
                     if _refined(levels, layer, y, x, found[number]):
@@ -181,7 +196,8 @@ def describe(picture, y, x, cosine, sine, angle, scale, out):
             dx = np.float64(picture[row + i, column + j + 1]) - picture[row + i, column + j - 1]
             dy = np.float64(picture[row + i - 1, column + j]) - picture[row + i + 1, column + j]
             size = math.sqrt(dx * dx + dy * dy) * _exp_of_minus((down * down + across * across) * (2.0 / _SIDE**2))
-            turn = ((_direction(dy, dx) - angle) % _TAU) * (_PARTS / _TAU)
+            turned = _direction(dy, dx) - angle
+            turn = (turned if turned >= 0 else turned + _TAU) * (_PARTS / _TAU)
             r0, c0, t0 = math.floor(r), math.floor(c), math.floor(turn)
             r, c, turn = r - r0, c - c0, turn - t0
             for a in range(2):
