@@ -143,7 +143,7 @@ def collage(image: Image, params: CollageParams) -> Collage:
         numbers[rows, columns] = number
     if (numbers < 0).all():
         raise InputError("pieces: none of them lies in the result")
-    return Collage(Image(pixels, (*channels, "A")).wrapping(params.tileable), numbers)
+    return Collage(image.elsewhere(pixels, (*channels, "A")).wrapping(params.tileable), numbers)
 
 
 def _place(piece: _Piece, params: CollageParams) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

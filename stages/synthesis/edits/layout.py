@@ -289,7 +289,7 @@ def _with_maps(layout: Image, exemplar: Image, sources: Correspondence) -> Image
             planes[..., index] = layout.color[..., "RGB".index(name)]
         elif name == "Y":
             planes[..., index] = grey
-    return Image(planes, exemplar.channels)
+    return exemplar.elsewhere(planes)
 
 
 def _beside(
@@ -302,7 +302,7 @@ def _beside(
     pixels[: image.height, : image.width, -1] = 1 if usable is None else usable
     pixels[corner[0] :, corner[1] :][: layout.height, :, :-1] = layout.pixels
     pixels[corner[0] :, corner[1] :][: layout.height, :, -1] = keep
-    return Image(pixels, (*image.channels, USABLE))
+    return image.elsewhere(pixels, (*image.channels, USABLE))
 
 
 def _blur(image: Image, strength: float) -> float:

@@ -235,14 +235,14 @@ class _Refinement:
         wrap, sides = self.texture.wraps.both, (self.match.shape[0], self.match.shape[1])
         squares = [_square(place, round(width * radius), sides, wrap) for width in _WIDTHS]
         window, largest = windows(squares[-1], max(_CONTEXT, self.params.margin), wrap)[0]
-        view = Image(np.ascontiguousarray(self.pixels[window.at]), self.texture.channels)
+        view = self.texture.elsewhere(np.ascontiguousarray(self.pixels[window.at]))
         match = np.ascontiguousarray(self.match[window.at])
         before = best = self.measures.of_place(view, match, largest, window.wrap)
         kept, changed = (view, match), np.zeros(largest.shape, bool)
         regions = [np.ascontiguousarray(square[window.at]) for square in squares]
         for region, new, origin in self._replaced(view, match, regions, window.wrap, rng):
             taken = _joined(view, new, region)
-            made = Image(np.where(taken[..., None], new.pixels, view.pixels), view.channels)
+            made = view.elsewhere(np.where(taken[..., None], new.pixels, view.pixels))
             sources = np.where(taken[..., None], origin, match)
             after = self.measures.of_place(made, sources, largest, window.wrap)
             if after.worst >= best.worst or after.distance > before.distance:

@@ -169,7 +169,7 @@ def _maps_of_both(
     both[: image.height, : image.width] = image.pixels
     both[image.height :, : given.width] = given.pixels
     valid[: image.height, : image.width] = True if usable is None else usable
-    maps = map_features(Image(both, image.channels), spread, weights, valid, components)
+    maps = map_features(image.elsewhere(both), spread, weights, valid, components)
     return (
         np.ascontiguousarray(maps[: image.height, : image.width]),
         np.ascontiguousarray(maps[image.height :, : given.width]),

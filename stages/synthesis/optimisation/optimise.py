@@ -346,7 +346,7 @@ class _Optimisation:
         """The result at a scale: all channels, linear, without ``margin`` px at every side."""
         small = resize(self.image.pixels, *scale.exemplar)
         pixels = vote_pixels(match, small, self.final, bool(self.params.tileable), margin)
-        return result_image(pixels, self.image.channels)
+        return result_image(pixels, self.image)
 
 
 @stage(version=1, check=check_patches, in_bands=True)
@@ -555,7 +555,7 @@ def _run(
         if len(runs) > 1:
             if scale.level < tried:
                 continue
-            exemplar = Image(resize(optimisation.image.pixels, *scale.exemplar), optimisation.image.channels)
+            exemplar = optimisation.image.elsewhere(resize(optimisation.image.pixels, *scale.exemplar))
             results = [optimisation.picture(run.match, scale) for run in runs if run.match is not None]
             best = runs[best_start(exemplar, results, [run.done[-1] for run in runs])]
             runs = [_Run(best.match, best.done, randoms)]

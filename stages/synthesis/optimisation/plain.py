@@ -165,7 +165,7 @@ class PlainTexture:
         source = correspondence.to_pixels(match, params.patch_size, params.tileable)
         used_area = None if usable is None else int(usable.sum())
         return cls(
-            image=Image(np.ascontiguousarray(whole.pixels[inner]), whole.channels).wrapping(params.tileable),
+            image=whole.elsewhere(np.ascontiguousarray(whole.pixels[inner])).wrapping(params.tileable),
             match=np.ascontiguousarray(source[inner]),
             occurrence=occurrence_map(match, (exemplar.height, exemplar.width), params.patch_size, used_area),
             scales=scales,
