@@ -5,7 +5,7 @@ Both are shown to the user; nothing is decided by them.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Float32, Float64
@@ -24,7 +24,7 @@ _LEAST_SPREAD = 0.05
 _FREEDOM = 4.0  # of Student's distribution: outliers, such as joints of bricks, are common
 _FITS = 0.3  # correlation
 
-_Lines = Float32[np.ndarray, "n w 3"]
+_Lines: TypeAlias = Float32[np.ndarray, "n w 3"]
 
 
 def plausible_wraps(image: Image) -> dict[str, dict[str, Any]]:

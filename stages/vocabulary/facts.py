@@ -7,7 +7,7 @@ What becomes of the facts of a picture in an operation:
 | other values at the same places: tone, fill, edit, colour space (`Image.with_pixels`) | kept | kept |
 | maps of one material joined (`Facts.joined`) | what all of them have | those of all |
 | a part (`Image.cropped`) | kept along a side that is whole, else dropped | kept |
-| its values at other places: scaled, flipped, turned, unrolled, copied (`Image.elsewhere`) | dropped | kept |
+| its values at other places: scaled, flipped, transposed, turned, copied (`Image.elsewhere`) | dropped | kept |
 | a synthesis (`Image.elsewhere`, then `Image.wrapping`) | set by what was asked for, ``tileable`` | kept |
 | anything else: an `Image` made of pixels and channels | dropped | dropped |
 

@@ -23,7 +23,7 @@ from texloom.stages.synthesis.stitching.cuts import Strips, enclosed
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, stage
-from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
+from texloom.stages.vocabulary.masks import FilledExemplar
 from texloom.stages.vocabulary.progress import Progress, part, report
 from texloom.stages.vocabulary.sizes import format_size
 
@@ -112,22 +112,23 @@ class _Measures:
     """
 
     def __init__(self, exemplar: Image, sides: tuple[int, int]):
-        self.valid = valid_pixels(exemplar)
-        self.lab = lab_from_linear(fill_excluded(exemplar).color)
+        filled = FilledExemplar.of(exemplar)
+        self.valid, self.lab = filled.valid, filled.lab
         self.cell = cell_side(sides[0] * sides[1])
         self.ratios = PatchRatios(self.lab, self.valid, min(*self.lab.shape[:2], *sides))
 
     def joints(self, image: Image, match: Correspondence, wrap: bool) -> tuple[Places, Float64[np.ndarray, "*n"]]:
         """The joint of largest contrast in every cell that has one, and its ratio."""
-        lab = lab_from_linear(fill_excluded(image).color)
-        places = worst_of_cells(joint_contrast(self.lab, lab, match, wrap), self.cell)
-        return places, self._mean_ratios(lab, places, valid_pixels(image), wrap)
+        made = FilledExemplar.of(image)
+        places = worst_of_cells(joint_contrast(self.lab, made.lab, match, wrap), self.cell)
+        return places, self._mean_ratios(made.lab, places, made.valid, wrap)
 
     def of_place(
         self, image: Image, match: Correspondence, region: Bool[np.ndarray, "H W"], wrap: bool
     ) -> _Measured:
         """The measures of a region of a window."""
-        lab, valid = lab_from_linear(fill_excluded(image).color), valid_pixels(image)
+        made = FilledExemplar.of(image)
+        lab, valid = made.lab, made.valid
         contrast = joint_contrast(self.lab, lab, match, wrap)
         near = _grown(region)
         contrast[~near] = -1

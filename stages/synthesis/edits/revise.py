@@ -23,6 +23,7 @@ from texloom.stages.synthesis.stitching.overlap import Errors, compared
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import InputError, Outline, stage
 from texloom.stages.vocabulary.masks import (
+    EXCLUSION_CHANNELS,
     USABLE,
     count_excluded,
     fill_excluded,
@@ -119,7 +120,7 @@ def marked_pixels(region: Image) -> Mask:
 def _common_channels(texture: tuple[str, ...], exemplar: tuple[str, ...]) -> None:
     """`InputError` unless the exemplar has all maps of the texture."""
     known = {*exemplar, *("RGB" if "Y" in exemplar else ())}
-    missing = [name for name in texture if name not in known and name not in ("A", USABLE)]
+    missing = [name for name in texture if name not in known and name not in EXCLUSION_CHANNELS]
     if missing:
         raise InputError(f"exemplar: lacks the channel {missing[0]} of the texture; it has {', '.join(exemplar)}")
 

@@ -31,7 +31,7 @@ from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, Ma
 from texloom.stages.vocabulary.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params, stage
-from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels, without_usable
+from texloom.stages.vocabulary.masks import FilledExemplar, valid_pixels, without_usable
 from texloom.stages.vocabulary.scratch import bands
 from texloom.stages.vocabulary.sizes import Size, format_size
 
@@ -279,9 +279,10 @@ class _Optimisation:
         fixed: FixedPixels | None,
         params: OptimiseParams,
     ):
-        self.image = without_usable(fill_excluded(image))
+        exemplar = FilledExemplar.of(image)
+        self.image = exemplar.image
         self.compared = PatchFeatures(
-            self.image, valid_pixels(image), guidance, weight, params.weights, guides, phase, regularity,
+            exemplar, guidance, weight, params.weights, guides, phase, regularity,
             params.patch_size, None if fixed is None else fixed.shown,
         )  # fmt: skip
         self.fixed = fixed
