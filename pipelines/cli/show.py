@@ -1,4 +1,4 @@
-"""``texloom show``: the contents and provenance of EXR files."""
+"""``texloom show``: the contents and provenance of EXR files, and facts of pictures and materials."""
 
 from __future__ import annotations
 
@@ -31,13 +31,16 @@ from texloom.pipelines.cli.output import print_json, say
 def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
     """Show the contents of EXR files (layers, sizes, channels) and their provenance.
 
-    Of these and of other pictures: whether they tile, bits, range, role.
+    Of these, of other pictures and of materials (a folder or YAML file of maps): whether they tile, and where no
+    file says it, whether that is plausible; bits, ranges, roles; where green of normals points, and whether that
+    fits the heights. Nothing is decided by what is measured.
 
     \b
     texloom show mine/texture.exr
     texloom show mine/texture.exr --png layers
     """
-    from texloom.pipelines.media.about import about_picture
+    from texloom.pipelines.media.about import about_material, about_picture
+    from texloom.pipelines.media.material_set import is_map_set
     from texloom.pipelines.store import codec
     from texloom.pipelines.store.atomic import check_folder
     from texloom.stages.vocabulary.declare import InputError
@@ -51,9 +54,10 @@ def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
             codec.check_pictures(file, place)
     reports = []
     for file in files:
-        found = {} if _is_picture(file) else codec.describe(file)
+        is_material = is_map_set(str(file))
+        found = {} if is_material or _is_picture(file) else codec.describe(file)
         with contextlib.suppress(*[InputError] if found else []):  # an EXR may hold other things than a picture
-            found["facts"] = about_picture(file)
+            found["facts"] = (about_material if is_material else about_picture)(file)
         written = codec.pictures(file, folders[file]) if folders else []
         reports.append({**({"file": str(file)} if several else {}), **found, "pictures": list(map(str, written))})
         if not as_json:

@@ -1,4 +1,4 @@
-"""What is known of a picture file: whether it wraps, its bits, range and role."""
+"""What is known of a picture file or the maps of a material: whether they wrap, bits, ranges, roles, green."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from texloom.pipelines.media import locate
+from texloom.pipelines.errors import one_line
+from texloom.pipelines.media import locate, material_set
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.material_set import COLORS, recognised
-from texloom.stages.common.grids.border_steps import border_steps
+from texloom.pipelines.media.plausibility import plausible_green, plausible_wraps
+from texloom.pipelines.memory import check_memory
+from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 
 
@@ -19,9 +22,7 @@ def about_picture(path: Path) -> dict[str, Any]:
 
     Returns
     -------
-    ``wraps``: ``off``, ``x``, ``y`` or ``both``, where texloom has written it; elsewhere ``border_steps`` down and
-    across, see `stages.common.grids.border_steps`, if they are finite. ``bits``, of which 32 are floats; ``range``
-    of each channel; ``role`` of a map, by the file's name.
+    as of `_known`, with ``bits``, of which 32 are floats, and the ``role`` of a map, by the file's name.
     """
     role = recognised(path.stem)
     is_data = role is not None and role[0] not in COLORS
@@ -32,15 +33,44 @@ def about_picture(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: {error}") from None
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
-    known: dict[str, Any] = dict(image.facts.record())
-    if not known:
-        steps = border_steps(image)
-        axes = zip(("down", "across"), steps, strict=True)
-        known["border_steps"] = {axis: round(step, 2) for axis, step in axes if np.isfinite(step)}
-    known["bits"] = seen.bits
+    return {**_known(image), "bits": seen.bits, **({} if role is None else {"role": role[0]})}
+
+
+def about_material(reference: Path) -> dict[str, Any]:
+    """The facts of a material, a folder or YAML file of maps, ready for JSON; `InputError` where it cannot be read.
+
+    Returns
+    -------
+    as of `_known`, with ``files``: file, ``bits`` and what is said of it, by role; and ``notes`` on the others.
+    """
+    try:
+        opened, notes = material_set.open_set(str(reference))
+        if problem := check_memory(material_set.memory_of(opened)):
+            raise Refusal(problem)
+        image = material_set.read(opened, opened[0].height, opened[0].width)
+    except Refusal as error:
+        raise InputError(one_line(f"{reference}: {error}")) from None
+    except OSError as error:
+        raise InputError(f"{reference}: {error.strerror or error}") from None
+    files = {one.role: {"file": Path(one.reference).name, "bits": one.bits} for one in opened}
+    return {**_known(image), "files": files, **({"notes": list(notes)} if notes else {})}
+
+
+def _known(image: Image) -> dict[str, Any]:
+    """What texloom has written into the file, names or YAML say of maps, and what is measured.
+
+    ``wraps``: ``x``, ``y`` or ``both``, and where that is not said ``plausible_wraps``; ``maps``: green, unit and
+    range of each, see `MapFacts`; of a material with normals and heights ``plausible_green``; ``range`` of each
+    channel.
+    """
+    known = image.facts.record()
+    if not image.wraps:
+        known["plausible_wraps"] = plausible_wraps(image)
+    if (green := plausible_green(image)) is not None:
+        known["plausible_green"] = green
     planes = zip(image.channels, np.moveaxis(image.pixels, 2, 0), strict=True)
     known["range"] = {name: [_short(plane.min()), _short(plane.max())] for name, plane in planes}
-    return known | ({} if role is None else {"role": role[0]})
+    return known
 
 
 def _short(value: np.float32) -> float:

@@ -145,7 +145,8 @@ def masked(image: Picture, mask: PathOrArray) -> dict[str, PathOrArray]:
             maps, _ = material_set.open_set(os.fspath(image))
         except (Refusal, OSError) as error:
             raise InputError(f"image: {image}: {error}") from None
-        names = {one.role: "normal_dx" if one.directx else one.role for one in maps}
+        said = {"up": "normal_gl", "down": "normal_dx"}
+        names = {one.role: said.get(one.facts.green, one.role) for one in maps}
         return {**{names[one.role]: one.reference for one in maps}, "mask": mask}
     return {"albedo": image, "mask": mask}
 

@@ -11,7 +11,7 @@ import dataclasses
 import os
 import stat
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,8 @@ class Inspected(Header):
     """what was assumed of its colour, for the user"""
     original_bits: int = 0
     """as ``bits``, of what texloom made a file of floats from; 0 where that is not known"""
+    facts: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    """what texloom has written into it, see `Facts.record`"""
 
 
 class KnownFiles:

@@ -56,8 +56,8 @@ def inspect(reference: str, data: bool = False, layered: bool = False) -> Inspec
             return found
     with opened(path) as file:
         read = pictures.read_header(file, data, layered)
-        facts = read.height, read.width, read.channels, read.bits, read.memory
-        seen = Inspected(*facts, _digest(file), read.note, read.original_bits)
+        header = read.height, read.width, read.channels, read.bits, read.memory
+        seen = Inspected(*header, _digest(file), read.note, read.original_bits, read.facts.record())
     if known is not None:
         known.add(path, state, seen)
     return seen

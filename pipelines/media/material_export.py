@@ -18,6 +18,7 @@ from texloom.pipelines.store.clipping import count_clipped, tell_clipped
 from texloom.pipelines.store.png_file import LARGE, png, with_facts, write_png
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.facts import GREENS, MapFacts
 from texloom.stages.vocabulary.normals import NORMAL, rounding, unit
 from texloom.stages.vocabulary.scratch import bands, empty, release
 
@@ -55,7 +56,6 @@ def write_maps(
     alike = {one.role: one for one in like}
     bits = {role: min(16, alike[role].bits) if role in alike else _BITS.get(role, 8) for role in ROLES}
     image = with_unit_normals(image, bits["normal"])
-    explained = with_facts(provenance, image.facts, image.height, image.width)
     attributes, shown = delivery.exr_attributes(is_color=True), delivery.encoded(image)
     written = {f"{_NAME}.exr": codec.export(shown, Image, folder / f"{_NAME}.exr", provenance, attributes)}
     stems = [one.stem for one in like]
@@ -70,6 +70,8 @@ def write_maps(
         if channels:
             one = alike.get(role)
             directx = one is not None and one.directx
+            said = {role: facts_of_file(image, role, directx)}
+            explained = with_facts(provenance, image.facts, image.height, image.width, said)
             # Files of the same name may be in several folders.
             file = f"{role if one is None or stems.count(one.stem) > 1 else one.stem}.png"
             if image.height * image.width > LARGE:
@@ -113,6 +115,12 @@ def channels_of(role: str, known: Sequence[str]) -> list[str]:
     if set(names) <= set(known):
         return list(names)
     return [role] if role in known else []
+
+
+def facts_of_file(image: Image, role: str, directx: bool) -> MapFacts:
+    """What holds for the file of integers that a map is written to."""
+    green = GREENS[directx] if role == "normal" else ""
+    return MapFacts(green, image.facts.of_map(role).unit)
 
 
 def _keep_codes(levels: np.ndarray, image: Image, one: Map) -> None:

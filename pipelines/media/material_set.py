@@ -6,7 +6,8 @@ A folder holds one picture a map, whose name ends in its role: ``albedo.png``, `
     albedo: moss/color.png
     normal: moss/n.png
     height: moss/bump16.tif
-    normal_convention: directx   # green points down; the default is the file name's, or else opengl
+    normal_convention: directx   # green points down; else the file name says it, or texloom's header
+    height_unit: cm              # of heights in floats: um, mm, cm, m or in
     resample: true               # to the albedo's size; otherwise all maps must have the same size
 
 Albedo and emission are colours; the others are data, integers divided by the highest value of their type. Normals
@@ -35,12 +36,12 @@ from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.yaml import read_document
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
-from texloom.stages.vocabulary.facts import Facts
+from texloom.stages.vocabulary.facts import GREENS, UNITS, Facts, MapFacts
 from texloom.stages.vocabulary.masks import HALF, USABLE
 from texloom.stages.vocabulary.normals import NORMAL, rounding, unit
 from texloom.stages.vocabulary.sizes import format_size
 
-_VERSION = 1  # raised when the same files are read to other values
+_VERSION = 2  # raised when the same files are read to other values
 ROLES: Mapping[str, tuple[str, ...]] = {
     "albedo": ("albedo", "basecolor", "basecolour", "diffuse", "diff", "color", "colour", "col"),
     "normal": ("normal", "normals", "nor", "nrm", "norm"),
@@ -58,8 +59,9 @@ COLORS = ("albedo", "emissive")
 """roles of maps in sRGB"""
 _IN_COLOR = (*COLORS, "specular")
 _CONVENTIONS = {"gl": "opengl", "opengl": "opengl", "ogl": "opengl", "dx": "directx", "directx": "directx"}
+_GREENS = dict(zip(("opengl", "directx"), GREENS, strict=True))
 _PREFERENCE = ("opengl", None, "directx")
-_KEYS = ("normal_convention", "resample")
+_KEYS = ("normal_convention", "height_unit", "resample")
 _NOT_A_ROLE = re.compile(r"\d+k?|map|maps|tex|texture|png|jpg|jpeg|tif|tiff|exr")
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".exr")
 _YAML = (".yaml", ".yml")
@@ -81,14 +83,19 @@ class Map:
     """its channels in the image"""
     bits: int
     """8 or 16 of an integer, 32 where the values are floats"""
-    directx: bool
-    """whether green points down in a normal map"""
+    facts: MapFacts
+    """what is said of it: by its name, the YAML file, or texloom in its header"""
     digest: str
     """SHA-256 of its content"""
     memory: int
     """bytes that decoding takes at most"""
     note: str = ""
     """what was assumed of its colour, for the user"""
+
+    @property
+    def directx(self) -> bool:
+        """Whether green points down in a normal map; up, where nobody says so."""
+        return self.facts.green == "down"
 
 
 def is_map_set(reference: str) -> bool:
@@ -230,7 +237,7 @@ def memory_of(maps: Sequence[Map]) -> int:
 
 def digest_of(maps: Sequence[Map]) -> str:
     """SHA-256 of the roles and contents of the maps, without their files' names."""
-    parts = [[one.role, one.channels, one.directx, one.digest] for one in maps]
+    parts = [[one.role, one.channels, one.facts.record(), one.digest] for one in maps]
     return hashlib.sha256(json.dumps([_VERSION, parts]).encode()).hexdigest()
 
 
@@ -294,6 +301,8 @@ def _of_yaml(path: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]:
     convention, resample = settings.get("normal_convention"), settings.get("resample", False)
     if convention not in (None, "opengl", "directx"):
         raise Refusal(f"normal_convention: must be opengl or directx, got {shown(convention)}")
+    if (unit_of_height := settings.get("height_unit")) not in (None, *UNITS):
+        raise Refusal(f"height_unit: must be one of {', '.join(UNITS)}, got {shown(unit_of_height)}")
     if not isinstance(resample, bool):
         raise Refusal(f"resample: must be true or false, got {shown(resample)}")
     return named, settings, []
@@ -322,9 +331,13 @@ def _opened(role: str, reference: str, settings: Mapping[str, Any]) -> Map:
     stem = path.stem if picture_files.is_path(reference) else role
     named = recognised(stem)
     convention = settings.get("normal_convention") or (named[1] if named and named[0] == "normal" else None)
-    directx = role == "normal" and convention == "directx"
+    facts = Facts.of(seen.facts).of_map(role)
+    if role == "normal" and convention is not None:
+        facts = dataclasses.replace(facts, green=_GREENS[convention])
+    if role == "height" and (height_unit := settings.get("height_unit")) is not None:
+        facts = dataclasses.replace(facts, unit=height_unit)
     size = seen.height, seen.width
-    return Map(role, reference, stem, *size, channels, seen.bits, directx, seen.digest, seen.memory, seen.note)
+    return Map(role, reference, stem, *size, channels, seen.bits, facts, seen.digest, seen.memory, seen.note)
 
 
 def _planes(one: Map, height: int, width: int) -> Image:
@@ -339,11 +352,21 @@ def _planes(one: Map, height: int, width: int) -> Image:
         pixels = _grey(pixels[..., : 1 if image.channels[0] == "Y" else 3])
     else:
         pixels = pixels[..., :3]
+    facts = Facts(image.wraps, _known(one, pixels))
     if (one.height, one.width) != (height, width):
         pixels = _resampled(pixels, height, width)
         if one.role == "normal":
             pixels = unit(pixels)
-    return image.with_pixels(pixels, one.channels)
+    return Image(pixels, one.channels, facts)
+
+
+def _known(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> dict[str, MapFacts]:
+    """The facts of a map by its role, with the range of floats that are neither colours nor vectors."""
+    if one.role in ("albedo", "mask"):
+        return {}
+    if one.bits != 32 or one.role in (*COLORS, "normal"):
+        return {one.role: one.facts}
+    return {one.role: dataclasses.replace(one.facts, range=(float(pixels.min()), float(pixels.max())))}
 
 
 def _vectors(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 3"]:

@@ -17,7 +17,7 @@ from texloom.pipelines.media.decode import MAX_FRAMES, Refusal
 from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.media.material_set import Map, is_picture, pictures_in
 from texloom.stages.vocabulary.arrays import Image
-from texloom.stages.vocabulary.facts import Facts
+from texloom.stages.vocabulary.facts import Facts, MapFacts
 from texloom.stages.vocabulary.frame_stacks import stack_channels
 from texloom.stages.vocabulary.sizes import format_size
 
@@ -117,7 +117,7 @@ def _frame(file: str, seen: Inspected) -> Map:
         seen.width,
         seen.channels,
         seen.bits,
-        False,
+        MapFacts(),
         seen.digest,
         seen.memory,
         seen.note,

@@ -87,7 +87,10 @@ class Array:
 
     def explained(self, provenance: Mapping[str, Any]) -> Mapping[str, Any] | None:
         """Provenance for a PNG, with the facts."""
-        return with_facts(provenance, self.facts, *self.layout.sides[:2]) if self.layout.is_image else provenance
+        if not self.layout.is_image:
+            return provenance
+        height, width = self.layout.sides
+        return with_facts(provenance, self.facts, height, width)
 
     @property
     def is_large_color(self) -> bool:

@@ -6,6 +6,7 @@ filter for each line takes two to three times longer and makes textures 2 to 9 %
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 import struct
@@ -17,7 +18,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from texloom.pipelines.store.atomic import atomic_path, file_digest
-from texloom.stages.vocabulary.facts import Facts
+from texloom.stages.vocabulary.facts import Facts, MapFacts
 
 LARGE = 2**24
 """pixels of a picture above which it is written in strips"""
@@ -91,10 +92,17 @@ def _begin(
 
 
 def with_facts(
-    provenance: Mapping[str, Any] | None, facts: Facts, height: int, width: int
+    provenance: Mapping[str, Any] | None,
+    facts: Facts,
+    height: int,
+    width: int,
+    maps: Mapping[str, MapFacts] | None = None,
 ) -> Mapping[str, Any] | None:
-    """Provenance with the facts of a picture, and its size, without which they do not hold."""
-    known = facts.record()
+    """Provenance with the facts of a picture, and its size, without which they do not hold.
+
+    ``maps``: those of the map in the file, by its role; none where it is colour.
+    """
+    known = dataclasses.replace(facts, maps=maps or {}).record()
     if not known:
         return provenance
     return {**(provenance or {}), FACTS: {**known, "height": height, "width": width}}

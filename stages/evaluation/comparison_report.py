@@ -167,7 +167,7 @@ def _shown(image: Image | None, longest: int, params: ComparisonReportParams) ->
         return None
     height, width = (min(side, longest) for side in (image.height, image.width))
     top, left = (image.height - height) // 2, (image.width - width) // 2
-    part = Image(image.pixels[top : top + height, left : left + width], image.channels)
+    part = image.elsewhere(image.pixels[top : top + height, left : left + width])
     largest = max(1, round(max(height, width) * min(1.0, params.largest / longest)))
     shown = page.shown(part, largest, params.quality)
     whole = (height, width) == (image.height, image.width)

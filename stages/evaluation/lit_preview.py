@@ -66,11 +66,7 @@ def lit_preview(image: Image, params: LitPreviewParams, exemplar: Image | None =
     [Walter2007]_ equations 20, 33 and 34 for the distribution and the shadowing; [Schlick1994]_ for the Fresnel
     term; [Burley2012]_ for roughness squared and the reflectance of dielectrics.
     """
-    rows = [
-        Image(one.pixels[: params.side, : params.side], one.channels)
-        for one in (exemplar, image)
-        if one is not None
-    ]
+    rows = [one.elsewhere(one.pixels[: params.side, : params.side]) for one in (exemplar, image) if one is not None]
     height = sum(shown.height for shown in rows) + _GAP * (len(rows) - 1)
     width = max(shown.width for shown in rows)
     pixels = np.full((height, (width + _GAP) * params.lights - _GAP, 3), _BACKGROUND, np.float32)

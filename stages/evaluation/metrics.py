@@ -212,7 +212,7 @@ def _measured_in_windows(
     is_located = False
     for top, left in corners:
         place = np.s_[top : top + windows.SIDE, left : left + windows.SIDE]
-        part = Image(np.ascontiguousarray(image.pixels[place]), image.channels)
+        part = image.elsewhere(np.ascontiguousarray(image.pixels[place]))
         given = [None if value is None else np.ascontiguousarray(value[place]) for value in (match, keep, copies)]
         measured, located = _measured(exemplar, part, params, given[0], given[1], given[2])
         tables.append(measured)
@@ -277,7 +277,7 @@ def _check(
 ) -> None:
     for name, picture in (("exemplar", exemplar), ("image", image)):
         filled = fill_excluded(picture)
-        parts = (Image(filled.pixels[band], filled.channels) for band in bands(filled.height, filled.pixels))
+        parts = (filled.elsewhere(filled.pixels[band]) for band in bands(filled.height, filled.pixels))
         if not all(np.isfinite(part.color).all() for part in parts):
             raise InputError(f"{name} has colours that are not finite numbers")
     if match is not None:

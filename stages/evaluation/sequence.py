@@ -31,7 +31,7 @@ def _beside(strip: Image, image: Image) -> Image:
     pixels = np.ones((height, strip.width + _GAP + image.width, planes), np.float32)
     pixels[: strip.height, : strip.width] = strip.pixels
     pixels[: image.height, -image.width :] = image.pixels
-    return Image(pixels, image.channels)
+    return image.elsewhere(pixels)
 
 
 def _joined(scores: dict[str, Any], more: dict[str, Any] | None, where: str) -> dict[str, Any]:

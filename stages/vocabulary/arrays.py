@@ -96,7 +96,16 @@ class Image:
 
     def with_pixels(self, pixels: Float32[np.ndarray, "h w k"], channels: tuple[str, ...] | None = None) -> Image:
         """Other values at the same places, of the same channels unless given; facts are kept."""
-        return Image(pixels, self.channels if channels is None else channels, self.facts)
+        names = self.channels if channels is None else channels
+        return Image(pixels, names, self.facts.within(names))
+
+    def elsewhere(self, pixels: Float32[np.ndarray, "H W k"], channels: tuple[str, ...] | None = None) -> Image:
+        """Values of this picture at other places, of the same channels unless given.
+
+        The facts of its maps are kept; it does not wrap.
+        """
+        names = self.channels if channels is None else channels
+        return Image(pixels, names, dataclasses.replace(self.facts.within(names), wraps=Wraps()))
 
     def cropped(self, rows: slice, columns: slice) -> Image:
         """A part, copied; it wraps along the sides that are whole."""

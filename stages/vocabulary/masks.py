@@ -5,10 +5,14 @@ Arrays called ``valid`` are true where a pixel may be used.
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+
 import numpy as np
-from jaxtyping import Int32
+from jaxtyping import Float32, Int32
 
 from texloom.stages.vocabulary.arrays import Image, Mask
+from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError
 
 USABLE = "usable"
@@ -73,3 +77,23 @@ def without_usable(image: Image) -> Image:
     kept = [index for index, name in enumerate(image.channels) if name != USABLE]
     names = tuple(image.channels[index] for index in kept)
     return image.with_pixels(np.ascontiguousarray(image.pixels[..., kept]), names)
+
+
+@dataclasses.dataclass(frozen=True)
+class FilledExemplar:
+    """An exemplar as stages compare and copy it, prepared once."""
+
+    image: Image
+    """without the channel `USABLE`; excluded pixels hold the values of the nearest valid one"""
+    valid: Mask | None
+    """as of `valid_pixels`"""
+
+    @classmethod
+    def of(cls, image: Image) -> FilledExemplar:
+        """Prepare an exemplar; `InputError` where all pixels are excluded."""
+        return cls(without_usable(fill_excluded(image)), valid_pixels(image))
+
+    @functools.cached_property
+    def lab(self) -> Float32[np.ndarray, "h w 3"]:
+        """Its colour in CIELAB."""
+        return lab_from_linear(self.image.color)

@@ -1,5 +1,6 @@
 """What holds for a picture beside its pixels, and what every stage does with it."""
 
+import ast
 import dataclasses
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,9 @@ from texloom.pipelines.media.arrays import file_source
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store import codec
 from texloom.stages.lookup.registry import find_stage, shipped_stages
+from texloom.stages.vocabulary import facts as vocabulary
 from texloom.stages.vocabulary.arrays import Image
-from texloom.stages.vocabulary.facts import UNKNOWN, Facts, Wraps
+from texloom.stages.vocabulary.facts import TORUS, UNKNOWN, Facts, MapFacts, Wraps
 
 SETS = {
     "synthesis.adaptive", "synthesis.bidirectional", "synthesis.collage", "synthesis.compact",
@@ -105,15 +107,97 @@ def test_parts_wrap_along_whole_sides() -> None:
     assert not Image(image.pixels, image.channels).wraps
 
 
+MAPS = {"normal": MapFacts(green="down"), "height": MapFacts(unit="mm", range=(-0.5, 12.0))}
+
+
+def material(side: int = 24) -> Image:
+    """A torus with normals and heights of which everything is known."""
+    values = smooth_noise((side, side, 7), 2, np.random.default_rng(7)) * 0.1 + 0.5
+    names = ("R", "G", "B", "normal.X", "normal.Y", "normal.Z", "height")
+    return Image(values.astype(np.float32), names, Facts(TORUS, MAPS))
+
+
+def test_every_fact_is_in_the_table_and_here() -> None:
+    header = next(line for line in str(vocabulary.__doc__).splitlines() if line.startswith("| operation"))
+    assert [f"`{field.name}`" for field in dataclasses.fields(Facts)] == header.strip("| ").split(" | ")[1:]
+    default = MapFacts()
+    for field in dataclasses.fields(MapFacts):
+        assert any(getattr(one, field.name) != getattr(default, field.name) for one in MAPS.values())
+
+
+def test_maps_keep_what_is_known_of_them() -> None:
+    image = material()
+    made = {
+        "part": image.cropped(slice(2, 9), slice(3, 9)),
+        "edit": image.with_pixels(image.pixels * 2),
+        "turned": image.elsewhere(np.ascontiguousarray(np.rot90(image.pixels))),
+        "synthesis": image.elsewhere(image.pixels[:5]).wrapping(True),
+    }
+    assert {name: one.facts.maps for name, one in made.items()} == dict.fromkeys(made, MAPS)
+    assert not made["turned"].wraps
+    assert made["synthesis"].wraps.both
+
+
+def test_maps_that_are_left_out_take_their_facts_along() -> None:
+    image = material()
+    assert image.with_pixels(image.pixels[..., :3], ("R", "G", "B")).facts == Facts(TORUS)
+    kept = image.elsewhere(image.pixels[..., [0, 1, 2, 6]], ("R", "G", "B", "height"))
+    assert kept.facts == Facts(maps={"height": MAPS["height"]})
+
+
+@pytest.mark.parametrize("stage", ["synthesis.quilting", "synthesis.initialise", "analysis.crop"])
+def test_stages_hand_on_facts_of_maps(stage: str) -> None:
+    declared = find_stage(stage)
+    options = {"size": (16, 16)} | ({"block": 8} if stage == "synthesis.quilting" else {})
+    more = {} if stage == "analysis.crop" else {"rng": np.random.default_rng(1)}
+    made = declared.function(material(), params=declared.params(**options), **more).image
+    assert made.facts == Facts(maps=MAPS)
+
+
+def test_stages_make_no_picture_of_the_channels_of_another_one() -> None:
+    """Which would forget its facts: `Image.elsewhere` and `Image.with_pixels` hand them on."""
+    root = Path(str(vocabulary.__file__)).parents[1]
+    found = []
+    for file in root.rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Image":
+                channels = node.args[1] if len(node.args) == 2 else None
+                if isinstance(channels, ast.Attribute) and channels.attr == "channels":
+                    found.append(f"{file.relative_to(root)}:{node.lineno}")
+    assert not found
+
+
 def test_joined_maps_wrap_where_all_do() -> None:
     parts = [Facts(Wraps.of(name)) for name in ("both", "x", "both")]
     assert str(Facts.joined(parts).wraps) == "x"
+    parts = [Facts(maps={role: known}) for role, known in MAPS.items()]
+    assert Facts.joined(parts).maps == MAPS
 
 
 @pytest.mark.parametrize("name", ["off", "x", "y", "both"])
 def test_records_are_read_back(name: str) -> None:
     assert Facts.of(Facts(Wraps.of(name)).record()) == Facts(Wraps.of(name))
     assert Facts.of({"wraps": "perhaps"}) == Facts.of({"wraps": ["x"]}) == Facts.of({}) == UNKNOWN
+
+
+def test_records_of_maps_are_read_back() -> None:
+    assert Facts.of(Facts(TORUS, MAPS).record()) == Facts(TORUS, MAPS)
+    assert Facts.of(material().facts.record()) == material().facts
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        {"green": "left", "unit": "mile", "range": "0 1"},
+        {"green": 1, "unit": ["m"], "range": [1.0, 0.0]},
+        {"range": [0.0, float("nan")]},
+        {"range": [False, True]},
+        ["down"],
+    ],
+)
+def test_damaged_records_say_nothing(record: Any) -> None:
+    assert MapFacts.of(record) == MapFacts()
+    assert Facts.of({"maps": record}).record() == {}
 
 
 @pytest.mark.parametrize("suffix", ["exr", "png"])
@@ -124,6 +208,12 @@ def test_files_carry_facts_of_pictures_of_their_size(suffix: str, tmp_path: Path
     assert open_source("a", str(file)).read().wraps.both
     codec.export(image.wrapping(False), Image, file, {"seed": 3})
     assert not open_source("a", str(file)).read().wraps
+
+
+def test_an_exr_carries_facts_of_maps(tmp_path: Path) -> None:
+    file = tmp_path / "a.exr"
+    codec.export(material(), Image, file, {})
+    assert open_source("a", str(file)).read().facts == Facts(TORUS, MAPS)
 
 
 def test_a_cropped_png_with_our_text_does_not_wrap(tmp_path: Path) -> None:
@@ -144,6 +234,11 @@ def test_facts_decide_digests() -> None:
 
     one, other = (codec.digests(Made(torus(16).wrapping(wrap)))["image"] for wrap in (True, False))
     assert one != other
+    digests = set()
+    for field, value in (("green", "up"), ("unit", "m"), ("range", (0.0, 1.0))):
+        known = Facts(maps={"height": MapFacts(**{field: value})})
+        digests.add(codec.digests(Made(dataclasses.replace(material(), facts=known)))["image"])
+    assert len(digests) == 3
 
 
 def test_arrays_given_by_programs_carry_facts(tmp_path: Path) -> None:

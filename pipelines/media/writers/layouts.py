@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.media.delivery import Delivery
-from texloom.pipelines.media.material_export import channels_of, codes_of, with_unit_normals
+from texloom.pipelines.media.material_export import channels_of, codes_of, facts_of_file, with_unit_normals
 from texloom.pipelines.media.material_set import COLORS
 from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.png_file import png, with_facts
 from texloom.stages.vocabulary.arrays import Image
-from texloom.stages.vocabulary.facts import TORUS, Wraps
+from texloom.stages.vocabulary.facts import TORUS, Facts, Wraps
 from texloom.stages.vocabulary.sizes import format_size, size_value
 
 SMOOTHNESS = "smoothness"
@@ -173,13 +173,13 @@ def write_maps_of(
     folder.mkdir(parents=True, exist_ok=True)
     is_whole = delivery.udim in (None, (1, 1))
     wraps = image.wraps if is_whole else Wraps()  # a tile alone does not
-    explained = with_facts(provenance, image.facts, image.height, image.width) if is_whole else provenance
     files: dict[str, str] = {}
     written: dict[str, str] = {}
     for part in parts_of(image, layout):
         stem = f"{layout.prefix}{name}_{part.suffix}"
         files[part.suffix] = f"{stem}.<UDIM>.{layout.kind}" if delivery.udim else f"{stem}.{layout.kind}"
         is_tx = layout.kind == "tx"
+        said = {part.role: facts_of_file(image, part.role, layout.directx)} if part.role else {}
         values = _linear(image, part, layout, delivery) if is_tx else levels_of(image, part, layout.directx)
         for tile, area in tiles_of(image, delivery.udim, folder):
             file = files[part.suffix].replace("<UDIM>", tile)
@@ -190,7 +190,8 @@ def write_maps_of(
                 color = part.role in COLORS
                 written[file] = write_texture(folder / file, piece, delivery, color, wraps)
             else:
-                content = png(piece, explained)
+                height, width = piece.shape[:2]
+                content = png(piece, with_facts(provenance, Facts(wraps), height, width, said))
                 write_atomically(folder / file, content)
                 written[file] = hashlib.sha256(content).hexdigest()
     return files, written

@@ -183,7 +183,8 @@ def _opaque(image: Image) -> Image:
     """Without alpha; what is transparent is like the nearest pixel that is not."""
     image = fill_excluded(image)
     kept = [index for index, name in enumerate(image.channels) if name not in EXCLUSION_CHANNELS]
-    return Image(np.ascontiguousarray(image.pixels[..., kept]), tuple(image.channels[index] for index in kept))
+    names = tuple(image.channels[index] for index in kept)
+    return image.elsewhere(np.ascontiguousarray(image.pixels[..., kept]), names)
 
 
 def _doubled(values: _Planes) -> _Planes:

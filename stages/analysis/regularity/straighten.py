@@ -62,4 +62,4 @@ def straighten(image: Image, vertices: Points, regular: Points, params: NoParams
     outside = ((positions < -0.5) | (positions > sides - 0.5)).any(axis=1)
     pixels[outside] = 0
     source = positions.astype(np.float32).reshape(*sides, 2)
-    return Straightened(Image(pixels.reshape(*sides, -1), image.channels), source)
+    return Straightened(image.elsewhere(pixels.reshape(*sides, -1)), source)

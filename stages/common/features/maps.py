@@ -11,7 +11,7 @@ from pydantic import Field
 from texloom.stages.numerics.matrices import eigenvectors
 from texloom.stages.vocabulary.arrays import Image, Mask
 from texloom.stages.vocabulary.declare import InputError
-from texloom.stages.vocabulary.masks import USABLE
+from texloom.stages.vocabulary.masks import EXCLUSION_CHANNELS
 
 MapWeights = Annotated[
     dict[str, Annotated[float, Field(ge=0, le=100)]],
@@ -33,7 +33,7 @@ def map_channels(channels: Sequence[str]) -> dict[str, list[int]]:
     maps: dict[str, list[int]] = {}
     first = 1 if channels[0] == "Y" else 3
     for index, name in enumerate(channels):
-        if index >= first and name not in ("A", USABLE):
+        if index >= first and name not in EXCLUSION_CHANNELS:
             maps.setdefault(name.partition(".")[0], []).append(index)
     return maps
 

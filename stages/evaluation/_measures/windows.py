@@ -27,7 +27,7 @@ def corners(height: int, width: int) -> list[list[int]]:
 def around_corner(image: Image) -> Image:
     """The window about the corner where a result wraps around; its border is that of the result."""
     halves = ((min(SIDE, side) // 2, side) for side in (image.height, image.width))
-    return Image(image.pixels[np.ix_(*(np.r_[:half, side - half : side] for half, side in halves))], image.channels)
+    return image.elsewhere(image.pixels[np.ix_(*(np.r_[:half, side - half : side] for half, side in halves))])
 
 
 def mean_lines(tables: list[dict[str, dict[str, Any]]]) -> dict[str, dict[str, Any]]:

@@ -141,7 +141,7 @@ def overview(image: Image) -> Image:
     for band in bands(height, image.pixels):
         rows = image.pixels[band.start * step : band.stop * step, : width * step]
         pixels[band] = rows.reshape(-1, step, width, step, count).mean(axis=(1, 3))
-    return Image(pixels, image.channels)
+    return image.elsewhere(pixels)
 
 
 def shown_frames(frames: Sequence[Image], largest: int) -> Shown:

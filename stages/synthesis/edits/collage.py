@@ -13,7 +13,7 @@ from texloom.stages.kernels.core.elementary_functions import cos, sin
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import Document, InputError, Outline, Params, first_problem, stage
-from texloom.stages.vocabulary.masks import USABLE, fill_excluded, without_usable
+from texloom.stages.vocabulary.masks import EXCLUSION_CHANNELS, fill_excluded, without_usable
 from texloom.stages.vocabulary.normals import NORMAL
 from texloom.stages.vocabulary.sizes import Size, format_size
 
@@ -92,7 +92,7 @@ def check_pieces(params: CollageParams, known: Mapping[str, Any]) -> None:
 def outlines(params: CollageParams, known: Mapping[str, Any]) -> dict[str, Outline]:
     """The collage has the channels of the exemplar, and alpha."""
     image = known.get("image")
-    channels = () if image is None else tuple(name for name in image.channels if name not in ("A", USABLE))
+    channels = () if image is None else tuple(name for name in image.channels if name not in EXCLUSION_CHANNELS)
     return {"image": Outline(*params.size, (*channels, "A"))}
 
 
@@ -143,7 +143,7 @@ def collage(image: Image, params: CollageParams) -> Collage:
         numbers[rows, columns] = number
     if (numbers < 0).all():
         raise InputError("pieces: none of them lies in the result")
-    return Collage(Image(pixels, (*channels, "A")).wrapping(params.tileable), numbers)
+    return Collage(image.elsewhere(pixels, (*channels, "A")).wrapping(params.tileable), numbers)
 
 
 def _place(piece: _Piece, params: CollageParams) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -111,7 +111,7 @@ def gradient_domain(
     pixels = empty(image.pixels.shape, np.float32)
     for rows, columns, inner in _parts(image.height, image.width, math.ceil(_REACHES * params.reach), wrap):
         place = np.ix_(rows, columns)
-        part = Image(image.pixels[place], image.channels)
+        part = image.elsewhere(image.pixels[place])
         kept = None if keep is None else keep[place]
         made = _integrated(exemplar, part, match[place], params, False, kept)
         pixels[rows[inner[0]][:, None], columns[inner[1]]] = made[inner]

@@ -22,7 +22,14 @@ from texloom.stages.synthesis.optimisation.vote import pad_torus
 from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, Mask, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
-from texloom.stages.vocabulary.masks import USABLE, fill_excluded, nearest_valid, valid_pixels, without_usable
+from texloom.stages.vocabulary.masks import (
+    USABLE,
+    FilledExemplar,
+    fill_excluded,
+    nearest_valid,
+    valid_pixels,
+    without_usable,
+)
 from texloom.stages.vocabulary.progress import Progress, report
 
 _PATCH = 10  # px
@@ -137,9 +144,10 @@ def layout(
     ----------
     [Zhou2024]_ for the idea of rectifying a collage, [Barnes2009]_ for the search. The rest is ours.
     """
-    exemplar = without_usable(fill_excluded(image))
+    compared = FilledExemplar.of(image)
+    exemplar = compared.image
     laid, filled = valid_pixels(layout), fill_excluded(layout)
-    match, difference = _found(exemplar, valid_pixels(image), filled, params.tileable, rng)
+    match, difference = _found(compared, filled, params.tileable, rng)
     sources = correspondence.to_pixels(match, _PATCH, params.tileable)
     complete = _with_maps(filled, exemplar, sources)
     joints = _joints(difference, layout, pieces, params.tileable)
@@ -156,7 +164,7 @@ def layout(
     keep = _kept(fixed, params)
     start = sources.copy()
     start[keep] = np.argwhere(keep) + corner
-    joined = _beside(without_usable(image), complete, valid_pixels(image), keep, corner)
+    joined = _beside(without_usable(image), complete, compared.valid, keep, corner)
     own, target = (
         _guide(one, _blur(image, params.strength), wrap)
         for one, wrap in ((exemplar, False), (filled, params.tileable))
@@ -169,15 +177,15 @@ def layout(
 
 
 def _found(
-    exemplar: Image, usable: Mask | None, layout: Image, wrap: bool, rng: np.random.Generator
+    exemplar: FilledExemplar, layout: Image, wrap: bool, rng: np.random.Generator
 ) -> tuple[Patches, Float32[np.ndarray, "p q"]]:
     """The most similar exemplar patch of every patch of the layout, and their squared difference per pixel."""
     from texloom.stages.kernels.patchmatch.search import Target, match_distances
 
-    planes = [lab_from_linear(one.color) for one in (exemplar, layout)]
+    planes, usable = [exemplar.lab, lab_from_linear(layout.color)], exemplar.valid
     extra = 0 if wrap else _PATCH - 1
     match: Patches | None = None
-    factors = scale_sizes(exemplar.height, exemplar.width, _COARSEST, _RATIO)
+    factors = scale_sizes(exemplar.image.height, exemplar.image.width, _COARSEST, _RATIO)
     least = 2 * _PATCH / min(layout.height, layout.width)
     factors = [factor for factor in factors if factor >= least] or [1.0]
     before = 1.0
@@ -289,7 +297,7 @@ def _with_maps(layout: Image, exemplar: Image, sources: Correspondence) -> Image
             planes[..., index] = layout.color[..., "RGB".index(name)]
         elif name == "Y":
             planes[..., index] = grey
-    return Image(planes, exemplar.channels)
+    return exemplar.elsewhere(planes)
 
 
 def _beside(
@@ -302,7 +310,7 @@ def _beside(
     pixels[: image.height, : image.width, -1] = 1 if usable is None else usable
     pixels[corner[0] :, corner[1] :][: layout.height, :, :-1] = layout.pixels
     pixels[corner[0] :, corner[1] :][: layout.height, :, -1] = keep
-    return Image(pixels, (*image.channels, USABLE))
+    return image.elsewhere(pixels, (*image.channels, USABLE))
 
 
 def _blur(image: Image, strength: float) -> float:

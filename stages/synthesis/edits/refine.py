@@ -23,7 +23,7 @@ from texloom.stages.synthesis.stitching.cuts import Strips, enclosed
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, stage
-from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
+from texloom.stages.vocabulary.masks import FilledExemplar
 from texloom.stages.vocabulary.progress import Progress, part, report
 from texloom.stages.vocabulary.sizes import format_size
 
@@ -112,22 +112,23 @@ class _Measures:
     """
 
     def __init__(self, exemplar: Image, sides: tuple[int, int]):
-        self.valid = valid_pixels(exemplar)
-        self.lab = lab_from_linear(fill_excluded(exemplar).color)
+        filled = FilledExemplar.of(exemplar)
+        self.valid, self.lab = filled.valid, filled.lab
         self.cell = cell_side(sides[0] * sides[1])
         self.ratios = PatchRatios(self.lab, self.valid, min(*self.lab.shape[:2], *sides))
 
     def joints(self, image: Image, match: Correspondence, wrap: bool) -> tuple[Places, Float64[np.ndarray, "*n"]]:
         """The joint of largest contrast in every cell that has one, and its ratio."""
-        lab = lab_from_linear(fill_excluded(image).color)
-        places = worst_of_cells(joint_contrast(self.lab, lab, match, wrap), self.cell)
-        return places, self._mean_ratios(lab, places, valid_pixels(image), wrap)
+        made = FilledExemplar.of(image)
+        places = worst_of_cells(joint_contrast(self.lab, made.lab, match, wrap), self.cell)
+        return places, self._mean_ratios(made.lab, places, made.valid, wrap)
 
     def of_place(
         self, image: Image, match: Correspondence, region: Bool[np.ndarray, "H W"], wrap: bool
     ) -> _Measured:
         """The measures of a region of a window."""
-        lab, valid = lab_from_linear(fill_excluded(image).color), valid_pixels(image)
+        made = FilledExemplar.of(image)
+        lab, valid = made.lab, made.valid
         contrast = joint_contrast(self.lab, lab, match, wrap)
         near = _grown(region)
         contrast[~near] = -1
@@ -235,14 +236,14 @@ class _Refinement:
         wrap, sides = self.texture.wraps.both, (self.match.shape[0], self.match.shape[1])
         squares = [_square(place, round(width * radius), sides, wrap) for width in _WIDTHS]
         window, largest = windows(squares[-1], max(_CONTEXT, self.params.margin), wrap)[0]
-        view = Image(np.ascontiguousarray(self.pixels[window.at]), self.texture.channels)
+        view = self.texture.elsewhere(np.ascontiguousarray(self.pixels[window.at]))
         match = np.ascontiguousarray(self.match[window.at])
         before = best = self.measures.of_place(view, match, largest, window.wrap)
         kept, changed = (view, match), np.zeros(largest.shape, bool)
         regions = [np.ascontiguousarray(square[window.at]) for square in squares]
         for region, new, origin in self._replaced(view, match, regions, window.wrap, rng):
             taken = _joined(view, new, region)
-            made = Image(np.where(taken[..., None], new.pixels, view.pixels), view.channels)
+            made = view.elsewhere(np.where(taken[..., None], new.pixels, view.pixels))
             sources = np.where(taken[..., None], origin, match)
             after = self.measures.of_place(made, sources, largest, window.wrap)
             if after.worst >= best.worst or after.distance > before.distance:

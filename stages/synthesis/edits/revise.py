@@ -23,6 +23,7 @@ from texloom.stages.synthesis.stitching.overlap import Errors, compared
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import InputError, Outline, stage
 from texloom.stages.vocabulary.masks import (
+    EXCLUSION_CHANNELS,
     USABLE,
     count_excluded,
     fill_excluded,
@@ -119,7 +120,7 @@ def marked_pixels(region: Image) -> Mask:
 def _common_channels(texture: tuple[str, ...], exemplar: tuple[str, ...]) -> None:
     """`InputError` unless the exemplar has all maps of the texture."""
     known = {*exemplar, *("RGB" if "Y" in exemplar else ())}
-    missing = [name for name in texture if name not in known and name not in ("A", USABLE)]
+    missing = [name for name in texture if name not in known and name not in EXCLUSION_CHANNELS]
     if missing:
         raise InputError(f"exemplar: lacks the channel {missing[0]} of the texture; it has {', '.join(exemplar)}")
 
@@ -139,7 +140,7 @@ def exemplar_like(exemplar: Image, texture: Image) -> Image:
     if valid is not None:
         planes.append(valid.astype(np.float32))
         channels = (*channels, USABLE)
-    return Image(np.stack(planes, axis=2), channels)
+    return exemplar.elsewhere(np.stack(planes, axis=2), channels)
 
 
 class _Blocks:
@@ -285,7 +286,7 @@ class Revision:
             start = np.moveaxis(nearest_valid(self.usable)[:, start[..., 0], start[..., 1]], 0, 2).astype(np.uint32)
         copied = without_usable(self.exemplar).pixels[start[..., 0], start[..., 1]]
         marked = region[..., None]
-        return Image(np.where(marked, copied, texture.pixels), texture.channels), np.where(marked, start, match)
+        return texture.elsewhere(np.where(marked, copied, texture.pixels)), np.where(marked, start, match)
 
     def start(
         self,
@@ -407,7 +408,7 @@ def revise(
         tell_borders(_LOG, texture, marked)
     found = windows(marked, params.margin, wrap)
     for number, ((window, inside), random) in enumerate(zip(found, rng.spawn(len(found)), strict=True)):
-        view = Image(np.ascontiguousarray(pixels[window.at]), texture.channels)
+        view = texture.elsewhere(np.ascontiguousarray(pixels[window.at]))
         traced = None if sources is None else np.ascontiguousarray(sources[window.at])
         with part(number / len(found), (number + 1) / len(found)):
             replaced, origin = revision.revised(view, inside, traced, window.wrap, random)
@@ -416,7 +417,7 @@ def revise(
             sources[window.at] = origin
     made = texture.with_pixels(pixels).wrapping(wrap)
     box = _around([window for window, _ in found])
-    detail = Image(np.ascontiguousarray(pixels[box]), texture.channels)
+    detail = texture.elsewhere(np.ascontiguousarray(pixels[box]))
     return Revised(made, ~marked, detail, np.ascontiguousarray(~marked[box]), sources)
 
 

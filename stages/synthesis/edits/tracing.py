@@ -10,7 +10,7 @@ from texloom.stages.synthesis.optimisation.features import PatchFeatures
 from texloom.stages.synthesis.optimisation.match_search import Effort, Search
 from texloom.stages.synthesis.optimisation.scale import Scale
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask
-from texloom.stages.vocabulary.masks import fill_excluded, nearest_valid, valid_pixels, without_usable
+from texloom.stages.vocabulary.masks import FilledExemplar, nearest_valid
 
 _COARSEST = 48  # px of the shorter side of exemplar and picture
 _RATIO = 1.6
@@ -30,9 +30,9 @@ def trace(
     ----------
     texture : at least a patch high and wide, with the exemplar's channels except for `usable`.
     """
-    usable = valid_pixels(exemplar)
-    own = without_usable(fill_excluded(exemplar))
-    features = PatchFeatures(own, usable, None, 1.0, {}, None, None, 0.0, patch_size, texture)
+    filled = FilledExemplar.of(exemplar)
+    own, usable = filled.image, filled.valid
+    features = PatchFeatures(filled, None, 1.0, {}, None, None, 0.0, patch_size, texture)
     given, _ = features.of_given(texture, features.planes.shape[2])
     sides, whole = (own.height, own.width), (texture.height, texture.width)
     shorter = min(*sides, *whole)

@@ -98,4 +98,4 @@ def _combined(images: list[Image], rectangles: Rectangles, shape: tuple[int, int
     for image, (row, column, height, width) in zip(images, rectangles.tolist(), strict=True):
         canvas[row : row + height, column : column + width] = image.pixels
     rows, columns = nearest_in(inside_of(rectangles, *shape), np.indices(shape))
-    return Image(np.ascontiguousarray(canvas[rows, columns]), images[0].channels)
+    return images[0].elsewhere(np.ascontiguousarray(canvas[rows, columns]))

@@ -319,7 +319,7 @@ class _Compactor:
 
     def _preview(self, matching: Matching) -> Callable[[], Image]:
         pixels = resize(self.texture.pixels, matching.level.height, matching.level.width)
-        return lambda: Image(pixels[matching.source[0], matching.source[1]], self.texture.channels)
+        return lambda: self.texture.elsewhere(pixels[matching.source[0], matching.source[1]])
 
     def _solve(self, matching: Matching, level: int, before: float, share: float) -> list[dict[str, Any]]:
         """Alternate matches and choice of pixels until the energy hardly falls.

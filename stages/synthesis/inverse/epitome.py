@@ -165,7 +165,7 @@ def epitome(
 
     def picture() -> Image:
         pixels = model.carried[..., : len(texture.channels)].astype(np.float32)
-        return Image(pixels, texture.channels).wrapping(True)
+        return texture.elsewhere(pixels).wrapping(True)
 
     for done in range(1, params.rounds + 1):
         rows, columns = rng.integers(0, corners, (params.patches, 2)).T
@@ -175,7 +175,7 @@ def epitome(
     shown = None
     if control is not None:
         pixels = np.ascontiguousarray(model.carried[..., len(texture.channels) :], np.float32)
-        shown = Image(pixels, control.channels).wrapping(True)
+        shown = control.elsewhere(pixels).wrapping(True)
     return Epitome(
         picture(),
         shown,

@@ -33,9 +33,9 @@ class Copied:
         carried = None
         if control is not None:
             resized = resize_control(control, texture.height, texture.width)
-            carried = Image(np.ascontiguousarray(resized.pixels[row, column]), control.channels).wrapping(wrap)
+            carried = control.elsewhere(np.ascontiguousarray(resized.pixels[row, column])).wrapping(wrap)
         return cls(
-            Image(np.ascontiguousarray(texture.pixels[row, column]), texture.channels).wrapping(wrap),
+            texture.elsewhere(np.ascontiguousarray(texture.pixels[row, column])).wrapping(wrap),
             carried,
             np.ascontiguousarray(source, np.uint32),
         )

@@ -200,7 +200,7 @@ class _Tiling:
     ):
         self.params, self.rng = params, rng
         exemplar = Exemplar(image, compared, 1.0, params.weights)
-        self.channels = exemplar.image.channels
+        self.exemplar = exemplar.image
         self.tile_source = _TileSource(exemplar, source)
         self.feature_count = self.tile_source.features.shape[2]
         own = OutputLattice.of(generators, params.size, True).generators if params.tileable else generators
@@ -328,7 +328,7 @@ class _Tiling:
         top, left = self.margin
         inside = np.s_[top : top + height, left : left + width]
         pixels = self.result.reshape(*self.canvas, -1)[inside][..., : -self.feature_count]
-        image = Image(with_unit_normals(np.ascontiguousarray(pixels), self.channels), self.channels)
+        image = self.exemplar.elsewhere(with_unit_normals(np.ascontiguousarray(pixels), self.exemplar.channels))
         match = self.match.reshape(*self.canvas, 2)[inside]
         return image, np.ascontiguousarray(self.tile_source.places[match[..., 0], match[..., 1]])
 

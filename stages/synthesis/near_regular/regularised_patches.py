@@ -121,9 +121,7 @@ def regularised_patches(
     pixels, match = _sampled(exemplar.image, source, textons, lattice, chosen, displacement)
     report(Progress(1.0))
     return RegularisedPatches(
-        Image(with_unit_normals(pixels, exemplar.image.channels), exemplar.image.channels).wrapping(
-            params.tileable
-        ),
+        exemplar.image.elsewhere(with_unit_normals(pixels, exemplar.image.channels)).wrapping(params.tileable),
         match,
         displacement.astype(np.float32),
         lattice.generators.astype(np.float32),

@@ -101,7 +101,7 @@ class _Optimisation(PlainOptimisation[BidirectionalParams]):
             match, reverse, scaled_exemplar(self.image, scale), self.final, self.params.completeness,
             _places(scale), self.params.tileable,
         )  # fmt: skip
-        return result_image(pixels, self.image.channels)
+        return result_image(pixels, self.image)
 
 
 def _places(scale: PlainScale) -> Bool[np.ndarray, "h_places w_places"] | None:

@@ -31,7 +31,7 @@ class Border:
 
     def around_image(self, image: Image) -> Image:
         """The exemplar with the border; what is masked is masked in the border too."""
-        return Image(self.around(image.pixels), image.channels)
+        return image.elsewhere(self.around(image.pixels))
 
     def inside(self, plane: np.ndarray, height: int, width: int) -> np.ndarray:
         """A plane of the exemplar of ``height`` x ``width`` px, without the border."""

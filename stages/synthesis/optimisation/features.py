@@ -14,6 +14,7 @@ from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
 from texloom.stages.synthesis.optimisation.scale import Scale
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.masks import FilledExemplar
 from texloom.stages.vocabulary.scratch import bands, empty
 
 _LOWS = (0.0, -80.0, -80.0)  # of histograms: L, a, b
@@ -37,8 +38,7 @@ class PatchFeatures:
 
     Parameters
     ----------
-    image : the exemplar; masked pixels are filled.
-    usable : the pixels that are not masked; none if all are.
+    exemplar : with its excluded pixels filled.
     guidance : distance to features, 0..100, with the factor ``weight``; none without guidance.
     weights : of maps besides colour, see `map_features`.
     guides : planes that are given for the target; none without.
@@ -48,8 +48,7 @@ class PatchFeatures:
 
     def __init__(
         self,
-        image: Image,
-        usable: Mask | None,
+        exemplar: FilledExemplar,
         guidance: ScalarMap | None,
         weight: float,
         weights: Mapping[str, float],
@@ -59,7 +58,7 @@ class PatchFeatures:
         patch_size: int,
         given: Image | None = None,
     ):
-        self.planes = lab_from_linear(image.color)
+        self.planes, image, usable = exemplar.lab, exemplar.image, exemplar.valid
         colors = self.planes.reshape(-1, 3) if usable is None else self.planes[usable]
         spread = float(np.sqrt(colors.var(axis=0, dtype=np.float64).sum()))
         if _is_grey(self.planes) and (given is None or _is_grey(lab_from_linear(given.color))):
@@ -169,7 +168,7 @@ def _maps_of_both(
     both[: image.height, : image.width] = image.pixels
     both[image.height :, : given.width] = given.pixels
     valid[: image.height, : image.width] = True if usable is None else usable
-    maps = map_features(Image(both, image.channels), spread, weights, valid, components)
+    maps = map_features(image.elsewhere(both), spread, weights, valid, components)
     return (
         np.ascontiguousarray(maps[: image.height, : image.width]),
         np.ascontiguousarray(maps[image.height :, : given.width]),

@@ -122,7 +122,7 @@ class _Optimisation(PlainOptimisation[ImageMeldingParams]):
         color = np.maximum(linear_from_lab(lab), 0)
         count = 1 if self.image.channels[0] == "Y" else _COLORS
         pixels[..., :count] = color[..., 1:2] if count == 1 else color
-        return result_image(pixels, self.image.channels)
+        return result_image(pixels, self.image)
 
 
 @stage(version=1, check=check_patches)

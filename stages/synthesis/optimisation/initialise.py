@@ -511,4 +511,4 @@ def initialise(
         if nearest is not None:
             match[band] = np.moveaxis(nearest[:, match[band, :, 0], match[band, :, 1]], 0, 2)
         pixels[band] = image.pixels[match[band, :, 0], match[band, :, 1]]
-    return Initialised(match, Image(pixels, image.channels))
+    return Initialised(match, image.elsewhere(pixels))

@@ -31,7 +31,7 @@ from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, Ma
 from texloom.stages.vocabulary.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params, stage
-from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels, without_usable
+from texloom.stages.vocabulary.masks import FilledExemplar, valid_pixels, without_usable
 from texloom.stages.vocabulary.scratch import bands
 from texloom.stages.vocabulary.sizes import Size, format_size
 
@@ -279,9 +279,10 @@ class _Optimisation:
         fixed: FixedPixels | None,
         params: OptimiseParams,
     ):
-        self.image = without_usable(fill_excluded(image))
+        exemplar = FilledExemplar.of(image)
+        self.image = exemplar.image
         self.compared = PatchFeatures(
-            self.image, valid_pixels(image), guidance, weight, params.weights, guides, phase, regularity,
+            exemplar, guidance, weight, params.weights, guides, phase, regularity,
             params.patch_size, None if fixed is None else fixed.shown,
         )  # fmt: skip
         self.fixed = fixed
@@ -346,7 +347,7 @@ class _Optimisation:
         """The result at a scale: all channels, linear, without ``margin`` px at every side."""
         small = resize(self.image.pixels, *scale.exemplar)
         pixels = vote_pixels(match, small, self.final, bool(self.params.tileable), margin)
-        return result_image(pixels, self.image.channels)
+        return result_image(pixels, self.image)
 
 
 @stage(version=1, check=check_patches, in_bands=True)
@@ -555,7 +556,7 @@ def _run(
         if len(runs) > 1:
             if scale.level < tried:
                 continue
-            exemplar = Image(resize(optimisation.image.pixels, *scale.exemplar), optimisation.image.channels)
+            exemplar = optimisation.image.elsewhere(resize(optimisation.image.pixels, *scale.exemplar))
             results = [optimisation.picture(run.match, scale) for run in runs if run.match is not None]
             best = runs[best_start(exemplar, results, [run.done[-1] for run in runs])]
             runs = [_Run(best.match, best.done, randoms)]

@@ -21,7 +21,7 @@ from texloom.stages.synthesis.optimisation.scale import Scale
 from texloom.stages.synthesis.optimisation.vote import window
 from texloom.stages.vocabulary.arrays import Correspondence, Image, ScalarMap
 from texloom.stages.vocabulary.declare import Params
-from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels, without_usable
+from texloom.stages.vocabulary.masks import FilledExemplar, valid_pixels
 
 CoarserPatches: TypeAlias = Int32[np.ndarray, "2 coarser_p coarser_q"]
 
@@ -165,7 +165,7 @@ class PlainTexture:
         source = correspondence.to_pixels(match, params.patch_size, params.tileable)
         used_area = None if usable is None else int(usable.sum())
         return cls(
-            image=Image(np.ascontiguousarray(whole.pixels[inner]), whole.channels).wrapping(params.tileable),
+            image=whole.elsewhere(np.ascontiguousarray(whole.pixels[inner])).wrapping(params.tileable),
             match=np.ascontiguousarray(source[inner]),
             occurrence=occurrence_map(match, (exemplar.height, exemplar.width), params.patch_size, used_area),
             scales=scales,
@@ -176,10 +176,9 @@ class PlainOptimisation(Generic[P]):
     """The data of one run: the exemplar, its compared planes, and the windows of the votes."""
 
     def __init__(self, image: Image, params: P):
-        self.image = without_usable(fill_excluded(image))
-        self.compared = PatchFeatures(
-            self.image, valid_pixels(image), None, 1.0, params.weights, None, None, 0.0, params.patch_size
-        )
+        exemplar = FilledExemplar.of(image)
+        self.image = exemplar.image
+        self.compared = PatchFeatures(exemplar, None, 1.0, params.weights, None, None, 0.0, params.patch_size)
         self.params = params
         self.even = window(params.patch_size)
         self.final = window(params.patch_size, params.final_sigma)

@@ -133,14 +133,15 @@ def vote_pixels(
     return result
 
 
-def result_image(pixels: Float32[np.ndarray, "H W c"], channels: tuple[str, ...]) -> Image:
-    """Voted pixels as an image whose normals have unit length."""
+def result_image(pixels: Float32[np.ndarray, "H W c"], exemplar: Image) -> Image:
+    """Pixels voted from an exemplar as an image whose normals have unit length."""
+    channels = exemplar.channels
     if set(NORMAL) <= set(channels):
         normal = [channels.index(name) for name in NORMAL]
         for band in bands(len(pixels), pixels):
             # Normals within the rounding of 8 bits are copied unchanged.
             pixels[band][..., normal] = unit(pixels[band][..., normal], rounding(8))
-    return Image(pixels, channels)
+    return exemplar.elsewhere(pixels)
 
 
 def copy_vote(

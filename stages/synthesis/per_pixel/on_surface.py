@@ -154,7 +154,7 @@ def on_surface(
     pixels = turned(_pixels(image, source, jacobian, toroidal), image.channels, jacobian)
     limits = image.height - 1, image.width - 1
     match = np.clip(np.floor(source + 0.5), 0, limits).astype(np.uint32)
-    return OnSurface(Image(pixels, image.channels), match, jacobian, covered, float(faces.scale))
+    return OnSurface(image.elsewhere(pixels), match, jacobian, covered, float(faces.scale))
 
 
 def _mean_pixel(faces: Faces) -> float:

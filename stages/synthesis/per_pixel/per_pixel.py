@@ -299,7 +299,7 @@ def per_pixel(
     else:
         positions = np.stack(levels.positions(), axis=2)
         pixels = _means(image, jacobian, positions, _bent(target_jacobian), params.origin)
-    return PerPixel(Image(pixels, image.channels).wrapping(params.tileable), match, positions, compared.notes)
+    return PerPixel(image.elsewhere(pixels).wrapping(params.tileable), match, positions, compared.notes)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -102,10 +102,10 @@ def interpolated(image: Image, places: Places) -> Image:
         np.clip(map_coordinates(plane, places, order=3, mode="nearest"), plane.min(), plane.max())
         for plane in np.moveaxis(image.pixels, 2, 0)
     ]
-    return Image(np.stack(planes, axis=2), image.channels)
+    return image.elsewhere(np.stack(planes, axis=2))
 
 
 def interpolated_along(image: Image, places: Places, jacobian: Jacobian) -> Image:
     """The `interpolated` pixels, with normals turned by ``jacobian``, from px of the image to px of the result."""
     pixels = turned(interpolated(image, places).pixels, image.channels, jacobian)
-    return Image(with_unit_normals(pixels, image.channels), image.channels)
+    return image.elsewhere(with_unit_normals(pixels, image.channels))

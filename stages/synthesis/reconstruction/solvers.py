@@ -97,11 +97,11 @@ class Inputs:
 
         texture, own = padded(scale.of_texture(image)), padded(own)
         use = None if use is None else padded(use)
-        return cls(Image(padded(image.pixels), image.channels), texture, own, wanted, use, rare, blurred, margin)
+        return cls(image.elsewhere(padded(image.pixels)), texture, own, wanted, use, rare, blurred, margin)
 
     def pixels(self, scale: Scale) -> Image:
         """The exemplar at a scale, all channels, linear."""
-        return Image(resize(self.image.pixels, *scale.exemplar), self.image.channels)
+        return self.image.elsewhere(resize(self.image.pixels, *scale.exemplar))
 
     def period(self, scale: Scale) -> tuple[int, int] | None:
         """Height and width of a toroidal exemplar at a scale, without its margins."""
@@ -217,11 +217,11 @@ class PatchSolver(Solver):
         size, wrap, small = self.patch_size, self.wrap, self.inputs.pixels(scale)
         if self.last_vote == "mean":
             pixels = vote_pixels(match, small.pixels, window(size, _SIGMA), wrap)
-            return Image(pixels, small.channels), correspondence.to_pixels(match, size, wrap)
+            return small.elsewhere(pixels), correspondence.to_pixels(match, size, wrap)
         exemplar = self._exemplar(scale)
         target = self._vote(match, exemplar, self._control(scale))
         source = copy_vote(match, target, exemplar, self.channels, size, _REACH, wrap)
-        return Image(small.pixels[source[..., 0], source[..., 1]], small.channels), source.astype(np.uint32)
+        return small.elsewhere(small.pixels[source[..., 0], source[..., 1]]), source.astype(np.uint32)
 
     def _exemplar(self, scale: Scale) -> np.ndarray:
         """Fixed-point features of texture and control, (h, w * channels)."""
@@ -289,7 +289,7 @@ class PixelSolver(Solver):
     def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:
         """The result at a scale, all channels, linear; and where its pixels come from."""
         small = self.inputs.pixels(scale)
-        return Image(small.pixels[match[0], match[1]], small.channels), nearest(match)
+        return small.elsewhere(small.pixels[match[0], match[1]]), nearest(match)
 
 
 @dataclass

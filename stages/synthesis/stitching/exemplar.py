@@ -13,7 +13,7 @@ from texloom.stages.common.grids.size_checks import check_side
 from texloom.stages.vocabulary.arrays import Correspondence, Image
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Params
-from texloom.stages.vocabulary.masks import count_excluded, fill_excluded, valid_pixels, without_usable
+from texloom.stages.vocabulary.masks import FilledExemplar, count_excluded
 from texloom.stages.vocabulary.sizes import Size
 
 
@@ -80,8 +80,8 @@ class Exemplar:
     def __init__(
         self, image: Image, color: Callable[[Image], Features], white: float, weights: Mapping[str, float]
     ):
-        self.usable = valid_pixels(image)
-        self.image = without_usable(fill_excluded(image))
+        filled = FilledExemplar.of(image)
+        self.image, self.usable = filled.image, filled.valid
         if not np.isfinite(self.image.pixels).all():
             raise InputError("image: a value is not finite")
         self._open: dict[tuple[int, int], np.ndarray] = {}

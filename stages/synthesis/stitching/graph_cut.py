@@ -311,4 +311,4 @@ def graph_cut(image: Image, params: GraphCutParams, rng: np.random.Generator) ->
     match = synthesis.match.astype(np.uint32)
     exemplar = synthesis.exemplar.image
     pixels = np.ascontiguousarray(exemplar.pixels[match[..., 0], match[..., 1]])
-    return GraphCut(Image(pixels, exemplar.channels).wrapping(params.tileable), match, energy / UNIT)
+    return GraphCut(exemplar.elsewhere(pixels).wrapping(params.tileable), match, energy / UNIT)

@@ -216,6 +216,7 @@ def patch_based(image: Image, params: PatchBasedParams, rng: np.random.Generator
     sampler = _Sampler(image, params, rng)
     sampler.run()
     height, width = params.size
-    channels = sampler.exemplar.image.channels
-    result = Image(with_unit_normals(np.ascontiguousarray(sampler.result[:height, :width]), channels), channels)
+    own = sampler.exemplar.image
+    pixels = np.ascontiguousarray(sampler.result[:height, :width])
+    result = own.elsewhere(with_unit_normals(pixels, own.channels))
     return Stitched(result.wrapping(params.tileable), np.ascontiguousarray(sampler.match[:height, :width]))

@@ -200,8 +200,8 @@ class Patchwork:
     @property
     def image(self) -> Image:
         """The result, with all maps of the exemplar."""
-        channels = self.exemplar.image.channels
-        return Image(with_unit_normals(self.pixels, channels), channels)
+        own = self.exemplar.image
+        return own.elsewhere(with_unit_normals(self.pixels, own.channels))
 
     def correspondence(self) -> Correspondence:
         """For every pixel its source in the exemplar, of blended ones the one of larger weight."""

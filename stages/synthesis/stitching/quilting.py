@@ -261,5 +261,5 @@ def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> 
     quilt.fill()
     quilt.refine_seams()
     exemplar, match = quilt.exemplar.image, quilt.match
-    made = Image(exemplar.pixels[match[..., 0], match[..., 1]], exemplar.channels)
+    made = exemplar.elsewhere(exemplar.pixels[match[..., 0], match[..., 1]])
     return Stitched(made.wrapping(params.tileable), match)

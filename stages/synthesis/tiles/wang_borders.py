@@ -154,7 +154,7 @@ class Torus:
         """The torus of these pixels; rows and columns are broadcast and wrapped."""
         rows, columns = rows % self.image.height, columns % self.image.width
         pixels = np.ascontiguousarray(self.image.pixels[rows, columns])
-        return Torus(Image(pixels, self.image.channels), np.ascontiguousarray(self.match[rows, columns]))
+        return Torus(self.image.elsewhere(pixels), np.ascontiguousarray(self.match[rows, columns]))
 
 
 def offsets(length: int, tile: int) -> tuple[Lines, Lines]:
@@ -243,7 +243,7 @@ class Synthesis:
         with part(0.2, 1.0):
             made = self.revision.optimised(known.image, starts[0], keep, True, optimising, keep & ~shared)
         own = self._cut(known.image, made.image, shared, filled)[..., None]
-        joined = Image(np.where(own, made.image.pixels, known.image.pixels), known.image.channels)
+        joined = known.image.elsewhere(np.where(own, made.image.pixels, known.image.pixels))
         return self._level(joined, np.where(own, made.match, known.match), shared)
 
     def _cut(self, known: Image, made: Image, shared: Mask, filled: Mask) -> Mask:
@@ -352,7 +352,7 @@ def wang_borders(
     to_row, to_column = to_borders((len(down), len(across)), tile)
     nearer, farther = np.minimum(to_row[:, None], to_column), np.maximum(to_row[:, None], to_column)
     is_row = to_row[:, None] <= to_column
-    atlas = Image(np.where(is_row[..., None], rows.image.pixels, columns.image.pixels), start.image.channels)
+    atlas = start.image.elsewhere(np.where(is_row[..., None], rows.image.pixels, columns.image.pixels))
     match = np.where(is_row[..., None], rows.match, columns.match)
     keep = nearer < border
     # Between two borders, at the diagonals, neither is continued.

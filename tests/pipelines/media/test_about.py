@@ -6,7 +6,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
-from texloom.pipelines.media.about import about_picture
+from texloom.pipelines.media.about import about_material, about_picture
 from texloom.pipelines.store import codec
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -27,8 +27,25 @@ def test_borders_of_other_files_are_measured(tmp_path: Path) -> None:
     ramp = np.arange(0, 64, 4, np.uint8)[:, None].repeat(16, 1)
     PIL.Image.fromarray(ramp).save(tmp_path / "wall_height.png")
     assert about_picture(tmp_path / "wall_height.png") == {
-        "border_steps": {"down": 15.0}, "bits": 8, "range": {"Y": [0.0, 0.2353]}, "role": "height"
+        "plausible_wraps": {axis: {"wraps": "unclear", "score": 0.0} for axis in "xy"},
+        "bits": 8, "range": {"Y": [0.0, 0.2353]}, "role": "height",
     }  # fmt: skip
+
+
+def test_materials_tell_what_their_files_say(tmp_path: Path) -> None:
+    level = np.arange(64, dtype=np.uint8).reshape(8, 8)
+    for name in ("albedo", "height"):
+        PIL.Image.fromarray(level).save(tmp_path / f"{name}.png")
+    PIL.Image.fromarray(np.dstack([level, level + 9, level + 100])).save(tmp_path / "normal_dx.png")
+    PIL.Image.fromarray(level).save(tmp_path / "other.png")
+    known = about_material(tmp_path)
+    assert known["maps"] == {"normal": {"green": "down"}}
+    assert known["files"]["normal"] == {"file": "normal_dx.png", "bits": 8}
+    assert known["notes"] == ["other.png ignored: the name is that of no map"]
+    assert known["plausible_green"]["green"] in ("up", "down", "does not fit the height")
+    (tmp_path / "albedo.png").unlink()
+    with pytest.raises(InputError, match="has no albedo"):
+        about_material(tmp_path)
 
 
 def test_what_is_no_picture_is_refused(tmp_path: Path) -> None:

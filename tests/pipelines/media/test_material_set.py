@@ -16,6 +16,7 @@ from texloom.pipelines.media.material_set import recognised
 from texloom.pipelines.media.sources import Source, open_source
 from texloom.stages.vocabulary.color import linear_from_srgb
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import MapFacts
 from texloom.stages.vocabulary.normals import NORMAL, rounding, unit
 
 SIDES = (6, 9)
@@ -127,6 +128,34 @@ def test_directx_normals_are_turned(folder: Path, rng: np.random.Generator) -> N
     assert [Path(one.reference).name for one in open_source("e", str(folder)).maps][1] == "normal_gl.png"
 
 
+def facts_of(folder: Path) -> dict[str, MapFacts]:
+    return dict(open_source("exemplar", str(folder)).read().facts.maps)
+
+
+def test_maps_know_what_their_names_say(folder: Path) -> None:
+    known = facts_of(folder)
+    assert known["normal"] == MapFacts(green="up")
+    assert known["height"] == known["roughness"] == MapFacts()
+    (folder / "moss_NormalGL.png").rename(folder / "moss_Normal.png")
+    unsaid = open_source("exemplar", str(folder))
+    assert unsaid.read().facts.maps["normal"] == MapFacts()
+    (folder / "moss_Normal.png").rename(folder / "moss_NormalDX.png")
+    assert facts_of(folder)["normal"] == MapFacts(green="down")
+    assert open_source("exemplar", str(folder)).digest != unsaid.digest
+
+
+def test_heights_in_floats_know_their_range_and_unit(folder: Path) -> None:
+    (folder / "moss_Displacement.png").unlink()
+    heights = np.linspace(-3, 12, 54, dtype=np.float32).reshape(SIDES)
+    assert cv2.imwrite(str(folder / "moss_Displacement.tiff"), heights)
+    assert facts_of(folder)["height"] == MapFacts(range=(-3.0, 12.0))
+    listing = folder / "moss.yaml"
+    listing.write_text("{albedo: moss_BaseColor.png, height: moss_Displacement.tiff, height_unit: mm}")
+    image = open_source("exemplar", str(listing)).read()
+    assert image.facts.maps["height"] == MapFacts(unit="mm", range=(-3.0, 12.0))
+    np.testing.assert_array_equal(image.pixels[..., 3], heights)
+
+
 def test_normals_are_normalised(folder: Path) -> None:
     packed = np.full((*SIDES, 3), 255, np.uint8)
     packed[0, 0] = 127, 128, 127
@@ -227,6 +256,10 @@ def test_errors_name_the_file(folder: Path, rng: np.random.Generator) -> None:
         ("{albedo: 'skimage:brick', normal: 'skimage:brick'}", "skimage:brick: is grey"),
         ("{albedo: 'skimage:brick', resample: 2}", "resample: must be true or false, got 2"),
         ("{albedo: 'skimage:brick', normal_convention: dx}", "normal_convention: must be opengl or directx"),
+        (
+            "{albedo: 'skimage:brick', height_unit: miles}",
+            "height_unit: must be one of um, mm, cm, m, in, got",
+        ),
         ("{albedo: 'http:x'}", "http:x"),
         ("{albedo: .}", ": is a folder, not a file"),
         ("albedo: !!python/name:os.system x", "not valid YAML"),

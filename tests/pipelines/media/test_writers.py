@@ -361,6 +361,17 @@ def test_layouts(image: Image, tmp_path: Path, layout: str, names: str, green: i
         assert (mask[..., 2] == 255).all()
 
 
+@pytest.mark.parametrize(("layout", "green"), [("substance", "down"), ("blender", "up")])
+def test_our_normals_say_where_green_points(image: Image, tmp_path: Path, layout: str, green: str) -> None:
+    write_layout(image, tmp_path / "out", "moss", Delivery(layout), {})
+    albedo = next((tmp_path / "out").glob("moss_base*color.png"))
+    listing = tmp_path / "moss.yaml"
+    listing.write_text(f"albedo: {albedo}\nnormal: {tmp_path}/out/moss_normal.png\n")
+    again = open_source("exemplar", str(listing)).read()
+    assert again.facts.maps["normal"].green == green
+    np.testing.assert_allclose(plane(again, NORMAL[1]), plane(image, NORMAL[1]), atol=1e-4)
+
+
 def test_packed_maps_that_a_material_lacks(tmp_path: Path, rng: np.random.Generator) -> None:
     image = Image(rng.random((*SIDES, 4), np.float32), ("R", "G", "B", "roughness"))
     write_layout(image, tmp_path, "moss", Delivery("unreal"), {})

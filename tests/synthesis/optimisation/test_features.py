@@ -9,6 +9,7 @@ from texloom.stages.synthesis.optimisation.features import PatchFeatures
 from texloom.stages.synthesis.optimisation.scale import Scale
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.masks import FilledExemplar
 
 SHAPE, SIZE = (20, 24), 5
 
@@ -18,7 +19,7 @@ FULL = Scale(
 
 
 def features(image: Image, guidance: np.ndarray | None = None, given: Image | None = None) -> PatchFeatures:
-    return PatchFeatures(image, None, guidance, 2.0, {}, None, None, 0.0, SIZE, given)
+    return PatchFeatures(FilledExemplar.of(image), guidance, 2.0, {}, None, None, 0.0, SIZE, given)
 
 
 def compared(own: PatchFeatures) -> np.ndarray:
