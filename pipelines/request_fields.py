@@ -15,7 +15,10 @@ ABOUT = {
     ),
     "exports": "Also write another file, such as edges.png=edges.strength; `texloom stages STAGE` lists outputs.",
     "size": "Size of the result, px: 1024, or 2048x1024 for 2048 wide and 1024 high; short for --set size=...",
-    "tileable": "The result continues across its borders, or not (off); short for --set tileable=true.",
+    "tileable": (
+        "The result continues across all its borders (both), left and right alone (x), top and bottom alone (y) or "
+        "none (off); without a value both; short for --set tileable=..."
+    ),
     "preset": "Values for many params at once; short for --set preset=NAME.",
     "seed": "Random seed; the same seed gives the same bits.",
     "seeds": "Run with N seeds from --seed on, or with those from A to B, and make a contact sheet.",

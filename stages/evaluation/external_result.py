@@ -7,6 +7,7 @@ from typing import Any
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.sizes import Size, format_size
+from texloom.stages.vocabulary.tileable import TileableBoth
 
 
 class ExternalResultParams(Params):
@@ -15,7 +16,7 @@ class ExternalResultParams(Params):
     size: Size | None = None
     """size of the result, px, as 512 or 768x512 (width x height): a larger picture is cropped to its centre; null:
     all of the picture"""
-    tileable: bool = False
+    tileable: TileableBoth = False
     """the picture wraps around, whether it says so or not; then it is not cropped"""
 
 

@@ -16,14 +16,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 _NAMES = {(False, False): "off", (False, True): "x", (True, False): "y", (True, True): "both"}
 
 
-@dataclasses.dataclass(frozen=True)
-class Wraps:
-    """Whether a picture continues across its borders."""
+class Wraps(NamedTuple):
+    """Whether a picture continues across its borders, by axis; compiled code takes it too."""
 
     down: bool = False
     """its first row follows its last one; ``y`` in texts"""
@@ -51,13 +50,14 @@ class Wraps:
 
 
 TORUS = Wraps(True, True)
+NOWHERE = Wraps()
 
 
 @dataclasses.dataclass(frozen=True)
 class Facts:
     """What holds for a picture; by default nothing is known."""
 
-    wraps: Wraps = Wraps()
+    wraps: Wraps = NOWHERE
 
     @classmethod
     def joined(cls, parts: Iterable[Facts]) -> Facts:

@@ -140,7 +140,7 @@ def run_flow(
     set: dict[str, Any] | None = None,
     export: dict[str, str] | None = None,
     size: int | str | None = None,
-    tileable: bool | None = None,
+    tileable: bool | str | None = None,
     preset: str | None = None,
     seed: int | None = None,
     seeds: int | list[int] | None = None,

@@ -23,6 +23,7 @@ from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.vocabulary.arrays import Image, Jacobian, ScalarMap
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.sizes import Size, format_size
+from texloom.stages.vocabulary.tileable import TileableBoth
 
 _DETAIL = 3.0  # px; standard deviation of the blur before gradients are taken, wider than the steps of 8 bit
 _NOISE = 0.05  # regularisation of the confidence, as a share of the mean squared gradient
@@ -38,7 +39,7 @@ class ControlDirectionParams(Params):
     """standard deviation of the smoothing of directions, px; smaller follows tighter bends"""
     size: Size | None = None
     """height and width of the field, px; null: those of ``image``, or of the map"""
-    tileable: bool = False
+    tileable: TileableBoth = False
     """the map continues across its borders"""
 
 

@@ -16,6 +16,7 @@ from texloom.stages.vocabulary.declare import Document, InputError, Outline, Par
 from texloom.stages.vocabulary.masks import USABLE, fill_excluded, without_usable
 from texloom.stages.vocabulary.normals import NORMAL
 from texloom.stages.vocabulary.sizes import Size, format_size
+from texloom.stages.vocabulary.tileable import TileableBoth
 
 _MAX_PIECES = 1024
 _MOST_PIXELS = 2**26  # around a piece, if the result has not more
@@ -60,7 +61,7 @@ class CollageParams(Params):
     in the exemplar, `at` [row, column], where the middle of its bounding box lies in the result, `angle`, degrees
     counter-clockwise, and `scale`; px. Later pieces lie over earlier ones"""
     size: Size = (512, 512)
-    tileable: bool = False
+    tileable: TileableBoth = False
     """pieces that cross a border go on at the opposite one"""
 
 

@@ -15,6 +15,7 @@ from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.masks import count_excluded, fill_excluded, valid_pixels, without_usable
 from texloom.stages.vocabulary.sizes import format_size
+from texloom.stages.vocabulary.tileable import TileableBoth
 
 _LOG = logging.getLogger(__name__)
 
@@ -26,7 +27,7 @@ class InpaintParams(Params):
 
     block: int | None = Field(None, ge=_MIN_BLOCK, le=1024)
     """side of a block, px; null: an eighth of the image's shorter side, between 32 and 128"""
-    tileable: bool | None = None
+    tileable: TileableBoth | None = None
     """the result continues across its borders; null: where the image does"""
 
 

@@ -24,6 +24,7 @@ from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
 from texloom.stages.vocabulary.masks import USABLE, fill_excluded, nearest_valid, valid_pixels, without_usable
 from texloom.stages.vocabulary.progress import Progress, report
+from texloom.stages.vocabulary.tileable import TileableBoth
 
 _PATCH = 10  # px
 _COARSEST, _RATIO = 35, 1.6  # first scale of the search for the layout's pixels in the exemplar, and scales' ratio
@@ -48,7 +49,7 @@ class LayoutParams(Params):
     """0: only the coarse colours and structure guide a new texture; 1: the collage stays as it is but for its
     joints; between: that share of the collage is kept, from the middles of its pieces outwards, and the rest is
     guided the more finely"""
-    tileable: bool = False
+    tileable: TileableBoth = False
     """the collage is to continue across its borders, which become joints where it does not"""
 
 

@@ -21,6 +21,7 @@ from texloom.stages.vocabulary.declare import InputError, stage
 from texloom.stages.vocabulary.normals import with_unit_normals
 from texloom.stages.vocabulary.progress import Progress, report
 from texloom.stages.vocabulary.sizes import Size, format_size
+from texloom.stages.vocabulary.tileable import TileableBoth
 
 _LOG = logging.getLogger(__name__)
 
@@ -41,7 +42,7 @@ class NearRegularParams(StitchingParams):
     """Size of the result, and how tiles are chosen and joined."""
 
     size: Size = (1024, 1024)
-    tileable: bool = False
+    tileable: TileableBoth = False
     """the result continues across its borders; the lattice is stretched and sheared a little to fit"""
     overlap: float = Field(0.35, gt=0, le=0.5)
     """width of the overlap with each neighbour, as a share of a tile's shorter side; at least 4 px"""

@@ -21,6 +21,7 @@ from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, Ve
 from texloom.stages.vocabulary.declare import InputError, stage
 from texloom.stages.vocabulary.normals import with_unit_normals
 from texloom.stages.vocabulary.progress import Progress, part, report
+from texloom.stages.vocabulary.tileable import TileableBoth
 
 _MIN_SIDE = 8  # px of an exemplar's shorter side
 _ROWS = 16  # of the result computed at a time
@@ -29,7 +30,7 @@ _ROWS = 16  # of the result computed at a time
 class RegularisedPatchesParams(StitchingParams):
     """Size of the result, choice of textons, and deformation of the lattice."""
 
-    tileable: bool = False
+    tileable: TileableBoth = False
     """the result continues across its borders; the lattice is stretched and sheared a little to fit"""
     strength: float = Field(1.0, ge=0, le=2)
     """deformation of the result's lattice: 0 leaves it regular, 1 deforms it as much as the exemplar's"""

@@ -34,6 +34,7 @@ from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels, without_usable
 from texloom.stages.vocabulary.scratch import bands
 from texloom.stages.vocabulary.sizes import Size, format_size
+from texloom.stages.vocabulary.tileable import TileableBoth
 
 _MIN_CELL = 8  # px between lattice lines at the first scale; smaller cells would not be resolved
 _PHASE_SHARE = 0.8  # of the scales, coarsest first, at which the lattice is enforced; finer ones preserve it
@@ -92,7 +93,7 @@ class OptimiseParams(Params):
     iterations"""
     patch_size: int = Field(10, ge=3, le=32)
     """side of a patch, px"""
-    tileable: bool | None = None
+    tileable: TileableBoth | None = None
     """the result continues across its borders, left to right and top to bottom; null: where pixels are kept of a
     picture that does, else not"""
     occurrence: float = Field(10.0, ge=0, le=1e4)

@@ -22,6 +22,7 @@ from texloom.stages.synthesis.optimisation.vote import window
 from texloom.stages.vocabulary.arrays import Correspondence, Image, ScalarMap
 from texloom.stages.vocabulary.declare import Params
 from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels, without_usable
+from texloom.stages.vocabulary.tileable import TileableBoth
 
 CoarserPatches: TypeAlias = Int32[np.ndarray, "2 coarser_p coarser_q"]
 
@@ -46,7 +47,7 @@ class PlainParams(Params):
     """`fast` has fewer scales and iterations"""
     patch_size: int = Field(10, ge=3, le=32)
     """side of a patch, px"""
-    tileable: bool = False
+    tileable: TileableBoth = False
     """the result continues across its borders, left to right and top to bottom"""
     ratio: float = Field(1.3, gt=1.0, le=4.0)
     """size of a scale relative to the one before it, at least"""

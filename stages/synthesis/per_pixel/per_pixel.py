@@ -32,6 +32,7 @@ from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, Ja
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
 from texloom.stages.vocabulary.normals import NORMAL, turned, with_unit_normals
 from texloom.stages.vocabulary.sizes import Size, format_size, size_value
+from texloom.stages.vocabulary.tileable import TileableBoth
 
 _LOG = logging.getLogger(__name__)
 
@@ -140,7 +141,7 @@ class PerPixelParams(ArrangementParams):
     size: Size | None = None
     """height and width of the result, px; null takes those of the target, of what is fixed or of its Jacobians, or
     512x512 where there are none"""
-    tileable: bool = False
+    tileable: TileableBoth = False
     """the result continues across its borders; so should the target. Its sides must be whole multiples of twice the
     step of the coarsest level"""
     origin: tuple[_OriginSide, _OriginSide] = (0, 0)

@@ -39,6 +39,7 @@ from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, Ja
 from texloom.stages.vocabulary.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.sizes import Size, format_size
+from texloom.stages.vocabulary.tileable import TileableBoth
 
 _LOG = logging.getLogger(__name__)
 
@@ -69,7 +70,7 @@ class ReconstructParams(Params):
     weakly, 10 enforces; the same scale as in `control_features`"""
     patch_size: int = Field(8, ge=3, le=32)
     """side of a patch, px; with `discrete`, of the blocks of its start"""
-    tileable: bool = False
+    tileable: TileableBoth = False
     """the result continues across its borders, as the target should"""
     occurrence: float = Field(0.5, ge=0, le=1e3)
     """occurrence penalty of an exemplar patch of average use, relative to the variance within such patches; 0 lets

@@ -15,13 +15,14 @@ from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Params
 from texloom.stages.vocabulary.masks import count_excluded, fill_excluded, valid_pixels, without_usable
 from texloom.stages.vocabulary.sizes import Size
+from texloom.stages.vocabulary.tileable import TileableBoth
 
 
 class StitchingParams(Params):
     """Parameters of every stitching method."""
 
     size: Size = (512, 512)
-    tileable: bool = False
+    tileable: TileableBoth = False
     """the result continues across its borders"""
     weights: MapWeights = Field({})
 

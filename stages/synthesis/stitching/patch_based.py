@@ -14,6 +14,7 @@ from texloom.stages.vocabulary.declare import InputError, stage
 from texloom.stages.vocabulary.normals import with_unit_normals
 from texloom.stages.vocabulary.progress import Progress, report
 from texloom.stages.vocabulary.sizes import format_size
+from texloom.stages.vocabulary.tileable import TileableBoth
 
 _CANDIDATES = 64  # nearest places that patches are drawn from
 _MIN_PATCH = 8  # px
@@ -22,7 +23,7 @@ _MIN_PATCH = 8  # px
 class PatchBasedParams(StitchingParams):
     """Size of the result, patches and their choice."""
 
-    tileable: bool = False
+    tileable: TileableBoth = False
     """the result continues across its borders; patches are then a little smaller, so that they fill it evenly"""
     patch: int | None = Field(None, ge=_MIN_PATCH, le=1024)
     """side of a patch, px, a little more than the texture's elements; null: a quarter of the exemplar's shorter
