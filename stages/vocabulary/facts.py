@@ -45,6 +45,9 @@ class Wraps(NamedTuple):
     def __and__(self, other: Wraps) -> Wraps:
         return Wraps(self.down and other.down, self.across and other.across)
 
+    def __or__(self, other: Wraps) -> Wraps:
+        return Wraps(self.down or other.down, self.across or other.across)
+
     def __str__(self) -> str:
         return _NAMES[self.down, self.across]
 

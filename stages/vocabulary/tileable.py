@@ -30,7 +30,7 @@ def tileable_value(wraps: Wraps) -> bool | str:
 def _on_both_axes(value: Any) -> bool:
     wraps = parse_tileable(value)
     if wraps and not wraps.both:
-        raise ValueError(f"'{wraps}': this stage makes nothing that is tileable along one axis; both or off")
+        raise ValueError(f"'{wraps}': this stage makes pictures that are tileable along both axes or along none")
     return wraps.both
 
 

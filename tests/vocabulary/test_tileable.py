@@ -4,6 +4,7 @@ from typing import Any
 
 import pydantic
 import pytest
+
 from texloom.stages.vocabulary.declare import Params
 from texloom.stages.vocabulary.facts import NOWHERE, TORUS, Wraps
 from texloom.stages.vocabulary.tileable import Tileable, TileableBoth
@@ -42,5 +43,5 @@ def test_other_values_are_refused(value: Any) -> None:
 
 def test_a_stage_of_toruses_refuses_one_axis() -> None:
     assert _Asked(torus="both").torus is True  # type: ignore[arg-type]
-    with pytest.raises(pydantic.ValidationError, match="'x': this stage makes nothing that is tileable along one"):
+    with pytest.raises(pydantic.ValidationError, match="'x': this stage makes pictures that are tileable"):
         _Asked(torus="x")  # type: ignore[arg-type]

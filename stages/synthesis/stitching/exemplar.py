@@ -13,17 +13,18 @@ from texloom.stages.common.grids.size_checks import check_side
 from texloom.stages.vocabulary.arrays import Correspondence, Image
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Params
+from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.masks import count_excluded, fill_excluded, valid_pixels, without_usable
 from texloom.stages.vocabulary.sizes import Size
-from texloom.stages.vocabulary.tileable import TileableBoth
+from texloom.stages.vocabulary.tileable import Tileable
 
 
 class StitchingParams(Params):
     """Parameters of every stitching method."""
 
     size: Size = (512, 512)
-    tileable: TileableBoth = False
-    """the result continues across its borders"""
+    tileable: Tileable = NOWHERE
+    """the result continues across its borders: x left to right, y top to bottom, both, off"""
     weights: MapWeights = Field({})
 
 
