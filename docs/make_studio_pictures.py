@@ -30,7 +30,7 @@ def finish(page: Page, title: str) -> None:
     page.get_by_title(title).first.click()
     page.get_by_role("button", name="256", exact=True).click()
     page.get_by_label("Preset").select_option("fast")
-    page.get_by_label("Tileable").check()
+    page.get_by_label("Tileable").select_option("both")
     page.get_by_role("button", name="Finish at full size").click()
     page.get_by_label("Settings").get_by_text("Done in").wait_for()
 
@@ -38,7 +38,7 @@ def finish(page: Page, title: str) -> None:
 def make(page: Page, shoot: Callable[[str], None]) -> None:
     """The preview of a tileable texture."""
     page.get_by_title("stones").first.click()
-    page.get_by_label("Tileable").check()
+    page.get_by_label("Tileable").select_option("both")
     page.wait_for_function("() => document.querySelector('make-view').done === 1")
     page.wait_for_timeout(1000)
     shoot("make")

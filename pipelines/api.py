@@ -61,7 +61,7 @@ def synthesize(
     *,
     size: Size | None = None,
     method: str | os.PathLike[str] = "self_tuning",
-    tileable: bool = False,
+    tileable: bool | str = False,
     seed: int = SEED,
     preset: str | None = None,
     mask: PathOrArray | None = None,
@@ -78,7 +78,8 @@ def synthesize(
         sRGB, floats linear light. Pixels whose alpha is below a half, or that a NumPy mask covers, are not used.
     size : (height, width) of the result, px, or one number for both; the default is the method's.
     method : a flow with a single source, by its name (``texloom flows`` lists them) or its file.
-    tileable : whether the result repeats without seams.
+    tileable : whether the result repeats without seams: true or ``"both"``, ``"x"`` from left to right alone,
+        ``"y"`` from top to bottom alone, false or ``"off"``.
     seed : equal seeds give equal results.
     preset : of the method's parameters, as ``fast``.
     mask : what may be used: a boolean array (h, w), true there; or the path of a picture, white there. What is
@@ -129,7 +130,7 @@ def run(
     size: Size | None = None,
     seed: int | None = None,
     seeds: int | range | None = None,
-    tileable: bool | None = None,
+    tileable: bool | str | None = None,
     preset: str | None = None,
     exports: Mapping[str, str] | None = None,
     item: str | None = None,
@@ -206,7 +207,7 @@ def plan(
     size: Size | None = None,
     seed: int | None = None,
     seeds: int | range | None = None,
-    tileable: bool | None = None,
+    tileable: bool | str | None = None,
     preset: str | None = None,
     item: str | None = None,
     store: str | os.PathLike[str] | None = None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pydantic
 
@@ -12,6 +12,7 @@ from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.request_fields import DELIVERY, MOST_SEEDS, OPTIONS, RUNNER, SHORT
 from texloom.stages.vocabulary.sizes import parse_size
+from texloom.stages.vocabulary.tileable import parse_tileable, tileable_value
 
 Value = str | tuple[Any, ...]
 """of a param: a YAML text, as on the command line, or a tuple of Python, in which a size is (height, width)"""
@@ -28,7 +29,7 @@ class RunRequest(pydantic.BaseModel):
     params: Mapping[str, Value] = {}
     exports: Mapping[str, str] = {}
     size: Value | None = None
-    tileable: bool | None = None
+    tileable: bool | Literal["off", "x", "y", "both"] | None = None
     preset: str | None = None
     seed: int | None = None
     seeds: int | tuple[int, ...] | None = None
@@ -73,7 +74,8 @@ class RunRequest(pydantic.BaseModel):
     def _params(self) -> dict[str, Value]:
         short = self._given(SHORT)
         if "tileable" in short:
-            short["tileable"] = "true" if self.tileable else "false"
+            value = tileable_value(parse_tileable(self.tileable))
+            short["tileable"] = value if isinstance(value, str) else str(value).lower()
         twice = next((name for name in short if name in self.params), None)
         if twice is not None:
             raise refused(f"--{twice} and --set {twice}=... say the same; give one of them")

@@ -46,8 +46,9 @@ OPTIONS = {
         metavar="N|WIDTHxHEIGHT",
     ),
     "tileable": Option(
-        "The result continues across its borders, or not (off); short for --set tileable=true.",
-        metavar="[=both|off]",
+        "The result continues across all its borders (both), left and right alone (x), top and bottom alone (y) or "
+        "none (off); without a value both; short for --set tileable=...",
+        metavar="[=x|y|both|off]",
     ),
     "preset": Option("Values for many params at once; short for --set preset=NAME.", metavar="NAME"),
     "seed": Option("Random seed; the same seed gives the same bits.", kind=int),

@@ -65,7 +65,7 @@ def compare(
     against: dict[str, str],
     params: dict[str, str],
     size: str | None,
-    tileable: bool | None,
+    tileable: str | None,
     preset: str | None,
     seed: int | None,
     seeds: int,

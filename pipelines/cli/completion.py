@@ -273,11 +273,17 @@ def _takes_file(flow: Flow, name: str) -> bool:
 
 def _choices(flow: Flow, name: str) -> list[str]:
     """The values of a param of few."""
+    from texloom.stages.vocabulary.facts import Wraps
+    from texloom.stages.vocabulary.tileable import NAMES
+
     found = _param(flow, name)
     if found is None:
         return []
     kind = found[0].model_fields[found[1]].annotation
-    kinds = [kind, *typing.get_args(kind)]
+    parts = typing.get_args(kind)
+    kinds = [kind, *parts, *(part for one in parts for part in typing.get_args(one))]
+    if Wraps in kinds:
+        return list(NAMES)
     if bool in kinds:
         return ["true", "false"]
     return [

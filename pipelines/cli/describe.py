@@ -21,9 +21,14 @@ from texloom.pipelines.store.types import Hint
 from texloom.pipelines.yaml import read_document
 from texloom.stages.lookup.registry import find_stage, stage_names
 from texloom.stages.vocabulary.declare import Document, InputError, Stage, field_help
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.sizes import SIDES
+from texloom.stages.vocabulary.tileable import NAMES
 
-_WORDS = {bool: "true | false", types.NoneType: "null", str: "text", Path: "file", Document: "file"}
+_WORDS = {
+    bool: "true | false", types.NoneType: "null", str: "text", Path: "file", Document: "file",
+    Wraps: " | ".join(NAMES),
+}  # fmt: skip
 
 
 def catalogue() -> dict[str, str]:

@@ -54,13 +54,11 @@ def _seeds(_context: click.Context, _option: click.Parameter, value: str | None)
     return len(seeds) if last is None else tuple(seeds)
 
 
-def _tileable(_context: click.Context, _option: click.Parameter, value: str | None) -> bool | None:
-    """Whether the result is tileable; what follows a bare ``--tileable`` is no value, see `FlowCommand`."""
-    if value in ("x", "y"):
-        raise click.BadParameter(f"{value!r}: results that are tileable along one axis cannot be made yet")
-    if value not in (None, "both", "off"):
-        raise click.BadParameter(f"{value!r} is neither 'both', which may be left out, nor 'off'")
-    return None if value is None else value == "both"
+def _tileable(_context: click.Context, _option: click.Parameter, value: str | None) -> str | None:
+    """How the result is tileable; what follows a bare ``--tileable`` is no value, see `FlowCommand`."""
+    if value not in (None, "x", "y", "both", "off"):
+        raise click.BadParameter(f"{value!r} is none of x, y, both, which may be left out, and off")
+    return value
 
 
 class FlowCommand(click.Command):

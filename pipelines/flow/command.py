@@ -76,8 +76,8 @@ def param_words(name: str, text: str) -> list[str]:
     text = _plain(text)
     if name in ("size", "preset"):
         return [f"--{name}", text]
-    if name == "tileable" and text == "true":
-        return ["--tileable"]
+    if name == "tileable" and text in ("true", "x", "y"):
+        return ["--tileable" if text == "true" else f"--tileable={text}"]
     return ["--set", f"{name}={text}"]
 
 

@@ -50,7 +50,7 @@ class Endless:
 
     def _open(self, recipe: Recipe, check: Callable[[], None]) -> None:
         """Analyse the exemplar, unless the store has that."""
-        if recipe.flow != FLOW or recipe.tileable:
+        if recipe.flow != FLOW or recipe.tileable not in (None, "off"):
             raise InputError(f"only textures of {FLOW} that are not tileable go on without end")
         run = open_recipe(recipe, self.library, self.store)
         step = run.flow.steps[_RESULT]

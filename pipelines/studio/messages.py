@@ -89,7 +89,7 @@ class Recipe(Message):
     """id of a picture, black where the first source must not be used"""
     size: Annotated[tuple[Side, Side], SIDES] | None = None
     """``WIDTHxHEIGHT``, px"""
-    tileable: bool | None = None
+    tileable: Literal["off", "x", "y", "both"] | None = None
     seed: int = Field(7, ge=0, lt=2**53)
     preset: str | None = Field(None, max_length=64)
     params: dict[str, float | int | bool | Literal["labels", "values"] | tuple[int, int]] = {}

@@ -100,8 +100,8 @@ def _params(recipe: Recipe, library: Library) -> Iterable[tuple[str, Any]]:
     """The params that are given, by the names of the command line."""
     if recipe.size is not None:
         yield "size", recipe.size
-    if recipe.tileable:
-        yield "tileable", True
+    if recipe.tileable is not None:
+        yield "tileable", recipe.tileable
     if recipe.preset is not None:
         yield "preset", recipe.preset
     yield from recipe.params.items()

@@ -78,7 +78,7 @@ class Studio:
         self.reader = WorkerProcess(places)
         """decodes pictures"""
         practice = Recipe(
-            flow="self_tuning", sources={"exemplar": "texloom:bricks"}, size=(512, 512), tileable=True
+            flow="self_tuning", sources={"exemplar": "texloom:bricks"}, size=(512, 512), tileable="both"
         )
         self.spares = Spares(places, PreviewRequest(number=0, recipe=practice))
         self.tiler = WorkerProcess(places)

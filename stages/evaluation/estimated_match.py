@@ -11,6 +11,7 @@ from texloom.stages.kernels.core.threads import run_all, run_spans, spans
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import OddSize, Params, stage
+from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.masks import count_excluded, fill_excluded, valid_pixels
 
 _STRIP = 32  # rows that are searched one after the other
@@ -112,7 +113,7 @@ def _search(
     strips = spans(patches[0], max(1, patches[0] // _STRIP))
     radii = np.full(params.tries, max(places))
     for number in range(params.sweeps):
-        scan = Scan(number % 2 == 0, False, radii, np.int64(0), 0, rng.integers(2**64, dtype=np.uint64), True)
+        scan = Scan(number % 2 == 0, NOWHERE, radii, np.int64(0), 0, rng.integers(2**64, dtype=np.uint64), True)
         changed = 0
         for phase in (strips[0::2], strips[1::2]):
             swept = run_all(sweep, [(shape, target, own, scan, *span) for span in phase])

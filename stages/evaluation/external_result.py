@@ -6,7 +6,9 @@ from typing import Any
 
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.sizes import Size, format_size
+from texloom.stages.vocabulary.tileable import Tileable
 
 
 class ExternalResultParams(Params):
@@ -15,8 +17,8 @@ class ExternalResultParams(Params):
     size: Size | None = None
     """size of the result, px, as 512 or 768x512 (width x height): a larger picture is cropped to its centre; null:
     all of the picture"""
-    tileable: bool = False
-    """the picture wraps around, whether it says so or not; then it is not cropped"""
+    tileable: Tileable = NOWHERE
+    """the picture wraps around along x, y or both, whether it says so or not; then it is not cropped there"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,7 +35,8 @@ def check_size(params: ExternalResultParams, known: Mapping[str, Any]) -> None:
     if image is None or params.size is None:
         return
     height, width = params.size
-    if params.tileable and (image.height, image.width) != params.size:
+    sides = zip((image.height, image.width), params.size, params.tileable, strict=True)
+    if any(around and own != wanted for own, wanted, around in sides):
         raise InputError(
             f"image: {format_size(image)}; a tileable result must have {format_size((height, width))}, as a part "
             "of it would not wrap around"
@@ -64,4 +67,4 @@ def external_result(image: Image, params: ExternalResultParams) -> ExternalResul
     height, width = params.size or (image.height, image.width)
     top, left = (image.height - height) // 2, (image.width - width) // 2
     part = image.cropped(slice(top, top + height), slice(left, left + width))
-    return ExternalResult(part.wrapping(True) if params.tileable else part)
+    return ExternalResult(part.wrapping(part.wraps | params.tileable))

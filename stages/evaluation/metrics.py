@@ -149,7 +149,7 @@ def metrics(
 
     Seams are measured at the border of a result that wraps around: the mean of the jumps between neighbours in
     excess of the jumps before and after them, less the median over the inner lines, in deviations of the inner
-    lines; the worse of both axes. Tileable pictures are below 1.5.
+    lines; the worse of the axes along which it does. Tileable pictures are below 1.5.
 
     A result of more than 4096 x 4096 px is measured in windows of 2048 x 2048 px about the middles of its quarters,
     and, where it wraps around, seams in one about its corner; `use` takes all of it. Figures are then means over
@@ -220,7 +220,7 @@ def _measured_in_windows(
             whole[place], is_located = located, True
     means = windows.mean_lines(tables)
     source, corner = prepare(exemplar, windows.around_corner(image))
-    task = Task(source, corner, source, match, copies, image.wraps.both, params.copied, params.window)
+    task = Task(source, corner, source, match, copies, image.wraps, params.copied, params.window)
     if keep is None:
         means |= lines(pixels.seams, task, ("seams",)) | lines(reuse.evenness, task, ("use",))
     return _marked(means, copies), whole if is_located else None
@@ -237,7 +237,7 @@ def _measured(
     """The lines of the table, and the map of the joints."""
     source, result = prepare(exemplar, image, keep)
     task = Task(
-        source, result, shuffled_blocks(source, 2), match, copies, image.wraps.both, params.copied, params.window
+        source, result, shuffled_blocks(source, 2), match, copies, image.wraps, params.copied, params.window
     )
     measured: dict[str, dict[str, Any]] = {}
     calls = [functools.partial(lines, measure, task, names) for measure, names in _MEASURES]

@@ -19,6 +19,7 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import srgb_from_linear
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.sizes import format_size
+from texloom.stages.vocabulary.tileable import parse_tileable
 
 __all__ = ["Canvas", "Rect"]
 
@@ -38,7 +39,7 @@ class Canvas:
     size : height and width of the texture, px.
     values : the initial control map, (height, width, planes) float32, or a constant.
     seed : seed of the random numbers.
-    tileable : whether the texture is tileable; the control map should be too.
+    tileable : whether the texture is tileable, or along which axis, ``x`` or ``y``; the control map should be too.
     params : parameters of the synthesis.
     stack : the exemplar's analysis; computed here if not given, which takes a second or more.
     device : ``cpu``, ``gpu``, or ``auto``, a GPU where there is one; results are bit-identical. None uses the
@@ -70,7 +71,7 @@ class Canvas:
         *,
         values: Float32[np.ndarray, "H W k"] | float = 0.0,
         seed: int = 7,
-        tileable: bool = False,
+        tileable: bool | str = False,
         params: ArrangementParams | None = None,
         stack: AppearanceStack | None = None,
         device: Device | None = None,
@@ -95,10 +96,13 @@ class Canvas:
         self._pixels = image.pixels[rows, columns].reshape(tables.places, -1)
         colours = np.rint(srgb_from_linear(image.color) * 255).astype(np.uint8)
         self._colours = colours[rows, columns].reshape(tables.places, 3)
-        if tileable:
-            check_divisible(size, tables.levels)
+        try:
+            wrap = parse_tileable(tileable)
+        except ValueError as error:
+            raise InputError(f"tileable: {error}") from None
+        check_divisible(size, tables.levels, wrap)
         self._levels = levels_on(
-            device, tables, style_of(params, tables.levels, seed), Rect(0, size[0], 0, size[1]), tileable
+            device, tables, style_of(params, tables.levels, seed), Rect(0, size[0], 0, size[1]), wrap
         )
         initial = values if isinstance(values, np.ndarray) else np.full((*size, self.planes), values, np.float32)
         self._check(initial, 0, 0)

@@ -317,14 +317,14 @@ class PhotoSession:
         return np.asarray(cv2.remap(self._shown, at[..., 1], at[..., 0], cv2.INTER_LINEAR))
 
     def texture(
-        self, size: tuple[int, int] = (128, 128), *, tileable: bool = False, seed: int = 7
+        self, size: tuple[int, int] = (128, 128), *, tileable: bool | str = False, seed: int = 7
     ) -> UInt8[np.ndarray, "H W 3"]:
         """A preview of the texture, sRGB, from the reduced photograph.
 
         Parameters
         ----------
         size : height and width, px.
-        tileable : whether it repeats without seams.
+        tileable : whether it repeats without seams, or along which axis, ``x`` or ``y``.
         seed : equal seeds give equal previews.
         """
         made = flat_texture(self.coarse_photo, self.coarse(), size, tileable, np.random.default_rng(seed))

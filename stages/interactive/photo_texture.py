@@ -14,12 +14,13 @@ from texloom.stages.analysis.regularity.repetition import RepetitionParams, repe
 from texloom.stages.analysis.similarity.appearance_stack import AppearanceStackParams, appearance_stack
 from texloom.stages.synthesis.per_pixel.per_pixel import PerPixelParams, per_pixel
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.tileable import parse_tileable
 
 _EVEN = 0.8  # share of the slowly varying illumination that is removed
 
 
 def flat_texture(
-    photo: Image, surface: Distortion, size: tuple[int, int], tileable: bool, rng: np.random.Generator
+    photo: Image, surface: Distortion, size: tuple[int, int], tileable: bool | str, rng: np.random.Generator
 ) -> Image:
     """The texture.
 
@@ -61,7 +62,7 @@ def flat_texture(
         look.basis,
         look.candidates,
         look.toroidal,
-        PerPixelParams(size=size, tileable=tileable),
+        PerPixelParams(size=size, tileable=parse_tileable(tileable)),
         rng,
         jacobian=levels.jacobian,
         generators=repeats.generators,

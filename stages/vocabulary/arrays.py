@@ -113,9 +113,10 @@ class Image:
         whole = Wraps(pixels.shape[0] == self.height, pixels.shape[1] == self.width)
         return Image(pixels, self.channels, dataclasses.replace(self.facts, wraps=wraps & whole))
 
-    def wrapping(self, both: bool) -> Image:
-        """The same picture, which continues across all its borders or across none."""
-        return dataclasses.replace(self, facts=dataclasses.replace(self.facts, wraps=Wraps(both, both)))
+    def wrapping(self, wraps: Wraps | bool) -> Image:
+        """The same picture, which continues across these borders; across all or none by a truth value."""
+        wraps = wraps if isinstance(wraps, Wraps) else Wraps(wraps, wraps)
+        return dataclasses.replace(self, facts=dataclasses.replace(self.facts, wraps=wraps))
 
     @property
     def wraps(self) -> Wraps:

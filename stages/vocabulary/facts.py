@@ -22,7 +22,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Collection, Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 _NAMES = {(False, False): "off", (False, True): "x", (True, False): "y", (True, True): "both"}
 GREENS = ("up", "down")
@@ -31,9 +31,8 @@ UNITS = ("um", "mm", "cm", "m", "in")
 """of lengths"""
 
 
-@dataclasses.dataclass(frozen=True)
-class Wraps:
-    """Whether a picture continues across its borders."""
+class Wraps(NamedTuple):
+    """Whether a picture continues across its borders, by axis; compiled code takes it too."""
 
     down: bool = False
     """its first row follows its last one; ``y`` in texts"""
@@ -56,11 +55,15 @@ class Wraps:
     def __and__(self, other: Wraps) -> Wraps:
         return Wraps(self.down and other.down, self.across and other.across)
 
+    def __or__(self, other: Wraps) -> Wraps:
+        return Wraps(self.down or other.down, self.across or other.across)
+
     def __str__(self) -> str:
         return _NAMES[self.down, self.across]
 
 
 TORUS = Wraps(True, True)
+NOWHERE = Wraps()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -106,7 +109,7 @@ def _range_of(values: Any) -> tuple[float, float] | None:
 class Facts:
     """What holds for a picture; by default nothing is known."""
 
-    wraps: Wraps = Wraps()
+    wraps: Wraps = NOWHERE
     maps: Mapping[str, MapFacts] = dataclasses.field(default_factory=dict)
     """of each map of a material, by its role, which begins the names of its channels"""
 

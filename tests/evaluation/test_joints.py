@@ -7,6 +7,7 @@ import pytest
 from scipy import ndimage
 
 from tests.evaluation.helpers import encoded, tinted
+from tests.wraps import WRAPS
 from texloom.stages.common.similarity.patch_distance import NearestPatches
 from texloom.stages.common.source_maps.source_joints import joint_contrast, worst_of_cells
 from texloom.stages.evaluation._measures import joints as _joints
@@ -14,6 +15,7 @@ from texloom.stages.evaluation._measures.pictures import prepare, shuffled_block
 from texloom.stages.evaluation._measures.task import Task
 from texloom.stages.evaluation.metrics import Metrics, MetricsParams, metrics
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.masks import USABLE
 
 
@@ -31,7 +33,7 @@ def scored(exemplar: Image, match: np.ndarray, tileable: bool = False, keep: np.
 
 def task(exemplar: Image, match: np.ndarray, tileable: bool = False) -> Task:
     source, result = prepare(exemplar, copied(exemplar, match))
-    return Task(source, result, shuffled_blocks(source, 2), match, None, tileable, 0.25, 9)
+    return Task(source, result, shuffled_blocks(source, 2), match, None, Wraps(tileable, tileable), 0.25, 9)
 
 
 def with_block(match: np.ndarray, row: int, column: int, source: tuple[int, int], side: int = 24) -> np.ndarray:
@@ -41,8 +43,8 @@ def with_block(match: np.ndarray, row: int, column: int, source: tuple[int, int]
     return changed
 
 
-@pytest.mark.parametrize("wraps", [False, True])
-def test_contrast_is_that_of_the_sources_neighbours(wraps: bool) -> None:
+@pytest.mark.parametrize("wraps", WRAPS)
+def test_contrast_is_that_of_the_sources_neighbours(wraps: Wraps) -> None:
     rng = np.random.default_rng(3)
     exemplar, result = (rng.normal(size=(*shape, 3)).astype(np.float32) for shape in ((6, 7), (16, 18)))
     match = with_block(grid(6, 7)[rng.integers(0, 6, (16, 18)), rng.integers(0, 7, (16, 18))], 2, 3, (1, 0), 4)
@@ -51,7 +53,8 @@ def test_contrast_is_that_of_the_sources_neighbours(wraps: bool) -> None:
         for step in ((1, 0), (0, 1)):
             other = tuple(np.add(place, step) % (16, 18))
             source, beside = match[place].astype(int), match[other].astype(int)
-            if (not wraps and other != tuple(np.add(place, step))) or (source + step == beside).all():
+            ends = place[step[1]] == (16, 18)[step[1]] - 1
+            if (ends and not wraps[step[1]]) or (source + step == beside).all():
                 continue
             jumps = [0.0]
             for continued, pixel in ((source + step, other), (beside - step, place)):

@@ -15,6 +15,7 @@ from texloom.stages.evaluation._measures.table import lines
 from texloom.stages.evaluation._measures.task import Task
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.masks import USABLE
 
 PERIOD = 32
@@ -102,7 +103,7 @@ def test_masked_and_given_pixels_are_ignored() -> None:
     keep = np.ones((160, 160), bool)
     keep[90:, 90:] = False
     source, result = prepare(exemplar, copied(exemplar, match), keep)
-    made = Task(source, result, source, match, None, False, 0.25, 9)
+    made = Task(source, result, source, match, None, NOWHERE, 0.25, 9)
     assert (joints.worst_joints(made, source.lab, result.lab)[0] >= 90).all()
     usable = np.ones((160, 160, 1), np.float32)
     usable[60:80, 60:80] = 0

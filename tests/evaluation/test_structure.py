@@ -14,6 +14,7 @@ from texloom.stages.evaluation._measures.pictures import prepare
 from texloom.stages.evaluation._measures.table import lines
 from texloom.stages.evaluation._measures.task import Task
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.masks import USABLE
 
 
@@ -21,7 +22,7 @@ def measure(exemplar: np.ndarray | Image, result: np.ndarray, keep: np.ndarray |
     """The measure's line, without the time of the others."""
     exemplar = exemplar if isinstance(exemplar, Image) else encoded(exemplar)
     source, made = prepare(exemplar, encoded(result), keep)
-    task = Task(source, made, source, None, None, False, 0.25, 9)
+    task = Task(source, made, source, None, None, NOWHERE, 0.25, 9)
     return lines(structure.straightness, task, ("straightness",))
 
 

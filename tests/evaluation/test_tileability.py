@@ -7,9 +7,11 @@ import pytest
 from scipy import fft, ndimage
 
 from tests.evaluation.helpers import encoded, tinted
+from tests.wraps import X, Y
 from texloom.stages.evaluation._measures import pixels
 from texloom.stages.evaluation._measures.pictures import prepare
 from texloom.stages.evaluation._measures.task import Task
+from texloom.stages.vocabulary.facts import TORUS, Wraps
 
 
 def periodic(seed: int, deviation: float) -> np.ndarray:
@@ -19,9 +21,9 @@ def periodic(seed: int, deviation: float) -> np.ndarray:
     return np.asarray(np.clip(0.5 + 0.12 * smooth / smooth.std(), 0, 1))
 
 
-def seams(values: np.ndarray) -> dict[str, float]:
+def seams(values: np.ndarray, wraps: Wraps = TORUS) -> dict[str, float]:
     picture = prepare(encoded(values), encoded(values))[0]
-    line = pixels.seams(Task(picture, picture, picture, None, None, True, 0.25, 9)).line()
+    line = pixels.seams(Task(picture, picture, picture, None, None, wraps, 0.25, 9)).line()
     return {"value": line["value"], "score": line["score"], **line["more"]}
 
 
@@ -46,6 +48,13 @@ def test_bricks_are_judged_by_their_border_and_not_by_their_mortar() -> None:
     assert seams(np.roll(values, 1, axis=0))["score"] > 0.7  # the border at a contour
     assert seams(values[:-10])["score"] < 0.3
     assert seams(values[:, :-7])["score"] < 0.3
+
+
+def test_only_borders_across_which_a_picture_continues_are_measured() -> None:
+    cut = periodic(4, 1.5)[:-13]  # continues from left to right alone
+    assert seams(cut, X)["score"] > 0.6
+    assert seams(cut, Y)["score"] < 0.3
+    assert seams(np.ascontiguousarray(cut.T), Y)["value"] == pytest.approx(seams(cut, X)["value"])
 
 
 def test_a_photograph_has_a_seam_and_its_mirrored_copy_has_not() -> None:

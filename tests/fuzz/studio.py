@@ -35,7 +35,7 @@ from texloom.stages.vocabulary.declare import InputError
 _RECIPE = {"flow": "quilting", "sources": {"exemplar": "folder:a.png"}, "size": "32x32", "seed": 3}
 _SQUARE = [[2, 2], [2, 20], [20, 20], [20, 2]]
 _REQUESTS: tuple[dict[str, Any], ...] = (
-    {"kind": "preview", "number": 1, "recipe": {**_RECIPE, "tileable": True, "params": {"texture.overlap": 0.25}}},
+    {"kind": "preview", "number": 1, "recipe": {**_RECIPE, "tileable": "x", "params": {"texture.overlap": 0.25}}},
     {"kind": "preview", "number": 1, "recipe": {**_RECIPE, "mask": "folder:b.png"}},
     {
         "kind": "preview", "number": 1, "attached": {"lattice.json": 2},

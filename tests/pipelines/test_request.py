@@ -124,15 +124,17 @@ def test_what_is_said_twice_or_too_much_is_refused(fields: dict[str, Any], messa
 @pytest.mark.parametrize(
     ("words", "pictures", "tileable"),
     [
-        ("--tileable moss.png", ("moss.png",), True),
-        ("--tileable=both moss.png", ("moss.png",), True),
-        ("moss.png --tileable=off", ("moss.png",), False),
+        ("--tileable moss.png", ("moss.png",), "both"),
+        ("--tileable=both moss.png", ("moss.png",), "both"),
+        ("--tileable=x moss.png", ("moss.png",), "x"),
+        ("--tileable=y moss.png", ("moss.png",), "y"),
+        ("moss.png --tileable=off", ("moss.png",), "off"),
         ("moss.png", ("moss.png",), None),
         ("-- --tileable", ("--tileable",), None),
     ],
 )
 def test_the_value_of_tileable_follows_an_equals_sign(
-    words: str, pictures: tuple[str, ...], tileable: bool | None
+    words: str, pictures: tuple[str, ...], tileable: str | None
 ) -> None:
     command = cli.texloom.commands["run"]
     assert isinstance(command, FlowCommand)
@@ -142,7 +144,7 @@ def test_the_value_of_tileable_follows_an_equals_sign(
 
 @pytest.mark.parametrize(
     ("value", "message"),
-    [("x", "'x': results that are tileable along one axis cannot be made yet"), ("z", "'z' is neither 'both'")],
+    [("z", "'z' is none of x, y, both"), ("true", "'true' is none of x, y, both")],
 )
 def test_other_values_of_tileable_are_refused(value: str, message: str) -> None:
     with pytest.raises(Exception, match=re.escape(message)):

@@ -148,7 +148,7 @@ def test_endless_tiles_can_be_cancelled_and_need_a_texture_that_goes_on(endless:
     made, recipe = endless
     with pytest.raises(NotWantedError):
         made.send(EndlessWork(recipe=recipe, level=2, row=40, column=40), stop, lambda *_: None)
-    for other in ({"tileable": True}, {"flow": "quilting"}):
+    for other in ({"tileable": "x"}, {"flow": "quilting"}):
         work = EndlessWork(recipe=recipe.model_copy(update=other), level=0, row=0, column=0)
         with pytest.raises(InputError, match="go on without end"):
             made.send(work, lambda: None, lambda *_: None)

@@ -22,7 +22,9 @@ from texloom.stages.kernels.core.elementary_functions import cos, sin
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.vocabulary.arrays import Image, Jacobian, ScalarMap
 from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.sizes import Size, format_size
+from texloom.stages.vocabulary.tileable import Tileable
 
 _DETAIL = 3.0  # px; standard deviation of the blur before gradients are taken, wider than the steps of 8 bit
 _NOISE = 0.05  # regularisation of the confidence, as a share of the mean squared gradient
@@ -38,7 +40,7 @@ class ControlDirectionParams(Params):
     """standard deviation of the smoothing of directions, px; smaller follows tighter bends"""
     size: Size | None = None
     """size of the field, px; null: that of ``image``, or of the map"""
-    tileable: bool = False
+    tileable: Tileable = NOWHERE
     """the map continues across its borders"""
 
 
@@ -112,7 +114,10 @@ def control_direction(
         (control.height, control.width) if image is None else (image.height, image.width)
     )
     planes = resize(painted_values(control), height, width, bilinear=True)
-    margin = [min(_MARGIN, side // 2) if params.tileable else 0 for side in (height, width)]
+    margin = [
+        min(_MARGIN, side // 2) if around else 0
+        for side, around in zip((height, width), params.tileable, strict=True)
+    ]
     padded = np.pad(planes, [(side, side) for side in (*margin, 0)], mode="wrap")
     vectors, down, across = _along_contours(padded, params.sigma)
     orientation, confidence = completed(vectors, _STIFFNESS)

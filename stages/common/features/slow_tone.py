@@ -8,6 +8,7 @@ from jaxtyping import Float32
 from texloom.stages.kernels.core.elementary_functions import exp, log
 from texloom.stages.vocabulary.arrays import Channels, ColorField, Image
 from texloom.stages.vocabulary.color import lab_from_linear, linear_from_lab
+from texloom.stages.vocabulary.facts import Wraps
 
 BLACK = np.float32(16)
 """CIELAB's lightness plus this is proportional to the cube root of light, except for the darkest colours"""
@@ -25,7 +26,7 @@ def relative_tone(lab: ColorField) -> Float32[np.ndarray, "h w 3"]:
 
 def with_tone(image: Image, change: ToneField) -> Image:
     """``image`` with colours changed by ``change``, which is stretched over it; other maps are unchanged."""
-    field = _stretched(change, (image.height, image.width), image.wraps.both)
+    field = _stretched(change, (image.height, image.width), image.wraps)
     pixels = image.pixels.copy()
     colors = 1 if image.channels[0] == "Y" else 3
     pixels[..., :colors] *= exp(3 * field[..., :1])
@@ -36,14 +37,14 @@ def with_tone(image: Image, change: ToneField) -> Image:
     return image.with_pixels(pixels)
 
 
-def _stretched(field: ToneField, shape: tuple[int, int], wrap: bool) -> Float32[np.ndarray, "h w 3"]:
-    """``field`` at ``shape``, interpolated linearly; extrapolated beyond the outermost samples, or wrapped."""
+def _stretched(field: ToneField, shape: tuple[int, int], wrap: Wraps) -> Float32[np.ndarray, "h w 3"]:
+    """``field`` at ``shape``, interpolated linearly; wrapped, or extrapolated beyond the outermost samples."""
     if field.shape[:2] == shape:
         return field
     for axis in (0, 1):
         count = field.shape[axis]
         at = (np.arange(shape[axis]) + 0.5) * count / shape[axis] - 0.5
-        first = np.floor(at).astype(int) if wrap else np.clip(np.floor(at).astype(int), 0, max(count - 2, 0))
+        first = np.floor(at).astype(int) if wrap[axis] else np.clip(np.floor(at).astype(int), 0, max(count - 2, 0))
         share = (at - first).astype(np.float32).reshape([-1 if place == axis else 1 for place in range(3)])
         ends = [np.take(field, (first + step) % count, axis=axis) for step in (0, 1)]
         field = ends[0] * (1 - share) + ends[1] * share

@@ -15,6 +15,7 @@ from texloom.stages.numerics.filters import gaussian_blur, gradients
 from texloom.stages.numerics.matrices import solve_symmetric
 from texloom.stages.vocabulary.arrays import ColorField, Image, ScalarMap
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
 Doubled: TypeAlias = Float32[np.ndarray, "h w 2"]
 """(cos 2a, sin 2a) of an orientation a, times its confidence, 0..1"""
@@ -128,11 +129,11 @@ def diffused(vectors: Doubled, stiffness: float) -> Doubled:
     )
 
 
-def signed_angles(angle: ScalarMap, wrap: bool = False) -> ScalarMap:
+def signed_angles(angle: ScalarMap, wrap: Wraps = NOWHERE) -> ScalarMap:
     """Angles modulo 2 pi of an orientation field modulo pi, with signs that agree between neighbours.
 
     Signs propagate along the minimum spanning tree of the differences between neighbouring and surrounding
-    orientations, which keeps away from singularities, across which signs would be wrong. With ``wrap``, pixels at
+    orientations, which keeps away from singularities, across which signs would be wrong. Where it wraps, pixels at
     opposite borders are neighbours too.
     """
     import cv2
@@ -144,8 +145,7 @@ def signed_angles(angle: ScalarMap, wrap: bool = False) -> ScalarMap:
     coarse = angle[::step, ::step].astype(np.float64)
     number = np.arange(coarse.size).reshape(coarse.shape)
     links = [(number[:, :-1], number[:, 1:]), (number[:-1], number[1:])]
-    if wrap:
-        links += [(number[:, 0], number[:, -1]), (number[0], number[-1])]
+    links += [(number[:, 0], number[:, -1])] * wrap.across + [(number[0], number[-1])] * wrap.down
     first, second = (np.concatenate([link[end].ravel() for link in links]) for end in (0, 1))
     flat = coarse.ravel()
     around = cv2.blur(doubled(angle, np.ones_like(angle)), (4 * step + 1, 4 * step + 1))

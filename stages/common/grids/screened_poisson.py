@@ -1,4 +1,4 @@
-"""The screened Poisson equation on a rectangle or torus."""
+"""The screened Poisson equation on a rectangle, cylinder or torus."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -8,15 +8,16 @@ from jaxtyping import Float32
 
 from texloom.stages.kernels.core.elementary_functions import cos
 from texloom.stages.vocabulary.arrays import Mask
+from texloom.stages.vocabulary.facts import Wraps
 
 _ROWS = 256  # of a result processed at once
 _TOLERANCE = 1e-4  # norm of the residual at which the solver ends, relative to the right-hand side
 
 
-def screened_poisson(excess: Float32[np.ndarray, "H W"], reach: float, wrap: bool) -> Float32[np.ndarray, "H W"]:
-    """The plane c with (1 / reach^2 - Laplacian) c = -``excess``; its gradient is 0 at borders unless it wraps.
+def screened_poisson(excess: Float32[np.ndarray, "H W"], reach: float, wrap: Wraps) -> Float32[np.ndarray, "H W"]:
+    """The plane c with (1 / reach^2 - Laplacian) c = -``excess``; its gradient is 0 at borders that do not wrap.
 
-    [Bhat2008]_, by Fourier transforms, or cosine transforms unless it wraps.
+    [Bhat2008]_, by Fourier transforms along axes that wrap, and cosine transforms along others.
 
     Parameters
     ----------
@@ -25,34 +26,47 @@ def screened_poisson(excess: Float32[np.ndarray, "H W"], reach: float, wrap: boo
     """
     from scipy import fft
 
-    down, across = (2 - 2 * cos(np.pi * np.arange(side) * (1 + wrap) / side) for side in excess.shape)
-    if wrap:
-        across = across[: excess.shape[1] // 2 + 1]
-    spectrum = fft.rfft2(excess) if wrap else fft.dctn(excess, type=2)
-    for row, frequency in enumerate(down):  # in place, for large results
+    down, across = (
+        2 - 2 * cos(np.pi * np.arange(side) * (1 + around) / side)
+        for side, around in zip(excess.shape, wrap, strict=True)
+    )
+    around = 1 if wrap.across else 0  # of one axis that wraps; a real transform has half of its frequencies
+    if wrap.both:
+        spectrum = fft.rfft2(excess)
+    elif wrap:
+        spectrum = fft.rfft(fft.dct(excess, type=2, axis=1 - around), axis=around)
+    else:
+        spectrum = fft.dctn(excess, type=2)
+    across = across[: spectrum.shape[1]]
+    for row, frequency in enumerate(down[: len(spectrum)]):  # in place, for large results
         spectrum[row] /= -(reach**-2 + frequency + across).astype(np.float32)
-    solution = fft.irfft2(spectrum, s=excess.shape) if wrap else fft.idctn(spectrum, type=2)
+    if wrap.both:
+        solution = fft.irfft2(spectrum, s=excess.shape)
+    elif wrap:
+        solution = fft.idct(fft.irfft(spectrum, excess.shape[around], axis=around), type=2, axis=1 - around)
+    else:
+        solution = fft.idctn(spectrum, type=2)
     return np.asarray(solution, np.float32)
 
 
-def neighbours(height: int, axis: int, wrap: bool) -> Iterator[tuple[Any, Any]]:
+def neighbours(height: int, axis: int, wrap: Wraps) -> Iterator[tuple[Any, Any]]:
     """Indices of pixels and of their neighbours below or to the right, some rows at a time."""
     for top in range(0, height, _ROWS):
         bottom = min(top + _ROWS, height)
         if axis == 1:
             rows = slice(top, bottom)
             yield (rows, slice(None, -1)), (rows, slice(1, None))
-            if wrap:
+            if wrap.across:
                 yield (rows, slice(-1, None)), (rows, slice(0, 1))
         else:
             last = min(bottom, height - 1)
             yield slice(top, last), slice(top + 1, last + 1)
-            if wrap and bottom == height:
+            if wrap.down and bottom == height:
                 yield slice(-1, None), slice(0, 1)
 
 
 def screened_poisson_beside(
-    excess: Float32[np.ndarray, "H W"], reach: float, wrap: bool, unknown: Mask
+    excess: Float32[np.ndarray, "H W"], reach: float, wrap: Wraps, unknown: Mask
 ) -> Float32[np.ndarray, "H W"]:
     """The solution of `screened_poisson` where ``unknown`` is true, and 0 elsewhere."""
     from scipy import sparse

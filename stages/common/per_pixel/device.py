@@ -13,6 +13,7 @@ from texloom.stages.common.per_pixel.target import Limits, Target
 from texloom.stages.kernels.core.threads import run_spans, thread_count
 from texloom.stages.kernels.per_pixel.arguments import Distortion, Subpass
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import Wraps
 
 Device = Literal["cpu", "gpu", "auto"]
 """``auto``: the GPU where there is one"""
@@ -69,7 +70,7 @@ def gpu_problem() -> str:
     return ""
 
 
-def levels_on(device: Device | None, tables: Tables, style: Style, window: Rect, wrap: bool) -> Levels:
+def levels_on(device: Device | None, tables: Tables, style: Style, window: Rect, wrap: Wraps) -> Levels:
     """`Levels` on a device; see `on_gpu`."""
     return (_GpuLevels if on_gpu(device) else Levels)(tables, style, window, wrap)
 
@@ -85,7 +86,7 @@ class _GpuLevels(Levels):
     Whatever could have changed counts as changed, except in the end: nothing is read from the GPU in between.
     """
 
-    def __init__(self, tables: Tables, style: Style, window: Rect, wrap: bool):
+    def __init__(self, tables: Tables, style: Style, window: Rect, wrap: Wraps):
         super().__init__(tables, style, window, wrap)
         self._steps: list[dict[str, Any]] = []
         self._program: tuple[Any, int] | None = None  # steps of a launch, on the GPU, and pixels of the largest
@@ -108,7 +109,7 @@ class _GpuLevels(Levels):
         shared = {
             "kind": kind, "top": area.top, "bottom": area.bottom, "left": area.left, "right": area.right,
             "stride": 1, "first": self._first[number], "rows": rows, "columns": columns,
-            "row": level.origin[0], "column": level.origin[1], "wrap": int(self.wrap),
+            "row": level.origin[0], "column": level.origin[1], "wrap": self.wrap.down + 2 * self.wrap.across,
             "level": number, "key": self.style.key_of(number),
             "tolerance": self.style.tolerance_of(number, self.tables.strengths),
         }  # fmt: skip

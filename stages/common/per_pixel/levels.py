@@ -13,6 +13,7 @@ from texloom.stages.kernels.core.elementary_functions import log2
 from texloom.stages.kernels.core.threads import run_all, spans, thread_count
 from texloom.stages.kernels.per_pixel.arguments import Bonuses, Distortion, LevelState, Pieces, Repetition, Subpass
 from texloom.stages.vocabulary.arrays import Jacobian
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.progress import Progress, report
 
 SUBPASSES = ((0, 0), (1, 1), (0, 1), (1, 0))
@@ -37,11 +38,12 @@ class Rect:
         """Whether it has no pixel."""
         return self.bottom <= self.top or self.right <= self.left
 
-    def grown(self, by: int) -> "Rect":
-        """Dilated by ``by`` px; an empty one stays so."""
+    def grown(self, down: int, across: int | None = None) -> "Rect":
+        """Dilated by ``down`` px above and below and ``across``, else as many, beside; an empty one stays so."""
         if self.empty:
             return self
-        return Rect(self.top - by, self.bottom + by, self.left - by, self.right + by)
+        beside = down if across is None else across
+        return Rect(self.top - down, self.bottom + down, self.left - beside, self.right + beside)
 
     def moved(self, rows: int, columns: int) -> "Rect":
         """Shifted."""
@@ -151,14 +153,14 @@ class Style:
 class Level:
     """The state of a level: an array for what comes from the coarser level, and one for each pass.
 
-    Arrays cover a window with all it depends on, or a torus with a border of one pixel. Rectangles in methods are
-    in pixels of the array.
+    Arrays cover a window with all it depends on; along axes that wrap all there is, with a border of one pixel.
+    Rectangles in methods are in pixels of the array.
     """
 
     number: int
     origin: tuple[int, int]
-    """of the arrays in the endless result, px of the level; -1 for a torus"""
-    wrap: bool
+    """of the arrays in the endless result, px of the level; -1 where it wraps"""
+    wrap: Wraps
     states: Integer[np.ndarray, "states rows columns"]
     given: Int16[np.ndarray, "rows columns k"]
     pinned: Integer[np.ndarray, "pinned_rows pinned_columns"]
@@ -171,32 +173,33 @@ class Level:
 
     @property
     def everything(self) -> Rect:
-        """The whole arrays, or all but the border of a torus."""
+        """The whole arrays, but for borders where it wraps."""
         rows, columns = self.states.shape[1:]
-        border = int(self.wrap)
-        return Rect(border, rows - border, border, columns - border)
+        return Rect(0, rows, 0, columns).grown(-int(self.wrap.down), -int(self.wrap.across))
 
     def allowed(self, subpasses: int) -> Rect:
         """The pixels that can be computed in so many subpasses from the beginning of the level."""
-        return self.everything if self.wrap else self.everything.grown(-subpasses)
+        down, across = (0 if around else -subpasses for around in self.wrap)
+        return self.everything.grown(down, across)
 
     def reach(self, changed: Rect, by: int) -> Rect:
-        """The pixels that ``changed`` can influence; on a torus all rows or columns where it crosses the border."""
+        """The pixels that ``changed`` can influence; all rows or columns where it crosses a border that wraps."""
         grown = changed.grown(by)
         if not self.wrap or grown.empty:
             return grown
         whole = self.everything
-        if grown.top < whole.top or grown.bottom > whole.bottom:
+        if self.wrap.down and (grown.top < whole.top or grown.bottom > whole.bottom):
             grown = replace(grown, top=whole.top, bottom=whole.bottom)
-        if grown.left < whole.left or grown.right > whole.right:
+        if self.wrap.across and (grown.left < whole.left or grown.right > whole.right):
             grown = replace(grown, left=whole.left, right=whole.right)
         return grown
 
     def close(self, state: int) -> None:
-        """Copy the opposite sides into the border of a torus."""
-        if self.wrap:
-            array = self.states[state]
+        """Copy the opposite sides into borders that wrap."""
+        array = self.states[state]
+        if self.wrap.down:
             array[0], array[-1] = array[-2], array[1]
+        if self.wrap.across:
             array[:, 0], array[:, -1] = array[:, -2], array[:, 1]
 
 
@@ -231,11 +234,11 @@ class Levels:
 
     Parameters
     ----------
-    window : rows and columns of the endless result, px; for a torus from 0, sides divisible by twice the coarsest
-        step.
+    window : rows and columns of the endless result, px; along axes that wrap from 0, sides divisible by twice the
+        coarsest step.
     """
 
-    def __init__(self, tables: Tables, style: Style, window: Rect, wrap: bool):
+    def __init__(self, tables: Tables, style: Style, window: Rect, wrap: Wraps):
         self.tables, self.style, self.window, self.wrap = tables, style, window, wrap
         self.levels: list[Level] = []
         self.repetition = NO_REPETITION
@@ -245,7 +248,7 @@ class Levels:
         dimensions = tables.values.shape[1] - 8
         for number in range(tables.levels):
             passes = style.passes[number]
-            area = area.grown(1 if wrap else 4 * passes)
+            area = area.grown(1 if wrap.down else 4 * passes, 1 if wrap.across else 4 * passes)
             shape = (area.bottom - area.top, area.right - area.left)
             self.levels.append(
                 Level(
@@ -257,7 +260,7 @@ class Levels:
                     pinned=np.empty((0, 0), np.int32),
                 )
             )
-            area = (area.grown(-1) if wrap else area).coarser
+            area = area.grown(-int(wrap.down), -int(wrap.across)).coarser
 
     def finest(self, area: Rect | None = None) -> Int32[np.ndarray, "H W"]:
         """The result's places: all, or those of ``area``, px of the endless result, which lies in the window."""
@@ -288,10 +291,11 @@ class Levels:
         """Let the texture be distorted; beyond a field that is smaller than the result, its border is repeated."""
         for level in self.levels:
             rows, columns = self._pixels(level)
-            if self.wrap:
-                own = field[np.ix_(rows % field.shape[0], columns % field.shape[1])]
-            else:
-                own = field[np.ix_(np.clip(rows, 0, len(field) - 1), np.clip(columns, 0, field.shape[1] - 1))]
+            near = (
+                line % side if around else np.clip(line, 0, side - 1)
+                for line, side, around in zip((rows, columns), field.shape[:2], self.wrap, strict=True)
+            )
+            own = field[np.ix_(*near)]
             level.distortion = distortion_of(self.tables, own, level.number)
             level.states = np.full(level.states.shape, -1, np.int64)
             level.pinned = self._positions(level.pinned)
@@ -303,8 +307,8 @@ class Levels:
         height, width = fixed.shape
         for level in self.levels:
             rows, columns = (index * 2**level.number + 2**level.number // 2 for index in self._pixels(level))
-            if self.wrap:
-                rows, columns = rows % height, columns % width
+            rows = rows % height if self.wrap.down else rows
+            columns = columns % width if self.wrap.across else columns
             inside = ((rows >= 0) & (rows < height))[:, None] & ((columns >= 0) & (columns < width))
             at = np.clip(rows, 0, height - 1)[:, None], np.clip(columns, 0, width - 1)
             level.pinned = np.where(inside & fixed[at], places[at], np.int32(-1))
@@ -322,7 +326,7 @@ class Levels:
         rows, columns = (index * 2**level.number for index in self._pixels(level))
         if chart is None:
             size = self.window.bottom - self.window.top, self.window.right - self.window.left
-            wanted = phases.of_result(rows, columns, size if self.wrap else None)
+            wanted = phases.of_result(rows, columns, size if self.wrap else None, self.wrap)
         else:
             near = (
                 np.clip(index + 2**level.number // 2, 0, size - 1)

@@ -7,6 +7,7 @@ from jaxtyping import Float, Float32, Float64, Int64, UInt32
 
 from texloom.stages.kernels.per_pixel.arguments import Repetition
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
+from texloom.stages.vocabulary.facts import TORUS, Wraps
 
 _WHOLE = 2.0**32  # of a phase
 _PIXEL = 256  # units of a generator in a px
@@ -32,10 +33,10 @@ class Phases:
         return np.asarray(self.generators.reshape(2, 2) / _PIXEL)
 
     def of_result(
-        self, rows: np.ndarray, columns: np.ndarray, torus: tuple[int, int] | None
+        self, rows: np.ndarray, columns: np.ndarray, size: tuple[int, int] | None, wrap: Wraps = TORUS
     ) -> UInt32[np.ndarray, "rows columns 2"]:
-        """Those of pixels of the endless result, or of a torus of so many px, around which all repetitions fit."""
-        return _linear(rows, columns, self.exact if torus is None else fitted_to_torus(self.exact, torus))
+        """Those of pixels of the endless result, or of one of so many px, around which all repetitions fit."""
+        return _linear(rows, columns, self.exact if size is None else fitted(self.exact, size, wrap))
 
     def of_places(self, chart: Float32[np.ndarray, "rows columns 2"]) -> UInt32[np.ndarray, "rows columns 2"]:
         """Those of pixels that lie in the flat texture as ``chart`` says."""
@@ -46,10 +47,15 @@ NO_PHASES = Phases(np.empty((0, 2), np.uint32), np.zeros(4, np.int64))
 """those of an exemplar that does not repeat"""
 
 
-def fitted_to_torus(generators: Float64[np.ndarray, "2 2"], torus: tuple[int, int]) -> Float64[np.ndarray, "2 2"]:
-    """Generators that fit whole times around a torus of so many px; the same where it is too small."""
-    times = np.rint(matrix_product(np.diag(torus), inverse_of(generators)))
-    return np.asarray(matrix_product(inverse_of(times), np.diag(torus)) if determinant(times) else generators)
+def fitted(
+    generators: Float64[np.ndarray, "2 2"], size: tuple[int, int], wrap: Wraps
+) -> Float64[np.ndarray, "2 2"]:
+    """Generators that fit whole times around a result of so many px; the same where it is too small."""
+    if not wrap:
+        return generators
+    times = matrix_product(np.diag(size), inverse_of(generators))
+    times = np.where(np.array(wrap)[:, None], np.rint(times), times)
+    return np.asarray(matrix_product(inverse_of(times), np.diag(size)) if determinant(times) else generators)
 
 
 def _linear(rows: np.ndarray, columns: np.ndarray, generators: np.ndarray) -> UInt32[np.ndarray, "rows columns 2"]:

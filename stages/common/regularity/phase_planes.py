@@ -5,10 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float32, Float64, Int64, UInt32
 
-from texloom.stages.common.per_pixel.phases import fitted_to_torus
+from texloom.stages.common.per_pixel.phases import fitted
 from texloom.stages.kernels.core.elementary_functions import complex_product, cos, sin
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
 from texloom.stages.vocabulary.arrays import Vectors
+from texloom.stages.vocabulary.facts import Wraps
 
 _BIN = 1.0  # px of a repetition over which control is averaged, at least
 _MAX_BINS = 24  # along a generator
@@ -38,7 +39,7 @@ def phase_planes(
     source: UInt32[np.ndarray, "h w 2"] | None,
     own: Float32[np.ndarray, "h w k"],
     wanted: Float32[np.ndarray, "H W k"],
-    wrap: bool,
+    wrap: Wraps,
 ) -> PhasePlanes | None:
     """Cosine and sine of the phase along each of two generators, so that pieces of a regular texture are in step.
 
@@ -51,11 +52,11 @@ def phase_planes(
     generators : the two displacements by which the texture repeats, px.
     source : where in that texture the exemplar's pixels come from, as of a compaction; none if it is the exemplar.
     own, wanted : control of the exemplar and of the result.
-    wrap : the result is a torus; the repetition is fitted to it.
+    wrap : where the result wraps; the repetition is fitted to it.
     """
     exact, size = generators.astype(np.float64), (wanted.shape[0], wanted.shape[1])
     places = _positions((own.shape[0], own.shape[1])) if source is None else source.astype(np.float64)
-    result = _phases(_positions(size), fitted_to_torus(exact, size) if wrap else exact)
+    result = _phases(_positions(size), fitted(exact, size, wrap))
     phases = _phases(places, exact)
     bins = np.clip(np.rint(np.hypot(*exact.T) / _BIN), 1, _MAX_BINS).astype(np.int64)
     means = (_means(phases, own, bins), _means(result, wanted, bins))

@@ -6,6 +6,7 @@ from jaxtyping import Float32, Float64
 from texloom.stages.common.similarity.patch_distance import SIDE, NearestPatches, Patches, Places, smoothed
 from texloom.stages.kernels.core.threads import run_spans, thread_count
 from texloom.stages.vocabulary.arrays import Correspondence, Mask, ScalarMap
+from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 from texloom.stages.vocabulary.masks import count_excluded
 
 STEPS = (1, 2, 4)
@@ -28,7 +29,7 @@ def joint_contrast(
     exemplar: Float32[np.ndarray, "h w c"],
     result: Float32[np.ndarray, "H W c"],
     match: Correspondence,
-    tileable: bool = False,
+    wraps: Wraps = NOWHERE,
 ) -> Float32[np.ndarray, "H W"]:
     """How much a pixel's right or lower neighbour differs from the neighbour of its source; -1 where both are kept.
 
@@ -37,7 +38,7 @@ def joint_contrast(
     from texloom.stages.kernels.seams import joint_contrast as kernels
 
     contrast = np.empty(match.shape[:2], np.float32)
-    run_spans(kernels.joint_contrast, (exemplar, result, match, tileable, contrast), len(match), thread_count())
+    run_spans(kernels.joint_contrast, (exemplar, result, match, wraps, contrast), len(match), thread_count())
     return contrast
 
 
@@ -83,7 +84,7 @@ class PatchRatios:
             self.scales.append((nearest, max(nearest.own_distance(), 1e-12)))
 
     def at(
-        self, result: Float32[np.ndarray, "H W c"], places: Places, valid: Mask | None, wrap: bool
+        self, result: Float32[np.ndarray, "H W c"], places: Places, valid: Mask | None, wrap: Wraps
     ) -> Float64[np.ndarray, "n s"]:
         """Ratio of the patch about each place of a result, by scale; NaN where masked pixels are in it.
 
@@ -91,7 +92,7 @@ class PatchRatios:
         ----------
         result : as the exemplar.
         valid : its pixels that are not masked; None for all.
-        wrap : the result is a torus.
+        wrap : where the result wraps.
         """
         centred = result - self.mean
         distances = [self._of(scale, centred, places, wrap) / own for scale, own in self.scales]
@@ -105,13 +106,14 @@ class PatchRatios:
         return ratios
 
     def _of(
-        self, scale: NearestPatches, centred: np.ndarray, places: Places, wrap: bool
+        self, scale: NearestPatches, centred: np.ndarray, places: Places, wrap: Wraps
     ) -> Float64[np.ndarray, "*n"]:
         half = (SIDE - 1) * scale.step // 2
         corners = places - half
         if wrap:
-            centred = np.pad(centred, ((2 * half, 2 * half), (2 * half, 2 * half), (0, 0)), mode="wrap")
-            corners = corners + 2 * half
+            beyond = 2 * half * np.array(wrap, np.int64)
+            centred = np.pad(centred, [(int(one), int(one)) for one in (*beyond, 0)], mode="wrap")
+            corners = corners + beyond
         patches = Patches(smoothed(centred, scale.step), scale.step)
         corners = np.clip(corners, 0, np.array(patches.shape) - 1)
         return scale.distances(patches.at(*corners.T)).astype(np.float64)

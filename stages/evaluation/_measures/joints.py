@@ -52,7 +52,7 @@ def worst_joints(
 
     `UnmeasurableError` where nothing of the result was made.
     """
-    contrast = joint_contrast(exemplar, result, task.source_map(), task.tileable)
+    contrast = joint_contrast(exemplar, result, task.source_map(), task.wraps)
     made = task.result.made
     if made is not None:
         if not made.any():
@@ -75,7 +75,7 @@ def measure_joints(task: Task) -> Joints:
         measure = PatchRatios(task.exemplar.compared, task.exemplar.valid, shorter)
     except NoPatchError as error:
         raise UnmeasurableError(str(error)) from None
-    ratios = measure.at(task.result.compared, places, task.result.valid, task.tileable)
+    ratios = measure.at(task.result.compared, places, task.result.valid, task.wraps)
     known = np.isfinite(ratios).any(axis=1)
     if not known.any():
         raise UnmeasurableError("masks leave no patch at a joint")

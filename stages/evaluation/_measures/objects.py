@@ -13,6 +13,7 @@ from texloom.stages.evaluation._measures.pictures import (
 )
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import Task
+from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
 _SIDE = 9  # px of the surroundings that are compared
 _BLUR = 2.0  # px; detail that is finer does not tell where objects are cut
@@ -21,13 +22,14 @@ _GOOD, _BAD = 0.3, 1.8  # of worst joints: of the best results; usual of blocks 
 _CHUNK = 512
 
 
-def _surroundings(picture: Picture, mean: np.ndarray, places: Places, wrap: bool) -> tuple[np.ndarray, np.ndarray]:
+def _surroundings(picture: Picture, mean: np.ndarray, places: Places, wrap: Wraps) -> tuple[np.ndarray, np.ndarray]:
     """What is compared, less ``mean``, about each place, (n, pixel, channel); which pixels count."""
     offsets = np.stack(np.divmod(np.arange(_SIDE**2), _SIDE), axis=1) - _SIDE // 2
     shape = np.array(picture.tone.shape)
     wanted = places[:, None] + offsets
-    inside = np.full(wanted.shape[:2], True) if wrap else ((wanted >= 0) & (wanted < shape)).all(axis=2)
-    rows, columns = np.moveaxis(wanted % shape if wrap else np.clip(wanted, 0, shape - 1), 2, 0)
+    around = np.array(wrap)
+    inside = (around | ((wanted >= 0) & (wanted < shape))).all(axis=2)
+    rows, columns = np.moveaxis(np.where(around, wanted % shape, np.clip(wanted, 0, shape - 1)), 2, 0)
     if picture.valid is not None:
         inside = inside & picture.valid[rows, columns]
     return picture.compared[rows, columns] - mean, inside
@@ -45,12 +47,12 @@ def departures(task: Task, places: Places) -> Float32[np.ndarray, "*n"]:
     largest = np.full(len(places), np.nan, np.float32)
     for start in range(0, len(places), _CHUNK):
         chosen = places[start : start + _CHUNK]
-        result, made = _surroundings(task.result, mean, chosen, task.tileable)
+        result, made = _surroundings(task.result, mean, chosen, task.wraps)
         for step in ((0, 0), (0, 1), (1, 0)):
-            moved = np.where(task.tileable | (chosen + step < match.shape[:2]), step, 0)
+            moved = np.where(np.array(task.wraps) | (chosen + step < match.shape[:2]), step, 0)
             beside = (chosen + moved) % match.shape[:2]
             sources = match[beside[:, 0], beside[:, 1]].astype(np.int64) - moved
-            exemplar, known = _surroundings(task.exemplar, mean, sources, False)
+            exemplar, known = _surroundings(task.exemplar, mean, sources, NOWHERE)
             departure = _relative_difference(result, exemplar, made & known, variance)
             largest[start : start + _CHUNK] = np.fmax(largest[start : start + _CHUNK], departure)
     return largest

@@ -19,6 +19,7 @@ from texloom.stages.evaluation._measures.pictures import (
 from texloom.stages.evaluation._measures.table import Figures, share
 from texloom.stages.evaluation._measures.task import Task
 from texloom.stages.vocabulary.arrays import Mask
+from texloom.stages.vocabulary.facts import TORUS, Wraps
 
 _QUANTILES = 1024
 _MAX_PIXELS = 1 << 18  # of which quantiles are taken
@@ -92,7 +93,7 @@ def local_contrast(tone: Float32[np.ndarray, "h w"], side: int) -> Float32[np.nd
 
 
 class Seam(NamedTuple):
-    """The line at which a picture wraps around, among its inner lines; the worse of the two axes."""
+    """The line at which a picture wraps around, among its inner lines; the worse of the axes that do."""
 
     deviations: float
     """how far its excess jump is above the inner lines' median, in their deviations: the distance of the 0.84
@@ -114,11 +115,11 @@ def excess_jumps(lab: Float32[np.ndarray, "h w 3"], axis: int) -> Float64[np.nda
     return np.asarray(np.maximum(excess, 0).mean(axis=(1 - axis, 2), dtype=np.float64))
 
 
-def seam(lab: Float32[np.ndarray, "h w 3"]) -> Seam:
-    """How much the border of a picture of at least 8 px that wraps around stands out."""
+def seam(lab: Float32[np.ndarray, "h w 3"], wraps: Wraps = TORUS) -> Seam:
+    """How much the borders across which a picture of at least 8 px continues stand out."""
     axes = []
-    for axis in (0, 1):
-        border, inner = np.split(excess_jumps(lab, axis), [1])
+    for axis in np.flatnonzero(wraps):
+        border, inner = np.split(excess_jumps(lab, int(axis)), [1])
         wrap, inner = float(border[0]), inner[1:-1]  # those beside the border depend on it
         median, high, highest = (float(quantile) for quantile in np.quantile(inner, (0.5, 0.84, 0.98)))
         # few lines along straight contours, as of mortar, are far above the others
@@ -186,8 +187,8 @@ def _contrast(picture: Picture, side: int) -> np.ndarray:
 
 def seams(task: Task) -> Figures:
     """Jump across the border of a result that wraps around."""
-    if not task.tileable:
+    if not task.wraps:
         raise UnmeasurableError("the result is not meant to wrap around")
     require_side(8, task.exemplar, task.result)
-    worst = seam(task.result.lab)
+    worst = seam(task.result.lab, task.wraps)
     return Figures(worst.deviations, 1.5, 5.0, {"ratio": worst.ratio, "rank": worst.rank})

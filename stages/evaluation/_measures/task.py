@@ -4,6 +4,7 @@ import dataclasses
 
 from texloom.stages.evaluation._measures.pictures import Picture, UnmeasurableError
 from texloom.stages.vocabulary.arrays import Correspondence, Mask
+from texloom.stages.vocabulary.facts import Wraps
 
 GIVEN = "part of the result was given, not made"
 
@@ -21,7 +22,8 @@ class Task:
     match: Correspondence | None
     copies: Mask | None
     """true at pixels that are copies of their sources, if ``match`` is estimated; None where it is known"""
-    tileable: bool
+    wraps: Wraps
+    """of the result"""
     copied: float
     """area of a piece that counts as copied verbatim, as a share of the exemplar"""
     window: int

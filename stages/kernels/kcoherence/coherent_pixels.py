@@ -53,7 +53,7 @@ def resynthesise(order, done, radius, wrap, soften, exemplar, result):
     order : (n, 2) int64, rows and columns of pixels that are not valid; at least one valid pixel is near each
     done : int, how many are done already
     radius : int, of a neighbourhood, px
-    wrap : bool, the result is a torus
+    wrap : texloom.stages.vocabulary.facts.Wraps, of the result
     soften : bool, valid direct neighbours of a new pixel become the mean of their values and of its continuation
     exemplar : Exemplar
     result : Result
@@ -75,9 +75,11 @@ def resynthesise(order, done, radius, wrap, soften, exemplar, result):
         for down in range(-radius, radius + 1):
             for across in range(-radius, radius + 1):
                 row, column = y + down, x + across
-                if wrap:
-                    row, column = row % height, column % width
-                elif not (0 <= row < height and 0 <= column < width):
+                if wrap.down:
+                    row %= height
+                if wrap.across:
+                    column %= width
+                if not (0 <= row < height and 0 <= column < width):
                     continue
                 if valid[row, column]:
                     rows[count], columns[count] = row, column

@@ -59,8 +59,8 @@ class Subpass(NamedTuple):
     """int64, for each neighbour that a source does not continue"""
     edges_only: bool
     """pixels that continue all their neighbours stay"""
-    wrap: bool
-    """the target is a torus; else its border repeats"""
+    wrap: Any
+    """texloom.stages.vocabulary.facts.Wraps, of the target; elsewhere its border repeats"""
     key: Any
     """uint64, of the random numbers"""
 
@@ -84,7 +84,7 @@ def _continuations(old, shape, wrap, y, x, rows, columns, counts):
     count, around = 0, -1
     for order in range(9):
         dy, dx = square_step(order)
-        ny, nx = wrap_index(y + dy, height, wrap), wrap_index(x + dx, width, wrap)
+        ny, nx = wrap_index(y + dy, height, wrap.down), wrap_index(x + dx, width, wrap.across)
         if ny < 0 or nx < 0:
             continue
         around += 1
@@ -111,9 +111,9 @@ def _project(old, exemplar, control, wrap, y, x, sums, wanted):
     sums[:] = np.float32(0)
     at = 0
     for dy in range(-radius, radius + 1):
-        ny = (y + dy) % height if wrap else min(max(y + dy, 0), height - 1)
+        ny = (y + dy) % height if wrap.down else min(max(y + dy, 0), height - 1)
         for dx in range(-radius, radius + 1):
-            nx = (x + dx) % width if wrap else min(max(x + dx, 0), width - 1)
+            nx = (x + dx) % width if wrap.across else min(max(x + dx, 0), width - 1)
             r, c = old[ny, nx, 0], old[ny, nx, 1]
             for k in range(texture.shape[2]):
                 value = texture[r, c, k]

@@ -43,7 +43,7 @@ def _continuations(old, orientation, shape, wrap, y, x, own, counts):
     sums = np.zeros((9, 2), np.float32)
     for order in range(9):
         dy, dx = square_step(order)
-        ny, nx = wrap_index(y + dy, height, wrap), wrap_index(x + dx, width, wrap)
+        ny, nx = wrap_index(y + dy, height, wrap.down), wrap_index(x + dx, width, wrap.across)
         if ny < 0 or nx < 0:
             continue
         around += 1
@@ -90,9 +90,11 @@ def _project(old, exemplar, control, orientation, wrap, y, x, wanted):
             column = np.float32(x) + jacobian[y, x, 2] * np.float32(i) + jacobian[y, x, 3] * np.float32(j)
             ny, nx = math.floor(row + half), math.floor(column + half)
             down, across = row - np.float32(ny), column - np.float32(nx)
-            if wrap:
-                ny, nx = ny % height, nx % width
-            elif ny < 0 or ny >= height or nx < 0 or nx >= width:
+            if wrap.down:
+                ny %= height
+            if wrap.across:
+                nx %= width
+            if ny < 0 or ny >= height or nx < 0 or nx >= width:
                 ny, nx = min(max(ny, 0), height - 1), min(max(nx, 0), width - 1)
                 down, across = np.float32(0), np.float32(0)
             sample(

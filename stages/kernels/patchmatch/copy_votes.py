@@ -17,7 +17,7 @@ def copy_votes(votes, target, reach, source, first, last):
     ----------
     votes : texloom.stages.kernels.patchmatch.voting.Votes, of int16
     target : (H, W * channels) int16, what pixels should be like, as the mean of all votes
-    reach : pixels to every side that are compared, on a torus fewer than it has; beyond the target they do not
+    reach : pixels to every side that are compared, where it wraps fewer than it has; beyond the target they do not
         count, beyond the exemplar its border repeats
     source : (H, W, 2) int32, output
     """
@@ -35,9 +35,11 @@ def copy_votes(votes, target, reach, source, first, last):
                 i, j = patch // patch_size, patch % patch_size
                 if patch < 0:
                     i, j = centre, centre
-                    if not wrap:
-                        i, j = y - min(max(y - i, 0), down - 1), x - min(max(x - j, 0), across - 1)
-                qy, qx = wrap_index(y - i, down, wrap), wrap_index(x - j, across, wrap)
+                    if not wrap.down:
+                        i = y - min(max(y - i, 0), down - 1)
+                    if not wrap.across:
+                        j = x - min(max(x - j, 0), across - 1)
+                qy, qx = wrap_index(y - i, down, wrap.down), wrap_index(x - j, across, wrap.across)
                 if qy < 0 or qx < 0:
                     continue
                 r, c = np.int64(row[qy, qx]) + i, np.int64(column[qy, qx]) + j
@@ -46,12 +48,12 @@ def copy_votes(votes, target, reach, source, first, last):
                 last_row, last_column = r, c
                 total = np.int64(0)
                 for dy in range(-reach, reach + 1):
-                    ty = wrap_index(y + dy, height, wrap)
+                    ty = wrap_index(y + dy, height, wrap.down)
                     if ty < 0:
                         continue
                     near_row = min(max(r + dy, 0), rows - 1)
                     for dx in range(-reach, reach + 1):
-                        tx = wrap_index(x + dx, width, wrap)
+                        tx = wrap_index(x + dx, width, wrap.across)
                         if tx < 0:
                             continue
                         near_column = min(max(c + dx, 0), columns - 1)

@@ -49,8 +49,8 @@ class Scan(NamedTuple):
 
     forward: bool
     """direction"""
-    wrap: bool
-    """the target is a torus"""
+    wrap: Any
+    """texloom.stages.vocabulary.facts.Wraps, of the target"""
     radius: int
     """half the side of the square for random search, px"""
     tries: int
@@ -142,7 +142,7 @@ def fitted_distances(run, target, exemplar, limits, row, column, distance, first
 @compiled(forceinline=True)
 def _neighbour_match(row, column, y, x, dy, dx, wrap):
     """The exemplar patch that continues the match of the target patch (dy, dx) beside; -1, -1 if there is none."""
-    ny, nx = wrap_index(y + dy, row.shape[0], wrap), wrap_index(x + dx, row.shape[1], wrap)
+    ny, nx = wrap_index(y + dy, row.shape[0], wrap.down), wrap_index(x + dx, row.shape[1], wrap.across)
     if ny < 0 or nx < 0:
         return np.int64(-1), np.int64(-1)
     return np.int64(row[ny, nx]) - dy, np.int64(column[ny, nx]) - dx
@@ -234,8 +234,8 @@ def fitted_votes(row, column, plane, gain, bias, window, wrap, sums, first, last
     plane : (h, w) float32, of the exemplar
     gain, bias : (p, q) float32, of each match
     window : (patch_size,) float32, weights along one side of a patch
-    wrap : the target is a torus
-    sums : (H, q + patch_size - 1) float32; the right margin is work space on a torus
+    wrap : texloom.stages.vocabulary.facts.Wraps, of the target
+    sums : (H, q + patch_size - 1) float32; the right margin is work space where it wraps
     """
     size, (down, across) = window.size, row.shape
     weights = window.copy()
@@ -243,7 +243,7 @@ def fitted_votes(row, column, plane, gain, bias, window, wrap, sums, first, last
         line = sums[y]
         line[:] = 0
         for i in range(size):
-            q = wrap_index(y - i, down, wrap)
+            q = wrap_index(y - i, down, wrap.down)
             if q < 0:
                 continue
             for j in range(size):
@@ -254,6 +254,6 @@ def fitted_votes(row, column, plane, gain, bias, window, wrap, sums, first, last
                 own, added = gain[q, x], bias[q, x]
                 for j in range(size):
                     into[j] += weights[j] * (own * source[j] + added)
-        if wrap:
+        if wrap.across:
             for j in range(size - 1):
                 line[j] += line[across + j]

@@ -20,8 +20,8 @@ class ReverseVotes(NamedTuple):
     exemplar: Any
     """(h, w * channels), of any type"""
     channels: int
-    wrap: bool
-    """the target is a torus of p rows; else it has p + patch_size - 1"""
+    wrap: Any
+    """texloom.stages.vocabulary.facts.Wraps; a target that wraps down has p rows, else p + patch_size - 1"""
 
 
 @compiled
@@ -34,7 +34,7 @@ def reverse_vote_sums(votes, window, line_window, top, sums, weights, first, las
     window : (patch_size,) float64, weights along one side of a patch
     line_window : (patch_size * channels,) float64, each weight repeated for all channels
     top : target row of the first row of ``sums``
-    sums : (rows, (q + patch_size - 1) * channels) float64; the right margin is work space on a torus
+    sums : (rows, (q + patch_size - 1) * channels) float64; the right margin is work space where it wraps
     weights : (rows, q + patch_size - 1) float64
     """
     row, column, target_column, starts, exemplar, channels, wrap = votes
@@ -45,7 +45,7 @@ def reverse_vote_sums(votes, window, line_window, top, sums, weights, first, las
         line[:] = 0
         weight[:] = 0
         for i in range(size):
-            y = wrap_index(top + index - i, down, wrap)
+            y = wrap_index(top + index - i, down, wrap.down)
             if y < 0:
                 continue
             for patch in range(starts[y], starts[y + 1]):
@@ -57,7 +57,7 @@ def reverse_vote_sums(votes, window, line_window, top, sums, weights, first, las
                     into[k] += window[i] * line_window[k] * source[k]
                 for j in range(size):
                     weight[x + j] += window[i] * window[j]
-        if wrap:
+        if wrap.across:
             for k in range((size - 1) * channels):
                 line[k] += line[across * channels + k]
             for j in range(size - 1):

@@ -37,7 +37,7 @@ class Target(NamedTuple):
     """A target and its matches, which the search changes in place."""
 
     features: Any
-    """(H, W * channels) int16; on a torus padded by a patch less one"""
+    """(H, W * channels) int16; padded by a patch less one along axes that wrap"""
     row: Any
     """(p, q) int32"""
     column: Any
@@ -71,8 +71,8 @@ class Scan(NamedTuple):
 
     forward: bool
     """direction"""
-    wrap: bool
-    """the target is a torus"""
+    wrap: Any
+    """texloom.stages.vocabulary.facts.Wraps, whether the target continues ``down`` and ``across`` its borders"""
     radii: Any
     """(n,) int64, px, of each random try around the match: half the side of the square where it is made"""
     distance_per_try: Any
@@ -203,7 +203,7 @@ def patch_distance(shape, target, target_row, target_column, exemplar, row, colu
 def _distance_beside(shape, target, target_row, target_column, exemplar, row, column, step, neighbour, distance):
     """Distance of two patches, from the ``distance`` of those a row before both, or with a ``step`` of -1 after.
 
-    They share all but one row. ``neighbour`` is the row of the target patch before, on a torus perhaps the last.
+    They share all but one row. ``neighbour`` is the row of the target patch before, perhaps the last.
     """
     gone, new = (0, shape.size - 1) if step > 0 else (shape.size - 1, 0)
     target_pitch, exemplar_pitch = np.uint64(target.shape[1]), np.uint64(exemplar.shape[1])
@@ -244,7 +244,7 @@ def match_distances(shape, target, exemplar, first, last):
 
 @compiled(forceinline=True)
 def wrap_index(index, size, wrap):
-    """An index at most ``size`` beyond an axis, on a torus wrapped around, else -1 where there is nothing."""
+    """An index at most ``size`` beyond an axis, wrapped around if it does so, else -1 where there is nothing."""
     if 0 <= index < size:
         return index
     if not wrap:
@@ -267,7 +267,7 @@ def square_step(number):
 @inner(forceinline=True)
 def _shifted_match(row, column, y, x, dy, dx, wrap):
     """The exemplar patch that continues the match of the target patch (dy, dx) beside; -1, -1 if there is none."""
-    ny, nx = wrap_index(y + dy, row.shape[0], wrap), wrap_index(x + dx, row.shape[1], wrap)
+    ny, nx = wrap_index(y + dy, row.shape[0], wrap.down), wrap_index(x + dx, row.shape[1], wrap.across)
     if ny < 0 or nx < 0:
         return np.int64(-1), np.int64(-1)
     return np.int64(row[ny, nx]) - dy, np.int64(column[ny, nx]) - dx
@@ -278,7 +278,7 @@ def _is_coherent(row, column, y, x, wrap):
     """Whether all four neighbours of a target patch propose the match that it has."""
     for side in range(4):
         dy, dx = cross_step(side)
-        ny, nx = wrap_index(y + dy, row.shape[0], wrap), wrap_index(x + dx, row.shape[1], wrap)
+        ny, nx = wrap_index(y + dy, row.shape[0], wrap.down), wrap_index(x + dx, row.shape[1], wrap.across)
         if ny < 0 or nx < 0:
             continue
         if row[ny, nx] - dy != row[y, x] or column[ny, nx] - dx != column[y, x]:
@@ -354,7 +354,7 @@ def sweep(shape, target, exemplar, scan, first, last):
             best_penalty = np.int64(penalty[best_row, best_column])
             best_cost = best_distance + best_penalty
             limit = max(exemplar.penalty_limit, best_penalty - 1)
-            above = wrap_index(y - step, row.shape[0], wrap)  # or below, if the scan goes backward
+            above = wrap_index(y - step, row.shape[0], wrap.down)  # or below, if the scan goes backward
             last_row, last_column = np.int64(-1), np.int64(-1)  # compared; both neighbours often propose the same
             omitted = 0
             if scan.distance_per_try > 0:
@@ -399,7 +399,8 @@ def sweep(shape, target, exemplar, scan, first, last):
                 changed += 1
                 for side in range(4):
                     dy, dx = cross_step(side)
-                    ny, nx = wrap_index(y + dy, row.shape[0], wrap), wrap_index(x + dx, across, wrap)
+                    ny = wrap_index(y + dy, row.shape[0], wrap.down)
+                    nx = wrap_index(x + dx, across, wrap.across)
                     if ny >= 0 and nx >= 0:
                         # Those above and to the left propagate from here when a scan goes backward.
                         active[ny, nx] |= _OPEN | (_BACKWARD if side < 2 else _FORWARD)

@@ -19,8 +19,9 @@ class Votes(NamedTuple):
     """(h, w * channels) float32, or int16 for `copy_votes`"""
     channels: int
     patch_size: int
-    wrap: bool
-    """the target is a torus of (p, q) >= patch_size - 1 pixels; else it has (p, q) + patch_size - 1 pixels"""
+    wrap: Any
+    """texloom.stages.vocabulary.facts.Wraps; along an axis that wraps the target has as many pixels as patches, at
+    least patch_size - 1, else patch_size - 1 more"""
 
 
 @compiled
@@ -40,7 +41,7 @@ def find_runs(votes, longest, first, last):
     runs = np.empty((last - first + before, across, 6), np.int32)
     count = np.zeros(runs.shape[0], np.int64)
     for k in range(runs.shape[0]):
-        y = wrap_index(first - before + k, down, votes.wrap)
+        y = wrap_index(first - before + k, down, votes.wrap.down)
         if y < 0:
             continue
         x, beside = 0, 0
@@ -81,7 +82,7 @@ def vote_sums(votes, shares, down, runs, count, sums):
     down : (patch_size + 1,) float32, sums of the weights of a patch's first rows, from none to all
     runs, count : of these rows, see `find_runs`; whole numbers are added exactly, others are to have no runs above
         one another, lest their rounding depends on which rows these are
-    sums : (rows, (q + patch_size - 1) * channels) float32; the right margin is work space on a torus
+    sums : (rows, (q + patch_size - 1) * channels) float32; the right margin is work space where it wraps
     """
     exemplar, channels, before = votes.exemplar, votes.channels, votes.patch_size - 1
     sums[:] = 0
@@ -100,7 +101,7 @@ def vote_sums(votes, shares, down, runs, count, sums):
                 into = sums[top + i, x * channels : x * channels + values]
                 for m in range(values):
                     into[m] += weight * share[m] * source[m]
-    if votes.wrap:
+    if votes.wrap.across:
         across = votes.row.shape[1]
         for y in range(sums.shape[0]):
             for m in range(before * channels):
@@ -194,7 +195,7 @@ def _add_runs(votes, shares, runs, count, place, line):
             into = line[x * channels : x * channels + values]
             for m in range(values):
                 into[m] += rows * share[m] * source[m]
-    if votes.wrap:
+    if votes.wrap.across:
         across = votes.row.shape[1]
         for m in range(before * channels):
             line[m] += line[across * channels + m]

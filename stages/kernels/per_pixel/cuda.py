@@ -43,7 +43,7 @@ STEP = np.dtype(
         for name in (
             "kind", "top", "bottom", "left", "right", "stride",  # the pixels, every one or every second
             "first", "rows", "columns",  # the level's arrays: number of their first pixel, and their shape
-            "row", "column", "wrap",  # their origin in the endless result, and whether they have a torus' border
+            "row", "column", "wrap",  # origin in the endless result; where they wrap: 1 down, 2 across, 3 both
             "before", "vertical", "horizontal", "diagonal", "after",  # where states begin
             "coarse", "coarse_columns", "coarse_row", "coarse_column",
             "level", "amplitude", "tolerance", "watched",  # watched: changes count
@@ -224,14 +224,17 @@ def _correct(step, y, x, result, exemplar, contributions, distortion, bonuses):
 
 @cuda.jit(device=True)
 def _store(step, y, x, stored, states, changed):
-    """Store what a pixel has become, on a torus in its border too."""
+    """Store what a pixel has become, in borders that wrap too."""
     rows, columns, after = step["rows"], step["columns"], step["after"]
     if states[after + y * columns + x] == stored:
         return
     states[after + y * columns + x] = stored
     if step["wrap"]:
-        beyond_y = rows - 1 if y == 1 else 0 if y == rows - 2 else y
-        beyond_x = columns - 1 if x == 1 else 0 if x == columns - 2 else x
+        beyond_y, beyond_x = y, x
+        if step["wrap"] & 1:
+            beyond_y = rows - 1 if y == 1 else 0 if y == rows - 2 else y
+        if step["wrap"] & 2:
+            beyond_x = columns - 1 if x == 1 else 0 if x == columns - 2 else x
         states[after + beyond_y * columns + x] = stored
         states[after + y * columns + beyond_x] = stored
         states[after + beyond_y * columns + beyond_x] = stored

@@ -27,7 +27,7 @@ def joint_contrast(exemplar, result, match, wraps, contrast, first, last):
     ----------
     exemplar, result : (h, w, c), (H, W, c) float32
     match : (H, W, 2) unsigned int, sources
-    wraps : bool, the result is a torus
+    wraps : texloom.stages.vocabulary.facts.Wraps, of the result
     contrast : (H, W) float32
     """
     height, width = match.shape[0], match.shape[1]
@@ -36,7 +36,7 @@ def joint_contrast(exemplar, result, match, wraps, contrast, first, last):
             largest = np.float32(-1)
             for down in range(2):
                 right = 1 - down
-                if not wraps and (row + down == height or column + right == width):
+                if (row + down == height and not wraps.down) or (column + right == width and not wraps.across):
                     continue
                 beside_row, beside_column = (row + down) % height, (column + right) % width
                 after_row, after_column = match[row, column, 0] + down, match[row, column, 1] + right

@@ -39,7 +39,7 @@ def seam_costs(features, slopes, match, wrap, side, first, last, costs):
     features : (h, w, c) float32, of the exemplar
     slopes : (h, w) float32
     match : (H, W, 2) uint32
-    wrap : bool, the result is a torus
+    wrap : texloom.stages.vocabulary.facts.Wraps, of the result
     side : of a square, px
     costs : (H / side, W / side) float64, rounded up
     """
@@ -50,10 +50,10 @@ def seam_costs(features, slopes, match, wrap, side, first, last, costs):
             for x in range(width):
                 row, column = int(match[y, x, 0]), int(match[y, x, 1])
                 total = 0.0
-                if wrap or y + 1 < height:
+                if wrap.down or y + 1 < height:
                     below = match[(y + 1) % height, x]
                     total += _seam_cost(features, slopes, row, column, int(below[0]), int(below[1]), 1, 0)
-                if wrap or x + 1 < width:
+                if wrap.across or x + 1 < width:
                     aside = match[y, (x + 1) % width]
                     total += _seam_cost(features, slopes, row, column, int(aside[0]), int(aside[1]), 0, 1)
                 costs[square, x // side] += total
@@ -66,7 +66,7 @@ def added_cost(features, slopes, match, wrap, top, left, new, row, column):
     Parameters
     ----------
     features, slopes, match, wrap : as for `seam_costs`
-    top, left : of the part in the result, on the torus if ``wrap``
+    top, left : of the part in the result, which may go on around it where it wraps
     new : (m, n) bool, the pixels of the part that are replaced
     row, column : of the piece's top-left pixel in the exemplar
     """
@@ -81,9 +81,11 @@ def added_cost(features, slopes, match, wrap, top, left, new, row, column):
             for side in range(4):
                 down, across = cross_step((side + 2) % 4)  # below and right first
                 beside_y, beside_x = y + down, x + across
-                if wrap:
-                    beside_y, beside_x = beside_y % height, beside_x % width
-                elif not (0 <= beside_y < height and 0 <= beside_x < width):
+                if wrap.down:
+                    beside_y %= height
+                if wrap.across:
+                    beside_x %= width
+                if not (0 <= beside_y < height and 0 <= beside_x < width):
                     continue
                 a, b = i + down, j + across
                 both = 0 <= a < new.shape[0] and 0 <= b < new.shape[1] and new[a, b]

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float32, Int32
 from texloom.stages.synthesis.stitching.overlap import Errors, OverlapSearch
 from texloom.stages.synthesis.stitching.seams import FILLED, FREE, KEPT, SeamCosts, cheapest_cut
 from texloom.stages.vocabulary.arrays import Mask
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.masks import count_excluded
 from texloom.stages.vocabulary.progress import Progress, report
 
@@ -36,7 +37,7 @@ class BlockFilling:
     filled : pixels with content that blocks are matched to, which may be replaced unless kept.
     usable : pixels of the exemplar that blocks may contain.
     block : side of a block, px.
-    wrap : the picture continues across its borders.
+    wrap : where the picture continues across its borders.
     choose : the place of a block in the exemplar.
     given : features of the pixels that are kept, where these are not the exemplar's.
     """
@@ -49,7 +50,7 @@ class BlockFilling:
         filled: Bool[np.ndarray, "H W"],
         usable: Mask,
         block: int,
-        wrap: bool,
+        wrap: Wraps,
         choose: Choice = best,
         given: Float32[np.ndarray, "H W c"] | None = None,
     ):
@@ -78,16 +79,18 @@ class BlockFilling:
         import cv2
 
         margin = self.block // 2
-        padding = {"mode": "wrap"} if self.wrap else {"mode": "constant"}
-        padded = np.pad(self.filled.astype(np.float32), margin, **padding)  # type: ignore[call-overload]
+        padded = self.filled.astype(np.float32)
+        for axis, around in enumerate(self.wrap):
+            beyond = [(margin, margin) if axis == padded_axis else (0, 0) for padded_axis in (0, 1)]
+            padded = np.pad(padded, beyond, mode="wrap" if around else "constant")
         sums = cv2.boxFilter(padded, -1, (self.block, self.block), normalize=False, borderType=cv2.BORDER_CONSTANT)
         counts = np.rint(sums[margin : margin + self.shape[0], margin : margin + self.shape[1]])
         counts[self.filled] = -1
         middle = np.unravel_index(int(np.argmax(counts)), self.shape)
         lines = []
-        for at, side in zip(middle, self.shape, strict=True):
+        for at, side, around in zip(middle, self.shape, self.wrap, strict=True):
             first = int(at) - margin
-            if not self.wrap:
+            if not around:
                 first = min(max(0, first), side - self.block)
             lines.append((first + np.arange(self.block)) % side)
         return lines[0], lines[1]
@@ -99,9 +102,10 @@ class BlockFilling:
         ring = np.ones(filled_pixels.shape, bool)
         ring[_RING:-_RING, _RING:-_RING] = False
         # At a border of the image a block has no seam.
-        if not self.wrap:
+        if not self.wrap.down:
             ring[0, :] &= rows[0] > 0
             ring[-1, :] &= rows[-1] < self.shape[0] - 1
+        if not self.wrap.across:
             ring[:, 0] &= columns[0] > 0
             ring[:, -1] &= columns[-1] < self.shape[1] - 1
         state[ring & filled_pixels] = KEPT

@@ -13,9 +13,11 @@ from texloom.stages.kernels.core.elementary_functions import cos, sin
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import Document, InputError, Outline, Params, first_problem, stage
+from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.masks import EXCLUSION_CHANNELS, fill_excluded, without_usable
 from texloom.stages.vocabulary.normals import NORMAL
 from texloom.stages.vocabulary.sizes import Size, format_size
+from texloom.stages.vocabulary.tileable import Tileable
 
 _MAX_PIECES = 1024
 _MOST_PIXELS = 2**26  # around a piece, if the result has not more
@@ -60,7 +62,7 @@ class CollageParams(Params):
     in the exemplar, `at` [row, column], where the middle of its bounding box lies in the result, `angle`, degrees
     counter-clockwise, and `scale`; px. Later pieces lie over earlier ones"""
     size: Size = (512, 512)
-    tileable: bool = False
+    tileable: Tileable = NOWHERE
     """pieces that cross a border go on at the opposite one"""
 
 
@@ -150,7 +152,7 @@ def _place(piece: _Piece, params: CollageParams) -> tuple[np.ndarray, np.ndarray
     """The rotation of a piece, its middle in the exemplar, and its first and last pixel in the result.
 
     Offsets in the result, row and column, @ rotation / scale are those in the exemplar. The pixels are within a
-    result that does not tile.
+    result along axes that do not tile.
     """
     corners = piece.corners
     middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
@@ -159,8 +161,9 @@ def _place(piece: _Piece, params: CollageParams) -> tuple[np.ndarray, np.ndarray
     rotation = np.array([[cosine, -sine], [sine, cosine]])  # rows grow downwards
     placed = matrix_product(corners - middle, inverse_of(rotation / piece.scale)) + piece.at
     low, high = np.floor(placed.min(axis=0)).astype(int), np.ceil(placed.max(axis=0)).astype(int)
-    if not params.tileable:
-        low, high = np.maximum(low, 0), np.minimum(high, np.array(params.size) - 1)
+    around = np.array(params.tileable)
+    low = np.where(around, low, np.maximum(low, 0))
+    high = np.where(around, high, np.minimum(high, np.array(params.size) - 1))
     return rotation, middle, low, high
 
 

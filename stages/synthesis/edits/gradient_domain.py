@@ -14,6 +14,7 @@ from texloom.stages.common.features.maps import map_channels
 from texloom.stages.common.grids.screened_poisson import neighbours, screened_poisson, screened_poisson_beside
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap
 from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 from texloom.stages.vocabulary.masks import valid_pixels
 from texloom.stages.vocabulary.normals import NORMAL, with_unit_normals
 from texloom.stages.vocabulary.scratch import bands, empty, release
@@ -96,7 +97,7 @@ def gradient_domain(
     References
     ----------
     [Perez2003]_ for copying gradients; [Bhat2008]_ for the screened Poisson equation and its solution by Fourier
-    transforms, here cosine transforms unless the result wraps. With ``keep``, conjugate gradients solve it.
+    transforms, here cosine transforms along axes that do not wrap. With ``keep``, conjugate gradients solve it.
     """
     if match.shape[:2] != (image.height, image.width):
         raise ValueError(f"match of shape {match.shape} for an image of {format_size(image)}")
@@ -105,7 +106,7 @@ def gradient_domain(
         raise ValueError(f"match points beyond the exemplar of {format_size(size)}")
     if keep is not None and keep.shape != (image.height, image.width):
         raise ValueError(f"keep of shape {keep.shape} for an image of {format_size(image)}")
-    wrap = image.wraps.both
+    wrap = image.wraps
     if image.height * image.width <= _LARGEST:
         return GradientDomain(image.with_pixels(_integrated(exemplar, image, match, params, wrap, keep)))
     pixels = empty(image.pixels.shape, np.float32)
@@ -113,26 +114,26 @@ def gradient_domain(
         place = np.ix_(rows, columns)
         part = image.elsewhere(image.pixels[place])
         kept = None if keep is None else keep[place]
-        made = _integrated(exemplar, part, match[place], params, False, kept)
+        made = _integrated(exemplar, part, match[place], params, NOWHERE, kept)
         pixels[rows[inner[0]][:, None], columns[inner[1]]] = made[inner]
         release(pixels, image.pixels, match)
     return GradientDomain(image.with_pixels(pixels))
 
 
 def _parts(
-    height: int, width: int, margin: int, wrap: bool
+    height: int, width: int, margin: int, wrap: Wraps
 ) -> Iterator[tuple[np.ndarray, np.ndarray, tuple[slice, slice]]]:
     """Rows and columns of each part with its margins, and where in these the part itself is."""
 
-    def along(side: int) -> Iterator[tuple[np.ndarray, slice]]:
+    def along(side: int, around: bool) -> Iterator[tuple[np.ndarray, slice]]:
         for first in range(0, side, _SIDE):
             last = min(first + _SIDE, side)
             start, stop = first - margin, last + margin
-            if not wrap:
+            if not around:
                 start, stop = max(0, start), min(side, stop)
             yield np.arange(start, stop) % side, slice(first - start, last - start)
 
-    for (rows, down), (columns, across) in itertools.product(along(height), along(width)):
+    for (rows, down), (columns, across) in itertools.product(along(height, wrap.down), along(width, wrap.across)):
         yield rows, columns, (down, across)
 
 
@@ -141,7 +142,7 @@ def _integrated(
     image: Image,
     match: Correspondence,
     params: GradientDomainParams,
-    wrap: bool,
+    wrap: Wraps,
     keep: Mask | None,
 ) -> np.ndarray:
     """The corrected pixels of an image that is in memory."""
@@ -180,7 +181,7 @@ def _excess(
     values: np.ndarray,
     match: Correspondence,
     usable: Mask | None,
-    wrap: bool,
+    wrap: Wraps,
     rounding: float,
     limit: float,
     border: Bool[np.ndarray, "H W"] | None,

@@ -15,6 +15,7 @@ from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.masks import count_excluded, fill_excluded, valid_pixels, without_usable
 from texloom.stages.vocabulary.sizes import format_size
+from texloom.stages.vocabulary.tileable import Tileable
 
 _LOG = logging.getLogger(__name__)
 
@@ -26,8 +27,8 @@ class InpaintParams(Params):
 
     block: int | None = Field(None, ge=_MIN_BLOCK, le=1024)
     """side of a block, px; null: an eighth of the image's shorter side, between 32 and 128"""
-    tileable: bool | None = None
-    """the result continues across its borders; null: where the image does"""
+    tileable: Tileable | None = None
+    """borders across which the result continues: x left to right, y top to bottom, both, off; null: as the image"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,14 +89,15 @@ def inpaint(image: Image, keep: Mask, params: InpaintParams) -> Inpainted:
     unmasked_pixels = valid_pixels(image)
     usable = np.ones(shape, bool) if unmasked_pixels is None else unmasked_pixels
     filled_pixels = usable | keep
-    wrap = image.wraps.both if params.tileable is None else params.tileable
+    wrap = image.wraps if params.tileable is None else params.tileable
     if params.tileable is None and wrap:
-        _LOG.warning("keeps tiling, as the image wraps; --set tileable=false does not")
+        _LOG.warning("keeps tiling (%s), as the image wraps; --set tileable=off does not", wrap)
     if params.tileable is None and not wrap:
         tell_borders(_LOG, image, ~keep)
-    if wrap:
-        for line in (0, -1):
+    for line in (0, -1):
+        if wrap.down:
             filled_pixels[line, :] &= keep[line, :]
+        if wrap.across:
             filled_pixels[:, line] &= keep[:, line]
     block = _block(*shape, params)
     while block > _MIN_BLOCK and (count_excluded(usable, block, block) > 0).all():

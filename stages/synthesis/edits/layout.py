@@ -22,6 +22,7 @@ from texloom.stages.synthesis.optimisation.vote import pad_torus
 from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, Mask, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
+from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 from texloom.stages.vocabulary.masks import (
     USABLE,
     FilledExemplar,
@@ -31,6 +32,7 @@ from texloom.stages.vocabulary.masks import (
     without_usable,
 )
 from texloom.stages.vocabulary.progress import Progress, report
+from texloom.stages.vocabulary.tileable import Tileable
 
 _PATCH = 10  # px
 _COARSEST, _RATIO = 35, 1.6  # first scale of the search for the layout's pixels in the exemplar, and scales' ratio
@@ -55,7 +57,7 @@ class LayoutParams(Params):
     """0: only the coarse colours and structure guide a new texture; 1: the collage stays as it is but for its
     joints; between: that share of the collage is kept, from the middles of its pieces outwards, and the rest is
     guided the more finely"""
-    tileable: bool = False
+    tileable: Tileable = NOWHERE
     """the collage is to continue across its borders, which become joints where it does not"""
 
 
@@ -167,7 +169,7 @@ def layout(
     joined = _beside(without_usable(image), complete, compared.valid, keep, corner)
     own, target = (
         _guide(one, _blur(image, params.strength), wrap)
-        for one, wrap in ((exemplar, False), (filled, params.tileable))
+        for one, wrap in ((exemplar, NOWHERE), (filled, params.tileable))
     )
     guide = np.zeros((joined.height, joined.width, own.shape[2]), np.float32)
     guide[: image.height, : image.width], guide[corner[0] :, corner[1] :][: layout.height] = own, target
@@ -177,13 +179,13 @@ def layout(
 
 
 def _found(
-    exemplar: FilledExemplar, layout: Image, wrap: bool, rng: np.random.Generator
+    exemplar: FilledExemplar, layout: Image, wrap: Wraps, rng: np.random.Generator
 ) -> tuple[Patches, Float32[np.ndarray, "p q"]]:
     """The most similar exemplar patch of every patch of the layout, and their squared difference per pixel."""
     from texloom.stages.kernels.patchmatch.search import Target, match_distances
 
     planes, usable = [exemplar.lab, lab_from_linear(layout.color)], exemplar.valid
-    extra = 0 if wrap else _PATCH - 1
+    extra = [0 if around else _PATCH - 1 for around in wrap]
     match: Patches | None = None
     factors = scale_sizes(exemplar.image.height, exemplar.image.width, _COARSEST, _RATIO)
     least = 2 * _PATCH / min(layout.height, layout.width)
@@ -195,8 +197,8 @@ def _found(
             fixed_point(resize(plane, side[0], side[1])) for plane, side in zip(planes, sides, strict=True)
         )
         if wrap:
-            target = pad_torus(target, 3, _PATCH)
-        patches = (sides[1][0] - extra, sides[1][1] - extra)
+            target = pad_torus(target, 3, _PATCH, wrap)
+        patches = (sides[1][0] - extra[0], sides[1][1] - extra[1])
         free = places(sides[0][0], sides[0][1], _PATCH)
         if match is None:
             match = np.stack([rng.integers(0, count, patches) for count in free]).astype(np.int32)
@@ -217,35 +219,37 @@ def _found(
 
 
 def _joints(
-    difference: Float32[np.ndarray, "p q"], layout: Image, pieces: Int32[np.ndarray, "H W"] | None, wrap: bool
+    difference: Float32[np.ndarray, "p q"], layout: Image, pieces: Int32[np.ndarray, "H W"] | None, wrap: Wraps
 ) -> Mask:
     """Pixels in the middle of patches that lie across a joint."""
     if pieces is None:
         across = _unlike(difference, wrap)
     else:
-        edges = ((0, _PATCH - 1), (0, _PATCH - 1))
-        windows = np.lib.stride_tricks.sliding_window_view(
-            np.pad(pieces, edges, mode="wrap") if wrap else pieces, (_PATCH, _PATCH)
-        )
+        edges = [(0, _PATCH - 1 if around else 0) for around in wrap]
+        windows = np.lib.stride_tricks.sliding_window_view(np.pad(pieces, edges, mode="wrap"), (_PATCH, _PATCH))
         across = windows.min(axis=(2, 3)) != windows.max(axis=(2, 3))
     middle = _PATCH // 2
-    if wrap:
-        # Whatever goes on across the border unlike the exemplar is a joint.
-        for axis in (0, 1):
+    for axis in (0, 1):
+        if wrap[axis]:
+            # Whatever goes on across the border unlike the exemplar is a joint.
             border = (slice(1 - _PATCH, None), slice(None))[:: 1 if axis == 0 else -1]
             across[border] |= difference[border] > _EXACT
-        return np.roll(across, (middle, middle), axis=(0, 1))
-    sides = zip((layout.height, layout.width), across.shape, strict=True)
-    return np.pad(across, [(middle, side - count - middle) for side, count in sides], mode="edge")
+    for axis, side in enumerate((layout.height, layout.width)):
+        if wrap[axis]:
+            across = np.roll(across, middle, axis=axis)
+        else:
+            ends = (middle, side - across.shape[axis] - middle)
+            across = np.pad(across, [ends if axis == padded else (0, 0) for padded in (0, 1)], mode="edge")
+    return across
 
 
-def _unlike(difference: Float32[np.ndarray, "p q"], wrap: bool) -> Mask:
+def _unlike(difference: Float32[np.ndarray, "p q"], wrap: Wraps) -> Mask:
     """Patches that are much less similar to the exemplar than those around them, which may be turned or scaled."""
     import cv2
     from scipy.ndimage import percentile_filter
 
     some = np.ascontiguousarray(difference[::_STEP, ::_STEP])
-    usual = percentile_filter(some, 100 * _SHARE, _AROUND // _STEP, mode="wrap" if wrap else "nearest")
+    usual = percentile_filter(some, 100 * _SHARE, _AROUND // _STEP, mode=_modes(wrap))
     usual = resize(usual[..., None], difference.shape[0], difference.shape[1], bilinear=True)[..., 0]
     across = (difference > np.maximum(_EXACT, _JOINT * usual)).astype(np.uint8)
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(across, connectivity=8)
@@ -262,7 +266,8 @@ def _kept(joints: Mask, params: LayoutParams) -> Mask:
     if params.strength == 0 or joints.all():
         return np.zeros_like(joints)
     height, width = joints.shape
-    padding = ((height, height), (width, width)) if params.tileable else ((0, 0), (0, 0))
+    down, across = (side if around else 0 for side, around in zip(joints.shape, params.tileable, strict=True))
+    padding = ((down, down), (across, across))
     inner = slice(padding[0][0], padding[0][0] + height), slice(padding[1][0], padding[1][0] + width)
     padded = np.pad(joints, padding, mode="wrap")
     keep = ~padded
@@ -319,11 +324,16 @@ def _blur(image: Image, strength: float) -> float:
     return float(coarse ** (1 - strength) * _FINE_BLUR**strength)
 
 
-def _guide(image: Image, sigma: float, wrap: bool) -> Float32[np.ndarray, "h w 4"]:
+def _modes(wrap: Wraps) -> list[str]:
+    """How filters go on beyond the borders along each axis."""
+    return ["wrap" if around else "nearest" for around in wrap]
+
+
+def _guide(image: Image, sigma: float, wrap: Wraps) -> Float32[np.ndarray, "h w 4"]:
     """Colour after a blur, and the deviation of lightness from it."""
     from scipy.ndimage import gaussian_filter
 
-    mode = "wrap" if wrap else "nearest"
+    mode = _modes(wrap)
     lab = lab_from_linear(image.color)
     coarse = np.stack([gaussian_filter(plane, sigma, mode=mode) for plane in np.moveaxis(lab, 2, 0)], axis=2)
     detail = np.sqrt(gaussian_filter((lab[..., 0] - coarse[..., 0]) ** 2, sigma, mode=mode))

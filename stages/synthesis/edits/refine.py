@@ -23,6 +23,7 @@ from texloom.stages.synthesis.stitching.cuts import Strips, enclosed
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, stage
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.masks import FilledExemplar
 from texloom.stages.vocabulary.progress import Progress, part, report
 from texloom.stages.vocabulary.sizes import format_size
@@ -117,14 +118,14 @@ class _Measures:
         self.cell = cell_side(sides[0] * sides[1])
         self.ratios = PatchRatios(self.lab, self.valid, min(*self.lab.shape[:2], *sides))
 
-    def joints(self, image: Image, match: Correspondence, wrap: bool) -> tuple[Places, Float64[np.ndarray, "*n"]]:
+    def joints(self, image: Image, match: Correspondence, wrap: Wraps) -> tuple[Places, Float64[np.ndarray, "*n"]]:
         """The joint of largest contrast in every cell that has one, and its ratio."""
         made = FilledExemplar.of(image)
         places = worst_of_cells(joint_contrast(self.lab, made.lab, match, wrap), self.cell)
         return places, self._mean_ratios(made.lab, places, made.valid, wrap)
 
     def of_place(
-        self, image: Image, match: Correspondence, region: Bool[np.ndarray, "H W"], wrap: bool
+        self, image: Image, match: Correspondence, region: Bool[np.ndarray, "H W"], wrap: Wraps
     ) -> _Measured:
         """The measures of a region of a window."""
         made = FilledExemplar.of(image)
@@ -145,7 +146,7 @@ class _Measures:
         return np.array([counted.std(dtype=np.float64), (counted < _UNUSED).mean()])
 
     def _mean_ratios(
-        self, lab: np.ndarray, places: Places, valid: Mask | None, wrap: bool
+        self, lab: np.ndarray, places: Places, valid: Mask | None, wrap: Wraps
     ) -> Float64[np.ndarray, "*n"]:
         """Mean ratio over the scales; 0 where masked pixels are in all patches."""
         if not len(places):
@@ -185,12 +186,12 @@ def _chosen(
     return chosen
 
 
-def _square(place: np.ndarray, radius: int, sides: tuple[int, int], wrap: bool) -> Bool[np.ndarray, "H W"]:
+def _square(place: np.ndarray, radius: int, sides: tuple[int, int], wrap: Wraps) -> Bool[np.ndarray, "H W"]:
     """The pixels within a distance of a place along both axes."""
     near = []
-    for at, side in zip(place, sides, strict=True):
+    for at, side, around in zip(place, sides, wrap, strict=True):
         line = np.abs(np.arange(side) - at)
-        near.append((np.minimum(line, side - line) if wrap else line) <= radius)
+        near.append((np.minimum(line, side - line) if around else line) <= radius)
     return np.asarray(near[0][:, None] & near[1][None, :])
 
 
@@ -233,7 +234,7 @@ class _Refinement:
 
     def improve(self, place: np.ndarray, radius: int, rng: np.random.Generator) -> dict[str, Any]:
         """Replace a place in several ways, keep the best one if it improves it, and tell what happened."""
-        wrap, sides = self.texture.wraps.both, (self.match.shape[0], self.match.shape[1])
+        wrap, sides = self.texture.wraps, (self.match.shape[0], self.match.shape[1])
         squares = [_square(place, round(width * radius), sides, wrap) for width in _WIDTHS]
         window, largest = windows(squares[-1], max(_CONTEXT, self.params.margin), wrap)[0]
         view = self.texture.elsewhere(np.ascontiguousarray(self.pixels[window.at]))
@@ -259,7 +260,7 @@ class _Refinement:
         }  # fmt: skip
 
     def _replaced(
-        self, view: Image, match: Correspondence, regions: list[Mask], wrap: bool, rng: np.random.Generator
+        self, view: Image, match: Correspondence, regions: list[Mask], wrap: Wraps, rng: np.random.Generator
     ) -> Iterator[tuple[Mask, Image, Correspondence]]:
         """The regions with a block of the exemplar in each, then the first of them revised, by random numbers."""
         tries = self.params.tries

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Int64
 
 from texloom.stages.vocabulary.arrays import Mask
+from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
 
 @dataclasses.dataclass(frozen=True)
@@ -15,8 +16,8 @@ class Window:
     rows: Int64[np.ndarray, "m"]
     """of the picture"""
     columns: Int64[np.ndarray, "n"]
-    wrap: bool
-    """it is the whole picture, and a torus"""
+    wrap: Wraps
+    """where it wraps: along axes of which it has all of the picture"""
 
     @property
     def at(self) -> tuple[np.ndarray, ...]:
@@ -24,43 +25,45 @@ class Window:
         return np.ix_(self.rows, self.columns)
 
 
-def windows(region: Mask, margin: int, wrap: bool) -> list[tuple[Window, Bool[np.ndarray, "m n"]]]:
+def windows(region: Mask, margin: int, wrap: Wraps) -> list[tuple[Window, Bool[np.ndarray, "m n"]]]:
     """Windows that contain all of a region, and the part of the region in each; parts are disjoint.
 
     Parameters
     ----------
     margin : px around a part that belong to its window. Parts closer than that share a window.
-    wrap : the picture is a torus. A part that goes all around it has the whole picture as its window.
+    wrap : where the picture wraps. A part that goes all around it has all of the picture along axes that wrap.
     """
     parts = _parts(region, margin, wrap)
     made = []
     for number in range(1, int(parts.max()) + 1):
         part = region & (parts == number)
-        lines = [_interval(part.any(axis=1 - axis), margin, wrap) for axis in (0, 1)]
-        around = wrap and any(line.size == 0 for line in lines)
-        if around:
-            lines = [np.arange(side) for side in region.shape]
+        lines = [_interval(part.any(axis=1 - axis), margin, wrap[axis]) for axis in (0, 1)]
+        around = wrap if any(line.size == 0 for line in lines) else NOWHERE
+        for axis in (0, 1):
+            if around[axis]:
+                lines[axis] = np.arange(region.shape[axis])
         window = Window(lines[0], lines[1], around)
         made.append((window, part[window.at]))
     return made
 
 
-def _parts(region: Mask, margin: int, wrap: bool) -> np.ndarray:
+def _parts(region: Mask, margin: int, wrap: Wraps) -> np.ndarray:
     """Numbers of the parts from 1, at their pixels; each part is at least ``margin`` px from the others."""
     import cv2
     from scipy.ndimage import label
 
     side = margin + 1 - margin % 2
     reach = side // 2
-    wide = np.pad(region, reach, mode="wrap") if wrap else region
+    beyond = [reach if around else 0 for around in wrap]
+    wide = np.pad(region, [(one, one) for one in beyond], mode="wrap")
     grown = cv2.dilate(wide.astype(np.uint8), np.ones((side, side), np.uint8))
-    if wrap:
-        grown = grown[reach:-reach, reach:-reach]
+    grown = grown[tuple(slice(one, one + length) for one, length in zip(beyond, region.shape, strict=True))]
     parts = np.asarray(label(grown, np.ones((3, 3)))[0])
     if not wrap:
         return parts
+    ends = [(parts[0], parts[-1])] * wrap.down + [(parts[:, 0], parts[:, -1])] * wrap.across
     equal = np.arange(int(parts.max()) + 1)
-    for first, last in ((parts[0], parts[-1]), (parts[:, 0], parts[:, -1])):
+    for first, last in ends:
         for one, other in zip(first, last, strict=True):
             if one and other:
                 equal[equal == equal[other]] = equal[one]
@@ -68,13 +71,13 @@ def _parts(region: Mask, margin: int, wrap: bool) -> np.ndarray:
     return np.asarray(numbers[parts])
 
 
-def _interval(marked: np.ndarray, margin: int, wrap: bool) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
+def _interval(marked: np.ndarray, margin: int, wraps: bool) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
     """Lines from ``margin`` before the first marked one to as many after the last, of which none is there twice.
 
-    Empty on a torus without an unmarked line.
+    Empty where it wraps without an unmarked line.
     """
     lines, side = np.flatnonzero(marked), marked.size
-    if not wrap:
+    if not wraps:
         return np.arange(max(0, lines[0] - margin), min(side, lines[-1] + 1 + margin))
     gaps = np.diff(lines, append=lines[0] + side) - 1
     widest = int(gaps.argmax())

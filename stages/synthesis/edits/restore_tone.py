@@ -12,6 +12,7 @@ from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.masks import fill_excluded
 
 _SAMPLES = 64  # of a picture's tone, along the longer side
@@ -40,7 +41,7 @@ class RestoreTone:
 def check_sources(params: RestoreToneParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
     """The exemplar's drift ends differently on opposite sides."""
     image = known.get("image")
-    wraps = isinstance(image, Image) and image.wraps.both
+    wraps = isinstance(image, Image) and bool(image.wraps)
     if wraps and known.get("control") is None and known.get("tone") is not None:
         raise InputError("image: it wraps, but the exemplar's drift does not; give a picture as `control`")
 
@@ -70,7 +71,7 @@ def restore_tone(
     Ours.
     """
     if control is not None:
-        field = _slow_tone(control, params.detail, image.wraps.both)
+        field = _slow_tone(control, params.detail, image.wraps)
     elif tone is not None:
         field = tone
     else:
@@ -79,7 +80,7 @@ def restore_tone(
     return RestoreTone(with_tone(image, field * share))
 
 
-def _slow_tone(control: Image, detail: float, wrap: bool) -> ToneField:
+def _slow_tone(control: Image, detail: float, wrap: Wraps) -> ToneField:
     """The picture's tone relative to its mean, blurred."""
     from scipy import ndimage
 
@@ -88,6 +89,7 @@ def _slow_tone(control: Image, detail: float, wrap: bool) -> ToneField:
     color = resize(fill_excluded(control).color, height, width, bilinear=True)
     planes = relative_tone(lab_from_linear(color))
     size = max(1, round(detail * _SAMPLES / _PASSES**0.5))
+    modes = [*("wrap" if around else "nearest" for around in wrap), "nearest"]
     for _ in range(_PASSES):
-        planes = ndimage.uniform_filter(planes, (size, size, 1), mode="wrap" if wrap else "nearest")
+        planes = ndimage.uniform_filter(planes, (size, size, 1), mode=modes)
     return np.asarray(planes - planes.mean(axis=(0, 1)), np.float32)

@@ -22,6 +22,7 @@ from texloom.stages.synthesis.optimisation.optimise import Optimised, OptimisePa
 from texloom.stages.synthesis.stitching.overlap import Errors, compared
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import InputError, Outline, stage
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.masks import (
     EXCLUSION_CHANNELS,
     USABLE,
@@ -97,9 +98,9 @@ def outlines(params: ReviseParams, known: Mapping[str, Any]) -> dict[str, Outlin
     return {} if texture is None else {"image": Outline(texture.height, texture.width, texture.channels)}
 
 
-def wraps_after(tileable: bool | None, texture: Image) -> bool:
-    """Whether an edited texture wraps: as asked for, else if it did before."""
-    return texture.wraps.both if tileable is None else tileable
+def wraps_after(tileable: Wraps | None, texture: Image) -> Wraps:
+    """Where an edited texture wraps: as asked for, else as it did before."""
+    return texture.wraps if tileable is None else tileable
 
 
 def marked_pixels(region: Image) -> Mask:
@@ -150,7 +151,7 @@ class _Blocks:
     ----------
     start : exemplar pixel of every pixel of the target.
     keep : where the target is given; its phase is continued.
-    wrap, period : the target is a torus, see `LatticePhase`.
+    wrap, period : of the target, see `LatticePhase`.
     block : side of a block, px.
     spread : a place costs as much as an average one where earlier blocks contain it all.
     """
@@ -160,7 +161,7 @@ class _Blocks:
         generators: Vectors,
         start: Correspondence,
         keep: Mask,
-        wrap: bool,
+        wrap: Wraps,
         period: tuple[int, int] | None,
         block: int,
         spread: bool,
@@ -252,14 +253,14 @@ class Revision:
         self.params = params
 
     def revised(
-        self, texture: Image, region: Mask, match: Correspondence | None, wrap: bool, rng: np.random.Generator
+        self, texture: Image, region: Mask, match: Correspondence | None, wrap: Wraps, rng: np.random.Generator
     ) -> tuple[Image, Correspondence]:
         """A texture, or window of one, with a region replaced, and the source of each pixel.
 
         Parameters
         ----------
         match : source of each pixel of the texture; searched where it is None.
-        wrap : the texture is a torus.
+        wrap : where the texture wraps.
         """
         keep = ~region
         tracing, placing, optimising = rng.spawn(3)
@@ -277,7 +278,7 @@ class Revision:
         return smoothed.image, made.match
 
     def covered(
-        self, texture: Image, region: Mask, match: Correspondence, wrap: bool, rng: np.random.Generator
+        self, texture: Image, region: Mask, match: Correspondence, wrap: Wraps, rng: np.random.Generator
     ) -> tuple[Image, Correspondence]:
         """As `revised`, but with blocks of the exemplar as they are, joined along cuts."""
         tracing, placing = rng.spawn(2)
@@ -293,7 +294,7 @@ class Revision:
         texture: Image,
         region: Mask,
         match: Correspondence | None,
-        wrap: bool,
+        wrap: Wraps,
         tracing: np.random.Generator,
         placing: np.random.Generator,
         filled: Mask | None = None,
@@ -332,7 +333,7 @@ class Revision:
         texture: Image,
         start: Correspondence,
         keep: Mask,
-        wrap: bool,
+        wrap: Wraps,
         rng: np.random.Generator,
         guiding: Mask | None = None,
     ) -> Optimised:
@@ -403,7 +404,7 @@ def revise(
     sources = None if match is None else match.copy()
     wrap = wraps_after(params.tileable, texture)
     if params.tileable is None and wrap:
-        _LOG.warning("keeps tiling, as the texture wraps; --set tileable=false does not")
+        _LOG.warning("keeps tiling (%s), as the texture wraps; --set tileable=off does not", wrap)
     if params.tileable is None and not wrap:
         tell_borders(_LOG, texture, marked)
     found = windows(marked, params.margin, wrap)

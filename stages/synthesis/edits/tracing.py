@@ -10,7 +10,11 @@ from texloom.stages.synthesis.optimisation.features import PatchFeatures
 from texloom.stages.synthesis.optimisation.match_search import Effort, Search
 from texloom.stages.synthesis.optimisation.scale import Scale
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask
-from texloom.stages.vocabulary.masks import FilledExemplar, nearest_valid
+from texloom.stages.vocabulary.facts import NOWHERE
+from texloom.stages.vocabulary.masks import (
+    FilledExemplar,
+    nearest_valid,
+)
 
 _COARSEST = 48  # px of the shorter side of exemplar and picture
 _RATIO = 1.6
@@ -49,7 +53,7 @@ def trace(
             patches=(target[0] - patch_size + 1, target[1] - patch_size + 1),
             iterations=_STEPS,
         )
-        planes, _, _ = features.at(scale, phased=False, margin=0)
+        planes, _, _ = features.at(scale, phased=False, margin=(0, 0))
         channels = planes.shape[1] // small[1]
         allowed = None if usable is None else Allowed(usable, small[0], small[1], patch_size)
         if allowed is not None and not allowed.places.any():
@@ -61,13 +65,13 @@ def trace(
             match = correspondence.rescale(match, scale.patches, scale.places, factor / before)
         if allowed is not None:
             match = allowed.moved(match)
-        search = Search(planes, channels, patch_size, scale.places, scale.patches, False, 0.0, 1.0, allowed)
+        search = Search(planes, channels, patch_size, scale.places, scale.patches, NOWHERE, 0.0, 1.0, allowed)
         shown = fixed_point(resize(given, *scale.target))
         for _ in range(_STEPS):
             search.step(shown, match, _EFFORT, random)
         before = factor
     assert match is not None
-    return continued(correspondence.to_pixels(match, patch_size, False), keep, sides, patch_size // 2 + 1)
+    return continued(correspondence.to_pixels(match, patch_size, NOWHERE), keep, sides, patch_size // 2 + 1)
 
 
 def continued(match: Correspondence, keep: Mask, sides: tuple[int, int], margin: int) -> Correspondence:

@@ -23,6 +23,7 @@ from texloom.stages.vocabulary.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.progress import Progress, report
 from texloom.stages.vocabulary.sizes import SIDES, format_size
+from texloom.stages.vocabulary.tileable import TileableBoth
 
 _NEIGHBOURHOODS = 6  # of the texture's that count in the inverse term, about so many at most a compaction's pixel
 _SAMPLES = 2048  # neighbourhoods by which compactions are compared
@@ -69,7 +70,7 @@ class CompactParams(Params):
     proportion: float = Field(0.0, ge=0, le=100)
     """how strongly the first level preserves the area shares of the texture's materials, where 1 is strong; 0 is
     the paper's: rare materials take as much area as frequent ones"""
-    tileable: bool = False
+    tileable: TileableBoth = False
     """the compaction wraps around; `per_pixel`, which hardly uses what lies at a border, then uses all of it"""
     start: Literal["best", "cover", "random"] = "best"
     """`cover`: blocks that together cover most of the texture's clusters and fit each other; `random`: random

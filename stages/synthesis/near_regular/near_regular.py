@@ -12,15 +12,17 @@ from texloom.stages.analysis.regularity.deformed_lattice import Points
 from texloom.stages.analysis.regularity.straighten import Positions
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.synthesis.near_regular.lattice_tiles import Shape, Window, best_shape, course_shape, whole
-from texloom.stages.synthesis.near_regular.output_lattice import OutputLattice
+from texloom.stages.synthesis.near_regular.output_lattice import OutputLattice, torus_of
 from texloom.stages.synthesis.stitching.cuts import Strips, laid_over
 from texloom.stages.synthesis.stitching.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar
 from texloom.stages.synthesis.stitching.overlap import compared
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Vectors
 from texloom.stages.vocabulary.declare import InputError, stage
+from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.normals import with_unit_normals
 from texloom.stages.vocabulary.progress import Progress, report
 from texloom.stages.vocabulary.sizes import Size, format_size
+from texloom.stages.vocabulary.tileable import Tileable
 
 _LOG = logging.getLogger(__name__)
 
@@ -41,7 +43,7 @@ class NearRegularParams(StitchingParams):
     """Size of the result, and how tiles are chosen and joined."""
 
     size: Size = (1024, 1024)
-    tileable: bool = False
+    tileable: Tileable = NOWHERE
     """the result continues across its borders; the lattice is stretched and sheared a little to fit"""
     overlap: float = Field(0.35, gt=0, le=0.5)
     """width of the overlap with each neighbour, as a share of a tile's shorter side; at least 4 px"""
@@ -203,7 +205,8 @@ class _Tiling:
         self.exemplar = exemplar.image
         self.tile_source = _TileSource(exemplar, source)
         self.feature_count = self.tile_source.features.shape[2]
-        own = OutputLattice.of(generators, params.size, True).generators if params.tileable else generators
+        is_torus, torus = bool(params.tileable), torus_of(generators, params.size, params.tileable)
+        own = OutputLattice.of(generators, torus, True).generators if is_torus else generators
         self.tiles, shape = _tile_set(self.tile_source, generators, vertices, own, courses, params, rng)
         if self.tiles.count < _MIN_TILES:
             _LOG.warning(
@@ -215,14 +218,14 @@ class _Tiling:
         low, high = self.window.offsets.min(axis=0), self.window.offsets.max(axis=0) + 1
         self.low, self.box = low, (int(high[0] - low[0]), int(high[1] - low[1]))
         height, width = params.size
-        if params.tileable and (self.box[0] > height or self.box[1] > width):
+        if is_torus and (self.box[0] > torus[0] or self.box[1] > torus[1]):
             raise InputError(
                 f"size: {format_size((height, width))} is smaller than a tile, {format_size(self.box)}"
             )
         # Tiles may extend by a whole tile beyond the result.
-        self.margin = (0, 0) if params.tileable else self.box
-        self.canvas = (height + 2 * self.margin[0], width + 2 * self.margin[1])
-        self.lattice = OutputLattice.of(generators, self.canvas, params.tileable)
+        self.margin = (0, 0) if is_torus else self.box
+        self.canvas = torus if is_torus else (height + 2 * self.box[0], width + 2 * self.box[1])
+        self.lattice = OutputLattice.of(generators, self.canvas, is_torus)
         self.result = np.zeros((self.canvas[0] * self.canvas[1], self.tile_source.pixels.shape[2]), np.float32)
         self.match = np.zeros((self.canvas[0] * self.canvas[1], 2), np.uint32)
         self.filled = np.zeros(self.canvas[0] * self.canvas[1], bool)
@@ -241,7 +244,7 @@ class _Tiling:
         begin = matrix_product(self.rng.random(2), self.lattice.generators)
         corners = np.rint(self.lattice.places + begin).astype(np.int64)
         low = corners + self.low - self.margin
-        reaches = ((low < self.params.size) & (low + self.box > 0)).all(axis=1) | self.params.tileable
+        reaches = ((low < self.params.size) & (low + self.box > 0)).all(axis=1) | self.lattice.tileable
         order = self.order[reaches[self.order]]
         for number, node in enumerate(order.tolist()):
             self._lay(node, corners[node], neighbours[node])

@@ -8,6 +8,7 @@ from jaxtyping import Float64, Int64
 
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.sizes import format_size
 
 _MARGIN = 2.0  # cells around the result that have nodes
@@ -107,3 +108,10 @@ def _periods(generators: Float64[np.ndarray, "2 2"], size: tuple[int, int]) -> I
     if best is None or not possible:
         raise InputError(f"size: {format_size(size)} is smaller than a cell of the lattice, so it cannot tile")
     return best
+
+
+def torus_of(generators: np.ndarray, size: tuple[int, int], wrap: Wraps) -> tuple[int, int]:
+    """Sides of the torus on which a tileable result is made, px: a cell larger where it need not continue."""
+    cell = np.ceil(np.abs(generators).sum(axis=0))
+    height, width = (side + (0 if around else int(one)) for side, one, around in zip(size, cell, wrap, strict=True))
+    return height, width

@@ -14,13 +14,15 @@ from texloom.stages.common.geometry.free_form_deformation import fitted
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.synthesis.near_regular.exemplar_textons import Textons, find_textons
 from texloom.stages.synthesis.near_regular.lattice_deformation import synthesise_displacements
-from texloom.stages.synthesis.near_regular.output_lattice import OutputLattice
+from texloom.stages.synthesis.near_regular.output_lattice import OutputLattice, torus_of
 from texloom.stages.synthesis.near_regular.texton_choice import TextonChoice
 from texloom.stages.synthesis.stitching.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
 from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, Vectors
 from texloom.stages.vocabulary.declare import InputError, stage
+from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.normals import with_unit_normals
 from texloom.stages.vocabulary.progress import Progress, part, report
+from texloom.stages.vocabulary.tileable import Tileable
 
 _MIN_SIDE = 8  # px of an exemplar's shorter side
 _ROWS = 16  # of the result computed at a time
@@ -29,7 +31,7 @@ _ROWS = 16  # of the result computed at a time
 class RegularisedPatchesParams(StitchingParams):
     """Size of the result, choice of textons, and deformation of the lattice."""
 
-    tileable: bool = False
+    tileable: Tileable = NOWHERE
     """the result continues across its borders; the lattice is stretched and sheared a little to fit"""
     strength: float = Field(1.0, ge=0, le=2)
     """deformation of the result's lattice: 0 leaves it regular, 1 deforms it as much as the exemplar's"""
@@ -102,7 +104,10 @@ def regularised_patches(
         masked = "" if exemplar.usable is None else " that its mask leaves"
         raise InputError(f"image: the exemplar does not show one whole cell of its lattice{masked}")
     report(Progress(0.4))
-    lattice = OutputLattice.of(textons.generators, params.size, params.tileable)
+    is_torus, size = bool(params.tileable), params.size
+    if is_torus:
+        size = torus_of(textons.generators, params.size, params.tileable)
+    lattice = OutputLattice.of(textons.generators, size, is_torus)
     with part(0.4, 0.5):
         chosen = TextonChoice(textons, lattice, params.tolerance, rng).run()
 
@@ -120,6 +125,8 @@ def regularised_patches(
     report(Progress(0.85))
     pixels, match = _sampled(exemplar.image, source, textons, lattice, chosen, displacement)
     report(Progress(1.0))
+    whole = np.s_[: params.size[0], : params.size[1]]
+    pixels, match, displacement = (np.ascontiguousarray(plane[whole]) for plane in (pixels, match, displacement))
     return RegularisedPatches(
         exemplar.image.elsewhere(with_unit_normals(pixels, exemplar.image.channels)).wrapping(params.tileable),
         match,

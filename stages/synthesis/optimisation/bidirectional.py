@@ -28,6 +28,7 @@ from texloom.stages.synthesis.optimisation.vote import pad_torus, result_image
 from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image
 from texloom.stages.vocabulary.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.vocabulary.declare import stage
+from texloom.stages.vocabulary.facts import NOWHERE
 
 
 class BidirectionalParams(PlainParams):
@@ -47,7 +48,7 @@ class BidirectionalScale:
     reverse: Annotated[UInt32[np.ndarray, "m n 2"], Channels(("row", "column"))]
     """top-left pixel of the target patch of each exemplar patch"""
     image: Image
-    """the result so far, with a margin of `patch_size` - 1 px unless it is tileable"""
+    """the result so far, with a margin of `patch_size` - 1 px where it is not tileable"""
     scales: list[dict[str, Any]]
     """the scales so far; see `Bidirectional`"""
 
@@ -82,7 +83,7 @@ class _Optimisation(PlainOptimisation[BidirectionalParams]):
         def vote(completeness: float) -> Int16[np.ndarray, "H Wc"]:
             voted = bidirectional_vote(match, reverse, planes, self.even, completeness, _places(scale), wrap)
             rounded = np.rint(voted).astype(np.int16).reshape(voted.shape[0], -1)
-            return pad_torus(rounded, channels, size) if wrap else rounded
+            return pad_torus(rounded, channels, size, wrap) if wrap else rounded
 
         target = vote(0.0 if first else params.completeness)
         forward = Search(exemplar, channels, size, scale.places, scale.patches, wrap, 0.0, 1.0, scale.allowed)
@@ -90,7 +91,7 @@ class _Optimisation(PlainOptimisation[BidirectionalParams]):
             coherence, _, changed = forward.step(target, match, scale.effort, random)
             completeness = 0.0
             if params.completeness > 0:
-                backward = Search(target, channels, size, scale.patches, scale.places, False, 0.0, 1.0)
+                backward = Search(target, channels, size, scale.patches, scale.places, NOWHERE, 0.0, 1.0)
                 completeness = params.completeness * backward.step(exemplar, reverse, scale.effort, random)[0]
             yield (1 - params.completeness) * coherence + completeness, completeness, changed
             target = vote(params.completeness)
@@ -127,7 +128,7 @@ def bidirectional(
     Completeness asks that each patch occurs, not how often: most of a result larger than the exemplar is
     determined by coherence alone, and may repeat.
 
-    A result that is not tileable is synthesised with a margin of `patch_size` - 1 px on every side and cropped.
+    A result is synthesised with a margin of `patch_size` - 1 px along axes that are not tileable, and cropped.
     Masked pixels of the exemplar (see `usable`) are never used, and need not occur.
 
     Parameters

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float32, Int32
 from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.synthesis.optimisation.correspondence import Patches
 from texloom.stages.synthesis.optimisation.vote import Window, vote_pixels
+from texloom.stages.vocabulary.facts import Wraps
 
 ReversePatches: TypeAlias = Int32[np.ndarray, "2 h_places w_places"]
 
@@ -21,7 +22,7 @@ def bidirectional_vote(
     window: Window,
     completeness: float,
     allowed: Bool[np.ndarray, "h_places w_places"] | None,
-    wrap: bool,
+    wrap: Wraps,
 ) -> Float32[np.ndarray, "H W c"]:
     """The target of least bidirectional dissimilarity for given matches, [Simakov2008]_ section 3.
 
@@ -31,7 +32,7 @@ def bidirectional_vote(
     reverse : the target patch of each exemplar patch; they vote for completeness.
     completeness : weight of all votes for completeness; that of all for coherence is 1 less it.
     allowed : the exemplar patches that vote for completeness; none for all.
-    wrap : the target is a torus of as many pixels as patches.
+    wrap : where the target wraps; along such an axis it has as many pixels as patches.
     """
     from texloom.stages.kernels.patchmatch.reverse_votes import ReverseVotes, reverse_vote_sums
 
@@ -53,7 +54,7 @@ def bidirectional_vote(
         wrap=wrap,
     )
     weights = window.astype(np.float64)
-    down, across = (_weights_along(count, weights, wrap) for count in (patches_down, patches_across))
+    down, across = map(_weights_along, (patches_down, patches_across), (weights, weights), wrap)
     # Each term is a mean over its patches.
     forward_weight, reverse_weight = (1 - completeness) / match[0].size, completeness / len(places)
     lines = np.repeat(weights, channels)
@@ -74,5 +75,5 @@ def bidirectional_vote(
     return target
 
 
-def _weights_along(patches: int, window: np.ndarray, wrap: bool) -> np.ndarray:
-    return np.full(patches, window.sum()) if wrap else np.convolve(np.ones(patches), window)
+def _weights_along(patches: int, window: np.ndarray, wraps: bool) -> np.ndarray:
+    return np.full(patches, window.sum()) if wraps else np.convolve(np.ones(patches), window)

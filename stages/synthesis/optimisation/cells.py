@@ -12,6 +12,7 @@ from texloom.stages.synthesis.optimisation.correspondence import Patches
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
 from texloom.stages.synthesis.stitching.seams import SeamCosts, pairs
 from texloom.stages.vocabulary.arrays import Vectors
+from texloom.stages.vocabulary.facts import Wraps
 
 _LEAST_SAVING = 0.5  # of the cost of a cell's joints; with less, lines across several cells break
 _WINDOW = 1024  # px of the result that are in memory at once
@@ -40,8 +41,8 @@ def complete_cells(
     match: Patches,
     lab: Float32[np.ndarray, "h w 3"],
     patch_size: int,
-    margin: int,
-    wrap: bool,
+    margin: tuple[int, int],
+    wrap: Wraps,
     generators: Vectors,
     phase: LatticePhase,
     allowed: Allowed | None,
@@ -50,13 +51,13 @@ def complete_cells(
 
     Where cells differ in tone alone, a joint costs the same wherever it crosses a cell, so the optimisation ends
     with cells of two tones. Costs of joints are those of graph cuts, squared: less along contours than in flat
-    places, and most across contours that do not continue. Cells larger than half of `_WINDOW` are left, and on a
-    torus those at its border.
+    places, and most across contours that do not continue. Cells larger than half of `_WINDOW` are left, and
+    those at borders that wrap.
 
     Parameters
     ----------
-    match : at full size; the target has ``margin`` px at every side.
-    wrap : the target is a torus.
+    match : at full size; the target has ``margin`` px above and below, left and right.
+    wrap : where the target wraps.
     lab : the exemplar, CIELAB.
     generators : px, two rows.
     """
@@ -71,16 +72,16 @@ def complete_cells(
             place = np.s_[top : top + _WINDOW, left : left + _WINDOW]
             part = match[:, *place]
             rows, columns = (
-                np.arange(first, first + count) + (patch_size // 2 - margin)
-                for first, count in zip((top, left), part.shape[1:], strict=True)
+                np.arange(first, first + count) + (patch_size // 2 - before)
+                for first, count, before in zip((top, left), part.shape[1:], margin, strict=True)
             )
             down, across = phase.target[..., None, None]
             position = rows[:, None] * down + columns * across + phase.origin[:, None, None]
             cell = np.floor(outline(position)).astype(np.int64)
             ends = np.zeros(part.shape[1:], bool)
-            ends[0], ends[-1] = wrap or top > 0, wrap or top + _WINDOW < height
-            ends[:, 0] |= wrap or left > 0
-            ends[:, -1] |= wrap or left + _WINDOW < width
+            ends[0], ends[-1] = wrap.down or top > 0, wrap.down or top + _WINDOW < height
+            ends[:, 0] |= wrap.across or left > 0
+            ends[:, -1] |= wrap.across or left + _WINDOW < width
             _complete(part, cell, ends, costs, patch_size, allowed)
 
 

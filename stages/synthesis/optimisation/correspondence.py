@@ -7,8 +7,9 @@ of rows, since intermediate arrays take several times their memory.
 from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Float64, Int32, UInt32
+from jaxtyping import Float64, Int32, Int64, UInt32
 
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.scratch import bands, empty, run_bands
 
 Patches: TypeAlias = Int32[np.ndarray, "2 p q"]
@@ -82,21 +83,28 @@ def _placed(shift: Float64[np.ndarray, "p q"], axis: int, places: int, first: in
     return np.clip(moved, 0, places - 1, out=moved)
 
 
-def to_pixels(match: Patches, patch_size: int, wrap: bool, margin: int = 0) -> UInt32[np.ndarray, "H W 2"]:
+def target_sides(match: Patches, patch_size: int, wrap: Wraps) -> tuple[int, int]:
+    """Height and width of the target of a match: along an axis that wraps there are as many pixels as patches."""
+    down, across = (
+        count + (0 if around else patch_size - 1) for count, around in zip(match.shape[1:], wrap, strict=True)
+    )
+    return down, across
+
+
+def to_pixels(
+    match: Patches, patch_size: int, wrap: Wraps, margin: tuple[int, int] = (0, 0)
+) -> UInt32[np.ndarray, "H W 2"]:
     """The exemplar pixel that each target pixel has in the patch whose middle is nearest to it.
 
-    Without ``margin`` px at every side.
+    Without ``margin`` px above and below, left and right.
     """
-    down, across = match.shape[1:]
     middle = patch_size // 2
-    extra = 0 if wrap else patch_size - 1
-    rows, columns = (np.arange(margin, side + extra - margin) - middle for side in (down, across))
-    if wrap:
-        patch_rows, patch_columns = rows % down, columns % across
-        offset_rows, offset_columns = np.full(rows.size, middle), np.full(columns.size, middle)
-    else:
-        patch_rows, patch_columns = np.clip(rows, 0, down - 1), np.clip(columns, 0, across - 1)
-        offset_rows, offset_columns = rows + middle - patch_rows, columns + middle - patch_columns
+    (patch_rows, offset_rows), (patch_columns, offset_columns) = (
+        _patches_along(np.arange(edge, side - edge) - middle, count, middle, around)
+        for count, side, edge, around in zip(
+            match.shape[1:], target_sides(match, patch_size, wrap), margin, wrap, strict=True
+        )
+    )
     pixels = empty((patch_rows.size, patch_columns.size, 2), np.uint32)
 
     def take(first: int, last: int) -> None:
@@ -123,3 +131,13 @@ def from_layers(layers: UInt32[np.ndarray, "p q 2"]) -> Patches:
     for band in bands(len(layers), layers, match):
         match[:, band] = np.moveaxis(layers[band], 2, 0)
     return match
+
+
+def _patches_along(
+    lines: np.ndarray, count: int, middle: int, around: bool
+) -> tuple[Int64[np.ndarray, "n"], Int64[np.ndarray, "n"]]:  # type: ignore[name-defined]
+    """Of each line of pixels, the patch along an axis whose middle is nearest, and the pixel's offset in it."""
+    if around:
+        return lines % count, np.full(lines.size, middle)
+    patches = np.clip(lines, 0, count - 1)
+    return patches, lines + middle - patches

@@ -84,7 +84,7 @@ class PatchFeatures:
         self.regularity = regularity
         self.patch_size = patch_size
 
-    def at(self, scale: Scale, phased: bool, margin: int) -> FeaturesOfScale:
+    def at(self, scale: Scale, phased: bool, margin: tuple[int, int]) -> FeaturesOfScale:
         """Fixed-point features of the exemplar, and those of the target that are given, which are the last ones.
 
         The third array is true where they are given; none if they are everywhere.
@@ -92,7 +92,7 @@ class PatchFeatures:
         Parameters
         ----------
         phased : whether the lattice is enforced at the scale.
-        margin : px of the target at full size before it begins.
+        margin : px of the target at full size above and left of the result.
         """
         planes = resize(self.planes, *scale.exemplar) * self.factors
         if self.guided:  # distance fills its range at every scale

@@ -19,7 +19,7 @@ class FixedPixels:
     ----------
     mask : true where the result is fixed, at full size.
     start : exemplar pixel of every pixel of the result.
-    margin : px by which the target exceeds the result on every side; they are not fixed.
+    margin : px by which the target exceeds the result above and below, left and right; they are not fixed.
     given : of the result's size, with the exemplar's channels; none for the exemplar's pixels. Its pixels with an
         alpha below a half stay, but nothing is matched to them.
     guiding : fixed pixels that are not set in the result; none for none.
@@ -29,18 +29,18 @@ class FixedPixels:
         self,
         mask: Mask,
         start: Correspondence,
-        margin: int,
+        margin: tuple[int, int],
         given: Image | None = None,
         guiding: Mask | None = None,
     ):
         self.mask = mask
         self.lasting = mask if guiding is None else mask & ~guiding
         self.start = start
-        self.margin = margin
+        self.margin = [(beyond, beyond) for beyond in margin]
         self.given = given
         self.shown = None if given is None else fill_excluded(given)
         valid = None if given is None else valid_pixels(given)
-        self.wide = np.pad(mask if valid is None else mask & valid, margin)
+        self.wide = np.pad(mask if valid is None else mask & valid, self.margin)
 
     def target(
         self,
@@ -58,7 +58,7 @@ class FixedPixels:
         Parameters
         ----------
         sides : height and width of the target.
-        padded : the same with the padding of a torus.
+        padded : the same with the padding along axes that wrap.
         features : of exemplar and given image at full size.
         """
         planes = exemplar.reshape(exemplar.shape[0], -1, channels)
@@ -70,8 +70,7 @@ class FixedPixels:
             # What is not kept would spread into its surroundings at coarser scales.
             replaced = features.planes[self.start[~self.mask][:, 0], self.start[~self.mask][:, 1]]
             whole[~self.mask, : replaced.shape[1]] = replaced
-            margin = (self.margin, self.margin)
-            wide = resize(np.pad(whole, (margin, margin, (0, 0)), mode="edge"), *sides)
+            wide = resize(np.pad(whole, [*self.margin, (0, 0)], mode="edge"), *sides)
             own = np.where(known, fixed_point(wide).reshape(*sides, channels), own)
         beyond = [(0, wide - side) for side, wide in zip(sides, padded, strict=True)]
         fixed = np.pad(shrunk(self.wide, *sides, 1.0), beyond, mode="wrap")

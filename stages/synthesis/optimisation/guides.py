@@ -25,7 +25,7 @@ class Guides:
     """of the result's size, in the same units; NaN where nothing is asked for"""
 
     def at(
-        self, scale: Scale, sides: tuple[int, int], margin: int
+        self, scale: Scale, sides: tuple[int, int], margin: tuple[int, int]
     ) -> tuple[Float32[np.ndarray, "p q k"], Float32[np.ndarray, "P Q k"]]:
         """Both at a scale; the coarser it is, the stronger.
 
@@ -33,10 +33,10 @@ class Guides:
 
         Parameters
         ----------
-        sides : height and width of the target's features; beyond those of the target it is a torus.
-        margin : px of the target at full size before the result begins, where the border of the guide goes on.
+        sides : height and width of the target's features; beyond those of the target it wraps.
+        margin : px of the target at full size above and left of the result, where the border of the guide goes on.
         """
-        edges = ((margin, margin), (margin, margin), (0, 0))
+        edges = [(before, before) for before in (*margin, 0)]
         target = resize_target(np.pad(self.target, edges, mode="edge"), *scale.target)
         beyond = [(0, side - own) for side, own in zip(sides, scale.target, strict=True)]
         target = np.pad(target, [*beyond, (0, 0)], mode="wrap")

@@ -60,7 +60,7 @@ class ImageMeldingScale:
     target: Planes
     """CIELAB colour and maps of the result so far, to which patches are fitted"""
     image: Image
-    """the result so far, with a margin of `patch_size` - 1 px unless it is tileable"""
+    """the result so far, with a margin of `patch_size` - 1 px where it is not tileable"""
     scales: list[dict[str, Any]]
     """the scales so far; see `ImageMelding`"""
 
@@ -143,7 +143,7 @@ def image_melding(
 
     The search does not turn, scale or mirror patches. Maps besides colour have neither gain nor bias nor gradients.
 
-    A result that is not tileable is synthesised with a margin of `patch_size` - 1 px on every side and cropped.
+    A result is synthesised with a margin of `patch_size` - 1 px along axes that are not tileable, and cropped.
     Masked pixels of the exemplar (see `usable`) are never used.
 
     Parameters

@@ -7,6 +7,7 @@ from texloom.stages.common.features.maps import check_weights
 from texloom.stages.common.grids.size_checks import check_patch
 from texloom.stages.vocabulary.arrays import Correspondence, Image
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.sizes import format_size
 
 
@@ -19,8 +20,8 @@ class PatchParams(Protocol):
         """A patch's side in pixels."""
 
     @property
-    def tileable(self) -> bool | None:
-        """Whether the result wraps; None where the picture decides."""
+    def tileable(self) -> Wraps | None:
+        """Where the result wraps; None where the picture decides."""
 
     @property
     def weights(self) -> Mapping[str, float]:
@@ -34,10 +35,10 @@ def check_patches(params: PatchParams, known: Mapping[str, Any]) -> None:
         check_weights(params.weights, image.channels)
         check_patch(image, params.patch_size)
     if start is not None and params.tileable:
-        height, width = start.shape[:2]
-        if min(height, width) < params.patch_size:
+        sides = zip(start.shape[:2], params.tileable, strict=True)
+        if any(around and side < params.patch_size for side, around in sides):
             raise InputError(
-                f"start: a tileable result of {format_size((height, width))} does not hold a patch "
+                f"start: a tileable result of {format_size(start.shape)} does not hold a patch "
                 f"of {params.patch_size} px"
             )
 

@@ -6,6 +6,7 @@ from jaxtyping import Complex64, Complex128, Float32, Float64, UInt32
 from texloom.stages.kernels.core.elementary_functions import cos, phase_of, phasor, sin, squared_size
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product, rank
 from texloom.stages.vocabulary.arrays import Correspondence, Mask, Vectors
+from texloom.stages.vocabulary.facts import Wraps
 
 _MAX_STRETCH = 0.75  # cells along a window by which a given texture's lattice may differ from the exemplar's
 _STRETCHES = (0.125, 0.015625)  # cells: steps of the search
@@ -23,30 +24,33 @@ class LatticePhase:
     ----------
     generators : px, two rows or one.
     start : exemplar pixel of every target pixel.
-    wrap : the target is a torus.
+    wrap : where the target wraps.
     given : target pixels of a texture whose phase is continued, and whose lattice may be stretched; none if all of
         the target is synthesised.
-    period : height and width of the parts of a torus that each contain whole cells; None for all of it.
+    period : height and width of the parts of a target that wraps, each with whole cells; None for all of it.
     """
 
     def __init__(
         self,
         generators: Vectors,
         start: Correspondence,
-        wrap: bool,
+        wrap: Wraps,
         given: Mask | None = None,
         period: tuple[int, int] | None = None,
     ):
         self.exemplar = steps_along(generators.astype(np.float64))  # pixel (row, column) @ this = cells
         self.target = self.exemplar
+        around = np.array(wrap)[:, None]
         if wrap:
             sides = np.array(period or start.shape[:2], np.float64)
-            cells = np.rint(self.exemplar * sides[:, None])
+            cells = self.exemplar * sides[:, None]
+            cells = np.where(around, np.rint(cells), cells)
             if rank(cells) == len(generators):
                 self.target = cells / sides[:, None]
-        if given is not None and not wrap:
+        if given is not None and not wrap.both:
             drift = np.stack([self._drift(line, row) for row, line in enumerate(start)]).astype(np.complex64)
-            self.target = self.target + _stretch(np.where(given[..., None], drift, np.complex64(0)))
+            stretch = _stretch(np.where(given[..., None], drift, np.complex64(0)))
+            self.target = self.target + np.where(around, 0, stretch)
         total = np.zeros(len(generators), np.complex128)
         for row, line in enumerate(start):  # one by one, as intermediate values take many times the memory
             drift = self._drift(line, row)
@@ -63,9 +67,11 @@ class LatticePhase:
 
     def of_exemplar(self, height: int, width: int, factor: float) -> Float32[np.ndarray, "h w k"]:
         """Phases of an exemplar's pixels at the scale of ``factor``."""
-        return _circles(range(height), width, factor, 0, self.exemplar, np.zeros(self.exemplar.shape[1]))
+        return _circles(range(height), width, factor, (0, 0), self.exemplar, np.zeros(self.exemplar.shape[1]))
 
-    def of_target(self, rows: range, width: int, factor: float, margin: int) -> Float32[np.ndarray, "H W k"]:
+    def of_target(
+        self, rows: range, width: int, factor: float, margin: tuple[int, int]
+    ) -> Float32[np.ndarray, "H W k"]:
         """Phases of rows of a target at the scale of ``factor``; it begins ``margin`` px before the start."""
         return _circles(rows, width, factor, margin, self.target, self.origin)
 
@@ -109,8 +115,11 @@ def steps_along(generators: np.ndarray) -> np.ndarray:
 
 
 def _circles(
-    lines: range, width: int, factor: float, margin: int, cells: np.ndarray, origin: np.ndarray
+    lines: range, width: int, factor: float, margin: tuple[int, int], cells: np.ndarray, origin: np.ndarray
 ) -> Float32[np.ndarray, "h w k"]:
-    rows, columns = (((np.asarray(side) + 0.5) / factor - 0.5 - margin) for side in (lines, range(width)))
+    rows, columns = (
+        (np.asarray(side) + 0.5) / factor - 0.5 - before
+        for side, before in zip((lines, range(width)), margin, strict=True)
+    )
     angle = 2 * np.pi * (rows[:, None, None] * cells[0] + columns[None, :, None] * cells[1] + origin)
     return np.concatenate([cos(angle), sin(angle)], axis=2).astype(np.float32)

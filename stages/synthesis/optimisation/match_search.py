@@ -11,6 +11,7 @@ from texloom.stages.kernels.core.elementary_functions import exp, log
 from texloom.stages.kernels.core.threads import spans
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.correspondence import Patches
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.scratch import bands, empty, run_bands, run_released
 
 _STRIP = 32  # rows; thinner strips propagate good matches too slowly
@@ -63,7 +64,7 @@ class Search:
     ----------
     exemplar : fixed-point features, rows of width * channels values.
     places : exemplar patches down and across.
-    wrap : the target is a torus.
+    wrap : where the target wraps.
     occurrence : weight of the spatial uniformity term, CIELAB units squared.
     overuse : the occurrence, in multiples of even use, at which random search rejects a patch.
     allowed : the permitted exemplar patches, which include all initial matches; none permits all.
@@ -78,7 +79,7 @@ class Search:
         patch_size: int,
         places: tuple[int, int],
         patches: tuple[int, int],
-        wrap: bool,
+        wrap: Wraps,
         occurrence: float,
         overuse: float,
         allowed: Allowed | None = None,

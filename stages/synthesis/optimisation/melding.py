@@ -11,6 +11,7 @@ from texloom.stages.kernels.core.threads import run_all, run_spans, spans
 from texloom.stages.synthesis.optimisation.correspondence import Patches
 from texloom.stages.synthesis.optimisation.match_search import Effort
 from texloom.stages.synthesis.optimisation.vote import Window
+from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
 _STRIP = 32  # rows; thinner strips propagate good matches too slowly
 _COLORS = 3
@@ -27,12 +28,13 @@ class Bounds:
 
 
 def forward_gradients(
-    planes: Float32[np.ndarray, "h w c"], wrap: bool
+    planes: Float32[np.ndarray, "h w c"], wrap: Wraps
 ) -> tuple[Float32[np.ndarray, "h w c"], Float32[np.ndarray, "h w c"]]:
-    """Differences to the pixel below and to the right; 0 at the last ones unless the planes wrap."""
+    """Differences to the pixel below and to the right; 0 at the last ones where the planes do not wrap."""
     below, beside = (np.roll(planes, -1, axis) - planes for axis in (0, 1))
-    if not wrap:
+    if not wrap.down:
         below[-1] = 0
+    if not wrap.across:
         beside[:, -1] = 0
     return below, beside
 
@@ -45,7 +47,7 @@ class Melding:
     planes : of the exemplar, CIELAB colours and then maps.
     gradient_weight : weight of squared differences of lightness gradients, and of gradients in the vote.
     allowed : the permitted exemplar patches, which include all initial matches; none permits all.
-    wrap : the target is a torus.
+    wrap : where the target wraps.
     """
 
     def __init__(
@@ -55,21 +57,21 @@ class Melding:
         gradient_weight: float,
         bounds: Bounds,
         allowed: Bool[np.ndarray, "m n"] | None,
-        wrap: bool,
+        wrap: Wraps,
     ):
         from texloom.stages.kernels.patchmatch.gain_bias import Limits
 
         self.size = patch_size
         self.gradient_weight = gradient_weight
         self.wrap = wrap
-        self.exemplar = self._side(planes, False)
+        self.exemplar = self._side(planes, NOWHERE)
         bias = np.array([bounds.bias_lightness, bounds.bias_color, bounds.bias_color]) * UNIT
         self.limits = Limits(np.full(3, float(bounds.min_gain)), np.full(3, float(bounds.max_gain)), bias)
         places = self.exemplar.gradients.shape
         self.allowed = np.ones(places, np.bool_) if allowed is None else allowed
         self.run = (np.int8(0),) * patch_size
 
-    def _side(self, planes: np.ndarray, wrap: bool) -> "Side":  # type: ignore[name-defined]
+    def _side(self, planes: np.ndarray, wrap: Wraps) -> "Side":  # type: ignore[name-defined]
         """Features of a target or an exemplar, with the statistics of its patches."""
         from texloom.stages.kernels.patchmatch.gain_bias import Side
 
@@ -79,7 +81,8 @@ class Melding:
         height, width, channels = whole.shape
         fixed = np.moveaxis(fixed_point(whole).reshape(height, width, channels), 2, 0)
         if wrap:
-            fixed = np.pad(fixed, ((0, 0), (0, self.size - 1), (0, self.size - 1)), mode="wrap")
+            beyond = [(0, self.size - 1 if around else 0) for around in wrap]
+            fixed = np.pad(fixed, [(0, 0), *beyond], mode="wrap")
         fixed = np.ascontiguousarray(fixed)
         sums = [box_sums(plane.astype(np.int64), self.size) for plane in fixed[:_COLORS]]
         squares = [box_sums(plane.astype(np.int64) ** 2, self.size) for plane in fixed]
@@ -156,7 +159,7 @@ class Melding:
             else self._voted(match, planes[..., place], *neutral, window)
             for place in range(planes.shape[2])
         ]
-        slopes = forward_gradients(planes[..., :_COLORS], False)
+        slopes = forward_gradients(planes[..., :_COLORS], NOWHERE)
         for place in range(_COLORS if self.gradient_weight > 0 else 0):
             wanted = [self._voted(match, slope[..., place], gain[place], neutral[1], window) for slope in slopes]
             voted[place] = meld(voted[place], wanted[0], wanted[1], self.gradient_weight, self.wrap)
@@ -172,9 +175,9 @@ class Melding:
         weights = window.astype(np.float32)
         along = [
             np.full(count, weights.sum(), np.float32)
-            if self.wrap
+            if around
             else np.convolve(np.ones(count, np.float32), weights)
-            for count in row.shape
+            for count, around in zip(row.shape, self.wrap, strict=True)
         ]
         sums = np.empty((along[0].size, row.shape[1] + size - 1), np.float32)
         own = np.ascontiguousarray(plane)
@@ -187,18 +190,18 @@ def meld(
     below: Float32[np.ndarray, "H W"],
     beside: Float32[np.ndarray, "H W"],
     weight: float,
-    wrap: bool,
+    wrap: Wraps,
 ) -> Float32[np.ndarray, "H W"]:
     """The plane closest to ``values``, and with ``weight`` to the gradients, in squared differences.
 
     Parameters
     ----------
-    below, beside : wanted differences to the pixel below and to the right; the last ones count only on a torus.
+    below, beside : wanted differences to the pixel below and to the right; the last ones count only where it wraps.
     """
     excess = np.zeros_like(values)
     for axis, wanted in enumerate((below, beside)):
         missing = wanted - (np.roll(values, -1, axis) - values)
-        if not wrap:
+        if not wrap[axis]:
             missing[(slice(None),) * axis + (-1,)] = 0
         excess += missing - np.roll(missing, 1, axis)
     return values + screened_poisson(excess, float(np.sqrt(weight)), wrap)

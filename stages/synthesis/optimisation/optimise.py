@@ -23,6 +23,7 @@ from texloom.stages.synthesis.optimisation.guides import Guides, expected_use, r
 from texloom.stages.synthesis.optimisation.inputs import check_patches, check_start
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase, min_spacing
 from texloom.stages.synthesis.optimisation.match_search import Effort, Search, occurrence_map
+from texloom.stages.synthesis.optimisation.plain import coarsest_side, full_size
 from texloom.stages.synthesis.optimisation.presets import with_preset
 from texloom.stages.synthesis.optimisation.scale import Rounds, Scale, improve_all
 from texloom.stages.synthesis.optimisation.starts import best_start
@@ -31,9 +32,11 @@ from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, Ma
 from texloom.stages.vocabulary.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params, stage
+from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.masks import FilledExemplar, valid_pixels, without_usable
 from texloom.stages.vocabulary.scratch import bands
 from texloom.stages.vocabulary.sizes import Size, format_size
+from texloom.stages.vocabulary.tileable import Tileable
 
 _MIN_CELL = 8  # px between lattice lines at the first scale; smaller cells would not be resolved
 _PHASE_SHARE = 0.8  # of the scales, coarsest first, at which the lattice is enforced; finer ones preserve it
@@ -92,9 +95,9 @@ class OptimiseParams(Params):
     iterations"""
     patch_size: int = Field(10, ge=3, le=32)
     """side of a patch, px"""
-    tileable: bool | None = None
-    """the result continues across its borders, left to right and top to bottom; null: where pixels are kept of a
-    picture that does, else not"""
+    tileable: Tileable | None = None
+    """the result continues across its borders: x left to right, y top to bottom, both, off; null: as a picture does
+    of which pixels are kept, else off"""
     occurrence: float = Field(10.0, ge=0, le=1e4)
     """weight of spatial uniformity: occurrence penalty of an exemplar patch of average use, squared CIELAB
     units per pixel; 0 lets smooth patches repeat, 100 prevents repetition at the cost of similarity"""
@@ -186,7 +189,7 @@ class Optimised:
 
 @dataclasses.dataclass(frozen=True)
 class _Scale(Scale):
-    """Parameters of one scale. The target has a margin of `patch_size` - 1 px unless it is tileable."""
+    """Parameters of one scale. The target has a margin of `patch_size` - 1 px where it is not tileable."""
 
     occurrence: float
     effort: Effort
@@ -211,12 +214,12 @@ def _plan(
     params: OptimiseParams,
 ) -> list[_Scale]:
     """The scales, coarsest first. ``full`` is the height and width that the target patches cover at full size."""
-    size, wrap = params.patch_size, params.tileable
-    factors = scale_sizes(*exemplar, _coarsest_side(min(exemplar), min(full), generators, params), params.ratio)
+    size = params.patch_size
+    factors = scale_sizes(*exemplar, _coarsest_side(min(exemplar), full, generators, params), params.ratio)
     alloweds = allowed_at_scales(usable, exemplar, factors, size)
     factors = factors[-len(alloweds) :]
     count = len(factors)
-    extra = 0 if wrap else size - 1
+    margin = _margin(params)
     scales = []
     for level, factor in enumerate(factors, 1):
         progress = (level - 1) / (count - 1) if count > 1 else 1.0
@@ -242,7 +245,7 @@ def _plan(
                 exemplar=(sides[0], sides[1]),
                 places=(sides[0] - size + 1, sides[1] - size + 1),
                 target=(target[0], target[1]),
-                patches=(target[0] - extra, target[1] - extra),
+                patches=(target[0] - margin[0], target[1] - margin[1]),
                 iterations=max(params.last_iterations, iterations),
                 occurrence=occurrence,
                 effort=effort,
@@ -254,15 +257,20 @@ def _plan(
     return scales
 
 
-def _coarsest_side(exemplar: int, full: int, generators: Vectors | None, params: OptimiseParams) -> int:
-    """Shorter side of the exemplar at the first scale, px, given those of exemplar and target at full size."""
+def _margin(params: OptimiseParams) -> tuple[int, int]:
+    """What is synthesised above and below the result, left and right of it, px."""
+    down, across = (0 if around else params.patch_size - 1 for around in params.tileable or NOWHERE)
+    return down, across
+
+
+def _coarsest_side(exemplar: int, full: tuple[int, int], generators: Vectors | None, params: OptimiseParams) -> int:
+    """Shorter side of the exemplar at the first scale, px, given it and the target's sides at full size."""
     size = params.patch_size
     side = max(params.coarsest, math.ceil(1.5 * size))
     if generators is not None:
         spacing = min_spacing(generators)
         side = max(side, min(exemplar, math.ceil(_MIN_CELL * exemplar / spacing)))
-    min_target = 2 * size if params.tileable else size + 1
-    return max(side, math.ceil(min_target * exemplar / full))
+    return max(side, coarsest_side(exemplar, full, size, params.tileable or NOWHERE))
 
 
 class _Optimisation:
@@ -288,13 +296,14 @@ class _Optimisation:
         self.fixed = fixed
         self.params = params
         self.final = window(params.patch_size, params.final_sigma)
-        self.margin = 0 if params.tileable else params.patch_size - 1
+        self.wrap = params.tileable or NOWHERE
+        self.margin = _margin(params)
 
     def rounds(
         self, match: Patches, scale: _Scale, features: FeaturesOfScale, random: np.random.Generator
     ) -> Rounds:
         """Improve ``match`` in place at one scale, iteration by iteration."""
-        params, size, wrap = self.params, self.params.patch_size, bool(self.params.tileable)
+        params, size, wrap = self.params, self.params.patch_size, self.wrap
         exemplar, given, where = features
         channels = exemplar.shape[1] // scale.exemplar[1]
         expected, expected_places = self._expected(scale)
@@ -343,10 +352,10 @@ class _Optimisation:
         middle = tuple(slice(size // 2, size // 2 + count) for count in scale.places)
         return expected, expected[middle]
 
-    def picture(self, match: Patches, scale: _Scale, margin: int = 0) -> Image:
-        """The result at a scale: all channels, linear, without ``margin`` px at every side."""
+    def picture(self, match: Patches, scale: _Scale, margin: tuple[int, int] = (0, 0)) -> Image:
+        """The result at a scale: all channels, linear, without ``margin`` px above and below, left and right."""
         small = resize(self.image.pixels, *scale.exemplar)
-        pixels = vote_pixels(match, small, self.final, bool(self.params.tileable), margin)
+        pixels = vote_pixels(match, small, self.final, self.wrap, margin)
         return result_image(pixels, self.image)
 
 
@@ -373,7 +382,7 @@ def optimise(
     average of the votes of all patches over it. The last vote averages the exemplar's own pixels in all
     channels, linear.
 
-    A result that is not tileable is synthesised with a margin of `patch_size` - 1 px on every side, so that its
+    Along axes that are not tileable the result is synthesised with a margin of `patch_size` - 1 px, so that its
     border has the quality of its middle, and cropped at the end.
 
     With `border` the exemplar is continued by its mirror image, of which no pixel is a source.
@@ -433,8 +442,10 @@ def optimise(
     """
     _check_inputs(image, start, guidance, keep, given, guiding)
     kept = image if given is None else given
-    wrap = keep is not None and kept.wraps.both if params.tileable is None else params.tileable
-    params, (height, width) = params.model_copy(update={"tileable": wrap}), start.shape[:2]
+    wrap = params.tileable
+    if wrap is None:
+        wrap = NOWHERE if keep is None else kept.wraps
+    params = params.model_copy(update={"tileable": wrap})
     border = Border(params.patch_size if params.border else 1)
     guides = _guides(image, start, exemplar_guide, target_guide, border)
     sides = image.height, image.width
@@ -445,8 +456,8 @@ def optimise(
         if len(generators) == 1 and (2 * np.abs(generators[0]) >= sides).any():
             regularity *= _LINES
         phase = LatticePhase(generators, start, wrap, None if given is None else keep, params.period)
-    margin = 0 if wrap else params.patch_size - 1
-    full = (height + 2 * margin, width + 2 * margin)
+    margin = _margin(params)
+    full = full_size(start, margin)
     usable = valid_pixels(image)
     fixed = None if keep is None else FixedPixels(keep, start, margin, given, guiding)
     scales = _plan((image.height, image.width), full, generators if phase else None, usable, params)

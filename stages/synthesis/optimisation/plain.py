@@ -21,7 +21,9 @@ from texloom.stages.synthesis.optimisation.scale import Scale
 from texloom.stages.synthesis.optimisation.vote import window
 from texloom.stages.vocabulary.arrays import Correspondence, Image, ScalarMap
 from texloom.stages.vocabulary.declare import Params
+from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 from texloom.stages.vocabulary.masks import FilledExemplar, valid_pixels
+from texloom.stages.vocabulary.tileable import Tileable
 
 CoarserPatches: TypeAlias = Int32[np.ndarray, "2 coarser_p coarser_q"]
 
@@ -46,8 +48,8 @@ class PlainParams(Params):
     """`fast` has fewer scales and iterations"""
     patch_size: int = Field(10, ge=3, le=32)
     """side of a patch, px"""
-    tileable: bool = False
-    """the result continues across its borders, left to right and top to bottom"""
+    tileable: Tileable = NOWHERE
+    """the result continues across its borders: x left to right, y top to bottom, both, off"""
     ratio: float = Field(1.3, gt=1.0, le=4.0)
     """size of a scale relative to the one before it, at least"""
     coarsest: int = Field(35, ge=8)
@@ -80,7 +82,7 @@ T = TypeVar("T", bound="PlainTexture")
 
 @dataclass(frozen=True)
 class PlainScale(Scale):
-    """Parameters of one scale. The target has a margin of `patch_size` - 1 px unless it is tileable."""
+    """Parameters of one scale. The target has a margin of `patch_size` - 1 px where it is not tileable."""
 
     effort: Effort
     allowed: Allowed | None
@@ -92,9 +94,27 @@ class PlainScale(Scale):
         return super().cost * self.effort.sweeps
 
 
-def margin_of(params: PlainParams) -> int:
-    """Width of the margin that is synthesised around the result and cropped, px."""
-    return 0 if params.tileable else params.patch_size - 1
+def margin_of(params: PlainParams) -> tuple[int, int]:
+    """What is synthesised above and below the result, left and right of it, and cropped, px."""
+    down, across = (0 if around else params.patch_size - 1 for around in params.tileable)
+    return down, across
+
+
+def full_size(start: Correspondence, margin: tuple[int, int]) -> tuple[int, int]:
+    """Height and width of the result with its margin."""
+    height, width = (side + 2 * beyond for side, beyond in zip(start.shape[:2], margin, strict=True))
+    return height, width
+
+
+def coarsest_side(exemplar: int, full: tuple[int, int], patch_size: int, wraps: Wraps) -> int:
+    """The exemplar's shorter side at least, px, so that a target of ``full`` size holds patches at its scale.
+
+    ``exemplar`` is that side at full size.
+    """
+    return max(
+        math.ceil((2 * patch_size if around else patch_size + 1) * exemplar / side)
+        for side, around in zip(full, wraps, strict=True)
+    )
 
 
 def plain_scales(image: Image, start: Correspondence, params: PlainParams) -> list[PlainScale]:
@@ -106,9 +126,10 @@ def plain_scales(image: Image, start: Correspondence, params: PlainParams) -> li
     """
     size, margin = params.patch_size, margin_of(params)
     exemplar = (image.height, image.width)
-    full = (start.shape[0] + 2 * margin, start.shape[1] + 2 * margin)
-    min_target = 2 * size if params.tileable else size + 1
-    coarsest = max(params.coarsest, math.ceil(1.5 * size), math.ceil(min_target * min(exemplar) / min(full)))
+    full = full_size(start, margin)
+    coarsest = max(
+        params.coarsest, math.ceil(1.5 * size), coarsest_side(min(exemplar), full, size, params.tileable)
+    )
     factors = scale_sizes(*exemplar, coarsest, params.ratio)
     alloweds = allowed_at_scales(valid_pixels(image), exemplar, factors, size)
     factors = factors[-len(alloweds) :]
@@ -125,7 +146,7 @@ def plain_scales(image: Image, start: Correspondence, params: PlainParams) -> li
                 exemplar=(sides[0], sides[1]),
                 places=(sides[0] - size + 1, sides[1] - size + 1),
                 target=(target[0], target[1]),
-                patches=(target[0] - margin, target[1] - margin),
+                patches=(target[0] - margin[0], target[1] - margin[1]),
                 iterations=round(
                     params.first_iterations + (params.last_iterations - params.first_iterations) * progress
                 ),
@@ -161,7 +182,8 @@ class PlainTexture:
     ) -> T:
         """The result: ``whole`` and the sources of its pixels without their margin."""
         margin, usable = margin_of(params), valid_pixels(exemplar)
-        inner = tuple(slice(margin, side - margin) for side in (whole.height, whole.width))
+        sides = whole.height, whole.width
+        inner = tuple(slice(beyond, side - beyond) for side, beyond in zip(sides, margin, strict=True))
         source = correspondence.to_pixels(match, params.patch_size, params.tileable)
         used_area = None if usable is None else int(usable.sum())
         return cls(
@@ -193,8 +215,7 @@ def match_at(
 ) -> Patches:
     """The match with which a scale begins: that of the scale before, or of the start."""
     if before is None:
-        margin = margin_of(params)
-        full = (start.shape[0] + 2 * margin, start.shape[1] + 2 * margin)
+        full = full_size(start, margin_of(params))
         match = correspondence.from_pixels(
             start, full, scale.patches, scale.places, params.patch_size, scale.factor
         )

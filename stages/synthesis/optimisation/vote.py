@@ -8,8 +8,9 @@ from jaxtyping import Float32, Int16, Int32
 from texloom.stages.common.similarity.neighbourhoods import UNIT
 from texloom.stages.kernels.core.elementary_functions import exp
 from texloom.stages.kernels.core.threads import run_all, run_spans, spans
-from texloom.stages.synthesis.optimisation.correspondence import Patches
+from texloom.stages.synthesis.optimisation.correspondence import Patches, target_sides
 from texloom.stages.vocabulary.arrays import Image, Mask
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.normals import NORMAL, rounding, unit
 from texloom.stages.vocabulary.scratch import bands, empty, run_bands
 
@@ -35,8 +36,8 @@ def window(patch_size: int, sigma: float | None = None) -> Window:
     return np.maximum(1, np.rint(peak * weights)).astype(np.int32)
 
 
-def _weights_along(patches: int, window: Window, wrap: bool) -> np.ndarray:
-    if wrap:
+def _weights_along(patches: int, window: Window, wraps: bool) -> np.ndarray:
+    if wraps:
         return np.full(patches, window.sum(), np.int64)
     return np.convolve(np.ones(patches, np.int64), window.astype(np.int64))
 
@@ -59,10 +60,10 @@ def mean_vote(
     exemplar: Int16[np.ndarray, "h wc"],
     channels: int,
     patch_size: int,
-    wrap: bool,
+    wrap: Wraps,
     target: Int16[np.ndarray, "H Wc"] | None = None,
 ) -> Int16[np.ndarray, "H Wc"]:
-    """Average of all votes; a torus is padded by a patch less one pixel. It replaces a ``target`` that is given.
+    """Average of all votes, padded by a patch less one pixel where it wraps. It replaces a given ``target``.
 
     Sums are whole numbers below 2**24, which single precision adds exactly.
     """
@@ -70,12 +71,12 @@ def mean_vote(
 
     votes = Votes(match[0], match[1], exemplar.astype(np.float32), channels, patch_size, wrap)
     even = window(patch_size)
-    down, across = (_weights_along(count, even, wrap) for count in match.shape[1:])
+    down, across = map(_weights_along, match.shape[1:], (even, even), wrap)
     shares = run_shares(even, channels), _sums_down(even)
     weights = np.repeat(across, channels).astype(np.float64), down.astype(np.float64)
-    extra = patch_size - 1 if wrap else 0
+    padded = (match.shape[1] + patch_size - 1, (match.shape[2] + patch_size - 1) * channels)
     if target is None:
-        target = empty((down.size + extra, (across.size + extra) * channels), np.int16)
+        target = empty(padded, np.int16)
 
     def vote(first: int, last: int) -> None:
         sums = np.empty((last - first, (match.shape[2] + patch_size - 1) * channels), np.float32)
@@ -89,7 +90,7 @@ def mean_vote(
 
 
 def _close_torus(target: Int16[np.ndarray, "H Wc"], shape: tuple[int, int]) -> None:
-    """Repeat the first rows and columns of what has ``shape`` behind the last."""
+    """Repeat the first rows and columns of what has ``shape`` behind the last, as far as there is room."""
     down, across = shape
     for band in bands(down, target):
         target[band, across:] = target[band, : target.shape[1] - across]
@@ -97,37 +98,44 @@ def _close_torus(target: Int16[np.ndarray, "H Wc"], shape: tuple[int, int]) -> N
 
 
 def pad_torus(
-    target: Int16[np.ndarray, "H Wc"], channels: int, patch_size: int
+    target: Int16[np.ndarray, "H Wc"], channels: int, patch_size: int, wrap: Wraps
 ) -> Int16[np.ndarray, "padded_H padded_Wc"]:
-    """Repeat the first rows and columns behind the last, so that every patch is whole."""
-    extra = patch_size - 1
-    return np.ascontiguousarray(np.pad(target, ((0, extra), (0, extra * channels)), mode="wrap"))
+    """Repeat the first rows and columns behind the last along axes that wrap, so that every patch is whole."""
+    down, across = (patch_size - 1 if around else 0 for around in wrap)
+    return np.ascontiguousarray(np.pad(target, ((0, down), (0, across * channels)), mode="wrap"))
 
 
 def vote_pixels(
-    match: Patches, pixels: Float32[np.ndarray, "h w c"], window: Window, wrap: bool, margin: int = 0
+    match: Patches,
+    pixels: Float32[np.ndarray, "h w c"],
+    window: Window,
+    wrap: Wraps,
+    margin: tuple[int, int] = (0, 0),
 ) -> Float32[np.ndarray, "H W c"]:
-    """Average of all votes in any number of planes, in floating point, without ``margin`` px at every side."""
+    """Average of all votes in any number of planes, in floating point.
+
+    Without ``margin`` px above and below, left and right.
+    """
     from texloom.stages.kernels.patchmatch.voting import Votes, find_runs, vote_sums
 
     height, width, channels = pixels.shape
     flat = np.ascontiguousarray(pixels.reshape(height, width * channels))
     votes = Votes(match[0], match[1], flat, channels, window.size, wrap)
     shares = run_shares(window, channels), _sums_down(window)
-    down = _weights_along(match.shape[1], window, wrap)
-    across = _weights_along(match.shape[2], window, wrap)
-    inner = slice(margin, across.size - margin)
-    result = empty((down.size - 2 * margin, across.size - 2 * margin, channels), np.float32)
+    down, across = map(_weights_along, match.shape[1:], (window, window), wrap)
+    above, left = margin
+    inner = slice(left, across.size - left)
+    result = empty((down.size - 2 * above, across.size - 2 * left, channels), np.float32)
 
     def vote(first: int, last: int) -> None:
-        first, last = first + margin, last + margin
+        first, last = first + above, last + above
         sums = np.empty((last - first, (match.shape[2] + window.size - 1) * channels), np.float32)
         runs, count = find_runs(votes, _RUN, first, last)
         runs[..., 4:] = 0  # no blocks, which end where these rows end: sums are rounded
         vote_sums(votes, *shares, runs, count, sums)
         sums = sums[:, : across.size * channels].reshape(last - first, across.size, channels)
         total = np.outer(down[first:last], across[inner]).astype(np.float32)
-        np.divide(sums[:, inner], total[..., None], out=result[first - margin : last - margin])
+        np.divide(sums[:, inner], total[..., None], out=result[first - above : last - above])
 
     run_bands(vote, (), len(result), (match, result))
     return result
@@ -151,14 +159,13 @@ def copy_vote(
     channels: int,
     patch_size: int,
     reach: int,
-    wrap: bool,
+    wrap: Wraps,
 ) -> Int32[np.ndarray, "rows columns 2"]:
     """For each pixel the vote whose neighbourhood, ``reach`` px around, is most similar to that in ``target``."""
     from texloom.stages.kernels.patchmatch.copy_votes import copy_votes
     from texloom.stages.kernels.patchmatch.voting import Votes
 
-    extra = 0 if wrap else patch_size - 1
-    height, width = match.shape[1] + extra, match.shape[2] + extra
+    height, width = target_sides(match, patch_size, wrap)
     source = np.empty((height, width, 2), np.int32)
     votes = Votes(match[0], match[1], exemplar, channels, patch_size, wrap)
     run_spans(copy_votes, (votes, target, reach, source), height, 16)
@@ -182,7 +189,7 @@ class HistogramVote:
         self,
         exemplar: Int16[np.ndarray, "h wc"],
         patch_size: int,
-        wrap: bool,
+        wrap: Wraps,
         lows: np.ndarray,
         highs: np.ndarray,
         usable: Mask | None = None,
@@ -219,8 +226,7 @@ class HistogramVote:
         """The next target, given the current one."""
         from texloom.stages.kernels.patchmatch.voting import Votes, count_bins, find_runs, histogram_votes
 
-        extra = 0 if self.wrap else self.patch_size - 1
-        height, width = match.shape[1] + extra, match.shape[2] + extra
+        height, width = target_sides(match, self.patch_size, self.wrap)
         target = target[:height, : width * self.channels].copy()
         counts = np.zeros(self.histogram.shape, np.int64)
         count_bins(target, self.lows, self.widths, counts)
@@ -238,7 +244,7 @@ class HistogramVote:
         else:
             for chunk in chunks:
                 self._vote_for(chunk, voting, target, counts, wanted)
-        return pad_torus(target, self.channels, self.patch_size) if self.wrap else target
+        return pad_torus(target, self.channels, self.patch_size, self.wrap) if self.wrap else target
 
     def _vote_for(
         self, chunk: np.ndarray, voting: tuple[Any, ...], target: np.ndarray, counts: np.ndarray, wanted: np.ndarray

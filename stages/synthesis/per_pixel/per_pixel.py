@@ -30,8 +30,10 @@ from texloom.stages.synthesis.control_maps.comparable_control import comparable
 from texloom.stages.synthesis.control_maps.known_control import notes_on_target
 from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, Jacobian, Vectors
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
+from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 from texloom.stages.vocabulary.normals import NORMAL, turned, with_unit_normals
 from texloom.stages.vocabulary.sizes import Size, format_size, size_value
+from texloom.stages.vocabulary.tileable import Tileable
 
 _LOG = logging.getLogger(__name__)
 
@@ -140,9 +142,9 @@ class PerPixelParams(ArrangementParams):
     size: Size | None = None
     """size of the result, px; null takes that of the target, of what is fixed or of its Jacobians, or
     512x512 where there are none"""
-    tileable: bool = False
-    """the result continues across its borders; so should the target. Its sides must be whole multiples of twice the
-    step of the coarsest level"""
+    tileable: Tileable = NOWHERE
+    """the result continues across its borders: x left to right, y top to bottom, both, off; so should the target.
+    Its sides must be whole multiples of twice the step of the coarsest level, along x, y or both"""
     origin: tuple[_OriginSide, _OriginSide] = (0, 0)
     """row and column, px, of the result's first pixel in an endless texture: results with the same seed and other
     origins fit together exactly; [0, 0] where the result is tileable"""
@@ -190,7 +192,7 @@ def check_sources(params: PerPixelParams, known: Mapping[str, Any]) -> None:
         raise InputError(f"origin: {list(params.origin)} for a tileable result, which begins at [0, 0]")
     appearance = known.get("appearance")
     if params.tileable and isinstance(appearance, Outline) and (params.size is not None or target is not None):
-        check_divisible(_size(params, target), appearance.levels)
+        check_divisible(_size(params, target), appearance.levels, params.tileable)
 
 
 @stage(version=4, check=check_sources)
@@ -342,7 +344,7 @@ class _Repetition(NamedTuple):
 
 
 def _in_step(
-    generators: Vectors, source: UInt32[np.ndarray, "h w 2"] | None, compared: _Compared, wrap: bool
+    generators: Vectors, source: UInt32[np.ndarray, "h w 2"] | None, compared: _Compared, wrap: Wraps
 ) -> tuple[_Repetition | None, _Compared]:
     """The repetition of flat texture; under control compared too, or None if control repeats differently."""
     own, wanted = compared.own, compared.wanted
@@ -415,7 +417,7 @@ def _levels(params: PerPixelParams, tables: Tables, size: tuple[int, int], seed:
     Those of one that is regular but not in step go on without a break, unless control chooses them.
     """
     if params.tileable:
-        check_divisible(size, tables.levels)
+        check_divisible(size, tables.levels, params.tileable)
     if tables.jacobian is not None and params.block is None:
         whole = not repeats and not tables.strengths and _continues(tables)
         params = params.model_copy(update={"block": _REGULAR_BLOCK if whole else _DISTORTED_BLOCK})
@@ -437,11 +439,13 @@ def flat(shape: tuple[int, int]) -> Jacobian:
     return np.broadcast_to(np.array([1, 0, 0, 1], np.float32), (*shape, 4))
 
 
-def check_divisible(size: tuple[int, int], levels: int) -> None:
-    """`InputError` where a torus of ``size`` px does not have whole pixels, and an even number, at every level."""
+def check_divisible(size: tuple[int, int], levels: int, wrap: Wraps) -> None:
+    """`InputError` where a result of ``size`` px that wraps has no whole, even number of pixels at every level."""
     unit = 2**levels
-    if size[0] % unit or size[1] % unit:
-        near = [max(unit, round(side / unit) * unit) for side in size]
+    near = [
+        max(unit, round(side / unit) * unit) if around else side for side, around in zip(size, wrap, strict=True)
+    ]
+    if any(side % unit for side, around in zip(size, wrap, strict=True) if around):
         raise InputError(
             f"size: {format_size(size)} cannot be tileable with {levels} levels, which takes multiples of "
             f"{unit}; {size_value(near)} can"

@@ -13,6 +13,7 @@ from texloom.stages.kernels.core.elementary_functions import exp, log
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.vocabulary.arrays import Image, Jacobian, Mask
 from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.sizes import format_size
 
 _RING = 24  # px around the hole whose contrast is taken over
@@ -186,7 +187,7 @@ def _joined(
         steps = np.zeros((2, *logs.shape), np.float32)
         steps[0][hole] = _logarithm(beside[axis][0]) - logs[hole]
         steps[1][hole] = logs[hole] - _logarithm(beside[axis][1])
-        for first, second in neighbours(len(logs), axis, False):
+        for first, second in neighbours(len(logs), axis, NOWHERE):
             # the larger of both, since a mean would blur seams
             larger = np.square(steps[0][first]).sum(axis=2) >= np.square(steps[1][second]).sum(axis=2)
             wanted = np.where(larger[..., None], steps[0][first], steps[1][second])
@@ -196,7 +197,7 @@ def _joined(
             excess[first] += missing
             excess[second] -= missing
     change = np.stack(
-        [screened_poisson_beside(excess[..., k], float(params.reach or 0), False, hole)[hole] for k in range(3)],
+        [screened_poisson_beside(excess[..., k], float(params.reach or 0), NOWHERE, hole)[hole] for k in range(3)],
         axis=1,
     )
     return np.asarray(np.maximum(exp(logs[hole] + change) - np.float32(_DARK), 0), np.float32)
@@ -210,7 +211,7 @@ def _gain(image: Float32[np.ndarray, "h w 3"], hole: Mask, around: Mask) -> floa
         steps = [
             np.abs(logs[second] - logs[first])[area[first] & area[second]]
             for axis in (0, 1)
-            for first, second in neighbours(len(logs), axis, False)
+            for first, second in neighbours(len(logs), axis, NOWHERE)
         ]
         contrast.append(float(np.concatenate(steps).sum(dtype=np.float64)) / max(1, sum(map(len, steps))))
     return float(np.clip(contrast[0] / max(contrast[1], 1e-6), 1 / _MAX_GAIN, _MAX_GAIN)) if contrast[0] else 1.0

@@ -14,6 +14,7 @@ from texloom.stages.numerics.matrices import eigenvectors, row_product, square_s
 from texloom.stages.synthesis.reconstruction.expected_use import expected_use
 from texloom.stages.synthesis.reconstruction.local_variance import local_variance
 from texloom.stages.synthesis.reconstruction.oriented_places import Frames
+from texloom.stages.vocabulary.facts import Wraps
 
 _RADIUS = 2  # of a neighbourhood, px
 _SIDE = 2 * _RADIUS + 1
@@ -127,7 +128,7 @@ class DiscreteSolver:
         exemplar: Neighbourhoods,
         control: Float32[np.ndarray, "H W k"],
         occurrence: float,
-        wrap: bool,
+        wrap: Wraps,
         use: Float32[np.ndarray, "h w"] | None = None,
         period: tuple[int, int] | None = None,
     ):
@@ -218,10 +219,9 @@ class DiscreteSolver:
         own = self.exemplar
         exemplar = Exemplar(own.texture, own.vectors, own.basis, own.candidates, penalty, _RADIUS)
         used = self._places[source[..., 0], source[..., 1]]
-        if self.wrap:
-            used = np.pad(used, _REPEAT_REACH, mode="wrap")
-        else:
-            used = np.pad(used, _REPEAT_REACH, constant_values=-1)
+        for axis, around in enumerate(self.wrap):
+            beyond = [(_REPEAT_REACH, _REPEAT_REACH) if axis == side else (0, 0) for side in (0, 1)]
+            used = np.pad(used, beyond, mode="wrap") if around else np.pad(used, beyond, constant_values=-1)
         repeats = Repeats(self._places, used, _REPEAT_REACH, self.repeat_penalty)
         return choose_sources, (exemplar, repeats)
 
@@ -234,7 +234,7 @@ class OrientedDiscreteSolver(DiscreteSolver):
         exemplar: Neighbourhoods,
         control: Float32[np.ndarray, "H W k"],
         occurrence: float,
-        wrap: bool,
+        wrap: Wraps,
         use: Float32[np.ndarray, "h w"] | None,
         period: tuple[int, int] | None,
         frames: Frames,

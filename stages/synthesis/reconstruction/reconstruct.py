@@ -23,6 +23,7 @@ from texloom.stages.common.grids.size_checks import check_patch
 from texloom.stages.synthesis.control_maps.correlation import correlation
 from texloom.stages.synthesis.control_maps.known_control import notes_on_target
 from texloom.stages.synthesis.optimisation.match_search import Effort
+from texloom.stages.synthesis.optimisation.plain import coarsest_side
 from texloom.stages.synthesis.optimisation.presets import with_preset
 from texloom.stages.synthesis.optimisation.scale import Scale, improve
 from texloom.stages.synthesis.reconstruction.solvers import (
@@ -38,7 +39,9 @@ from texloom.stages.synthesis.reconstruction.solvers import (
 from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, Jacobian, ScalarMap, Vectors
 from texloom.stages.vocabulary.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.sizes import Size, format_size
+from texloom.stages.vocabulary.tileable import Tileable
 
 _LOG = logging.getLogger(__name__)
 
@@ -69,8 +72,8 @@ class ReconstructParams(Params):
     weakly, 10 enforces; the same scale as in `control_features`"""
     patch_size: int = Field(8, ge=3, le=32)
     """side of a patch, px; with `discrete`, of the blocks of its start"""
-    tileable: bool = False
-    """the result continues across its borders, as the target should"""
+    tileable: Tileable = NOWHERE
+    """the result continues across its borders: x left to right, y top to bottom, both, off; as the target should"""
     occurrence: float = Field(0.5, ge=0, le=1e3)
     """occurrence penalty of an exemplar patch of average use, relative to the variance within such patches; 0 lets
     smooth patches repeat, 1 prefers even use to continuous detail"""
@@ -167,12 +170,13 @@ def _scales(
 ) -> list[Scale]:
     """The scales of a solver of patches or of pixels."""
     size = params.patch_size if patches else 1  # px that have one match together
-    min_result = 2 * size if params.tileable else size + 1
-    coarsest = max(params.coarsest, math.ceil(1.5 * size), math.ceil(min_result * min(exemplar) / min(result)))
+    coarsest = max(
+        params.coarsest, math.ceil(1.5 * size), coarsest_side(min(exemplar), result, size, params.tileable)
+    )
     ratio = params.ratio if patches else max(params.ratio, _DISCRETE_RATIO)
     factors = scale_sizes(*exemplar, coarsest, ratio)
     extra = size - 1
-    lost = 0 if params.tileable else extra
+    lost = [0 if around else extra for around in params.tileable]
     decrease = params.last_iterations / params.first_iterations
     scales = []
     for level, factor in enumerate(factors, 1):
@@ -185,7 +189,7 @@ def _scales(
                 exemplar=(height, width),
                 places=(height - extra, width - extra),
                 target=(down, across),
-                patches=(down - lost, across - lost),
+                patches=(down - lost[0], across - lost[1]),
                 iterations=round(params.first_iterations * decrease**progress),
             )
         )

@@ -30,6 +30,7 @@ from texloom.stages.synthesis.reconstruction.local_variance import local_varianc
 from texloom.stages.synthesis.reconstruction.oriented_places import Frames, at_scale, clipped, interpolated_along
 from texloom.stages.synthesis.reconstruction.reseed import reseeded
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Jacobian, Vectors
+from texloom.stages.vocabulary.facts import Wraps
 
 _TRIES = 32  # positions tried for each block of the start
 _MARGIN = 4  # of a toroidal exemplar: its shorter side by this
@@ -46,7 +47,7 @@ class Repetition(NamedTuple):
 
     generators: Vectors
     source: UInt32[np.ndarray, "h w 2"] | None
-    wrap: bool
+    wrap: Wraps
 
 
 @dataclass(frozen=True)
@@ -132,8 +133,8 @@ class Solver:
     inputs: Inputs
     patch_size: int
     """side of a patch, px; with single pixels, of the blocks that the result begins with"""
-    wrap: bool
-    """the result is a torus"""
+    wrap: Wraps
+    """where the result continues across its borders"""
     occurrence: float
     """occurrence penalty, relative to the exemplar's `local_variance`"""
 
@@ -229,11 +230,11 @@ class PatchSolver(Solver):
         return np.asarray(fixed_point(resize(planes, *scale.exemplar)))
 
     def _control(self, scale: Scale) -> np.ndarray:
-        """Fixed-point features of the target's control, (H, W, k); a torus is padded by a patch less one."""
+        """Fixed-point features of the target's control, (H, W, k), padded by a patch less one where it wraps."""
         planes = self.inputs.wanted(scale)
         if self.wrap:
-            extra = self.patch_size - 1
-            planes = np.pad(planes, ((0, extra), (0, extra), (0, 0)), mode="wrap")
+            beyond = [(0, self.patch_size - 1 if around else 0) for around in self.wrap]
+            planes = np.pad(planes, [*beyond, (0, 0)], mode="wrap")
         return np.asarray(fixed_point(planes).reshape(planes.shape))
 
     def _vote(self, match: Patches, exemplar: np.ndarray, control: np.ndarray) -> np.ndarray:

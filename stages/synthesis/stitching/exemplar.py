@@ -13,16 +13,21 @@ from texloom.stages.common.grids.size_checks import check_side
 from texloom.stages.vocabulary.arrays import Correspondence, Image
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Params
-from texloom.stages.vocabulary.masks import FilledExemplar, count_excluded
+from texloom.stages.vocabulary.facts import NOWHERE
+from texloom.stages.vocabulary.masks import (
+    FilledExemplar,
+    count_excluded,
+)
 from texloom.stages.vocabulary.sizes import Size
+from texloom.stages.vocabulary.tileable import Tileable
 
 
 class StitchingParams(Params):
     """Parameters of every stitching method."""
 
     size: Size = (512, 512)
-    tileable: bool = False
-    """the result continues across its borders"""
+    tileable: Tileable = NOWHERE
+    """the result continues across its borders: x left to right, y top to bottom, both, off"""
     weights: MapWeights = Field({})
 
 

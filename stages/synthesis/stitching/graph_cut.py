@@ -88,8 +88,9 @@ class Synthesis:
         self.seam_cost = np.zeros(params.size, np.int64)  # of every pixel with those below and to the right
         self.match = np.full((*params.size, 2), -1, np.int32)
         self.window = self._largest_window()
-        # On a torus a copy must not meet itself.
-        self.copy_size = np.minimum(self.shape, self.size * 3 // 4) if params.tileable else self.shape
+        self.wrap = np.array(params.tileable)
+        # Where the result wraps a copy must not meet itself.
+        self.copy_size = np.where(self.wrap, np.minimum(self.shape, self.size * 3 // 4), self.shape)
 
     def _largest_window(self) -> int:
         """Side of a window; smaller than the default where the mask leaves no larger one."""
@@ -119,17 +120,17 @@ class Synthesis:
         self._lay(top - source + corner, corner, self.copy_size)
 
     def _top(self, top: np.ndarray, window: int) -> np.ndarray:
-        """Top-left pixel of a window, moved into a result that is not tileable."""
-        return top if self.params.tileable else np.clip(top, 0, self.size - window)
+        """Top-left pixel of a window, moved into the result along axes that are not tileable."""
+        return np.where(self.wrap, top, np.clip(top, 0, self.size - window))
 
     def _lines(self, top: np.ndarray, sides: np.ndarray) -> tuple[Any, np.ndarray]:
         """Index of a rectangle of the result, and which of its pixels are inside."""
-        lines = [first + np.arange(side) for first, side in zip(top, sides, strict=True)]
-        if self.params.tileable:
-            return np.ix_(*(line % side for line, side in zip(lines, self.size, strict=True))), np.ones(sides, bool)
-        inside = [(line >= 0) & (line < side) for line, side in zip(lines, self.size, strict=True)]
-        clipped = np.ix_(*(np.clip(line, 0, side - 1) for line, side in zip(lines, self.size, strict=True)))
-        return clipped, inside[0][:, None] & inside[1]
+        lines, inside = [], []
+        for first, side, length, around in zip(top, sides, self.size, self.wrap, strict=True):
+            line = first + np.arange(side)
+            lines.append(line % length if around else np.clip(line, 0, length - 1))
+            inside.append(around | ((line >= 0) & (line < length)))
+        return np.ix_(*lines), inside[0][:, None] & inside[1]
 
     def _part(self, top: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Sources of a rectangle of the result, and which of its pixels are filled."""
@@ -254,9 +255,9 @@ class Synthesis:
         corner = source - margin
         reach = np.minimum(np.minimum(sides + margin + self.window // 2, self.shape - corner), self.size * 3 // 4)
         start, stop = top - margin, top - margin + reach
-        if not self.params.tileable:
-            clipped = np.clip(start, 0, None)
-            corner, start, stop = corner + clipped - start, clipped, np.minimum(stop, self.size)
+        clipped = np.where(self.wrap, start, np.clip(start, 0, None))
+        corner, start = corner + clipped - start, clipped
+        stop = np.where(self.wrap, stop, np.minimum(stop, self.size))
         saved = self._lay(start, corner, stop - start, anywhere=True)
         into, _ = self._lines(top, sides)
         visits[into] += 1
@@ -267,7 +268,7 @@ class Synthesis:
         """Middle of the window to refine, by the seam costs in it divided by 1 + ``visits``."""
         from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
-        mode = "wrap" if self.params.tileable else "constant"
+        mode = ["wrap" if around else "constant" for around in self.wrap]
         sums = uniform_filter(self.seam_cost / (1 + visits), window, mode=mode)
         if self.params.location == "costliest":
             return np.array(np.unravel_index(int(sums.argmax()), sums.shape))

@@ -11,9 +11,11 @@ from texloom.stages.synthesis.stitching.boundaries import Boundaries, zone_mask
 from texloom.stages.synthesis.stitching.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, stage
+from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.normals import with_unit_normals
 from texloom.stages.vocabulary.progress import Progress, report
 from texloom.stages.vocabulary.sizes import format_size
+from texloom.stages.vocabulary.tileable import Tileable
 
 _CANDIDATES = 64  # nearest places that patches are drawn from
 _MIN_PATCH = 8  # px
@@ -22,7 +24,7 @@ _MIN_PATCH = 8  # px
 class PatchBasedParams(StitchingParams):
     """Size of the result, patches and their choice."""
 
-    tileable: bool = False
+    tileable: Tileable = NOWHERE
     """the result continues across its borders; patches are then a little smaller, so that they fill it evenly"""
     patch: int | None = Field(None, ge=_MIN_PATCH, le=1024)
     """side of a patch, px, a little more than the texture's elements; null: a quarter of the exemplar's shorter
@@ -72,9 +74,9 @@ def check_sides(params: PatchBasedParams, known: Mapping[str, Any]) -> None:
             raise InputError(f"zone: {zone} px is more than half a patch, {patch} px")
 
 
-def _layout(length: int, patch: int, zone: int, wrap: bool) -> _Layout:
+def _layout(length: int, patch: int, zone: int, wraps: bool) -> _Layout:
     """As many patches as cover ``length`` px, each overlapping the one before by ``zone`` or more."""
-    if wrap:
+    if wraps:
         # Steps differ by at most 1 px; the last is the longest, after which the zone shared with the first begins.
         count = max(2, -(-length // (patch - zone)))
         starts = np.arange(count) * length // count
@@ -94,7 +96,10 @@ class _Sampler:
         self.pixels = self.exemplar.image.pixels
         self.features = self.exemplar.features
         patch, self.zone = self._largest_that_fits()
-        self.layouts = [_layout(length, patch, self.zone, params.tileable) for length in params.size]
+        self.layouts = [
+            _layout(length, patch, self.zone, wraps)
+            for length, wraps in zip(params.size, params.tileable, strict=True)
+        ]
         self.sides = (self.layouts[0].side, self.layouts[1].side)
         canvas = tuple(layout.length for layout in self.layouts)
         self.result = np.zeros((*canvas, self.pixels.shape[2]), np.float32)
@@ -116,7 +121,7 @@ class _Sampler:
         for i, row in enumerate(rows):
             for j, column in enumerate(columns):
                 last = (i + 1 == len(rows), j + 1 == len(columns))
-                after = (self.params.tileable and last[0], self.params.tileable and last[1])
+                after = (self.params.tileable.down and last[0], self.params.tileable.across and last[1])
                 self._place((int(row), int(column)), (i > 0, j > 0), after)
             report(Progress((i + 1) / len(rows)))
 

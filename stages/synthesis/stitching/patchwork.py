@@ -270,7 +270,7 @@ class Patchwork:
     def _grown(self, first: int, last: int, overlap: int, axis: int) -> tuple[np.ndarray, int, int]:
         """Rows or columns of a cell and its overlaps, and the widths of the overlaps before and after."""
         length = self.params.size[axis]
-        if self.params.tileable:
+        if self.params.tileable[axis]:
             overlap = min(overlap, (length - (last - first)) // 2)
             return np.arange(first - overlap, last + overlap) % length, overlap, overlap
         before, after = min(overlap, first), min(overlap, length - last)

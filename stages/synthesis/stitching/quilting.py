@@ -62,13 +62,13 @@ def check_block(params: QuiltingParams, known: Mapping[str, Any]) -> None:
         raise InputError(f"block: {params.block} px is more than the image has, {format_size(image)}")
 
 
-def _edges(length: int, block: int, overlap: int, tileable: bool) -> list[int]:
+def _edges(length: int, block: int, overlap: int, wraps: bool) -> list[int]:
     """First pixels of equal blocks that cover a side, and of the block after the last.
 
     Each block ends ``overlap`` px beyond the first pixel of the next.
     """
-    free = length if tileable else length - overlap
-    count = max(2 if tileable else 1, -(-free // (block - overlap)))
+    free = length if wraps else length - overlap
+    count = max(2 if wraps else 1, -(-free // (block - overlap)))
     return [free * index // count for index in range(count + 1)]
 
 
@@ -107,17 +107,17 @@ class _Quilt:
         # The opposite overlaps of a tileable result's last blocks must not meet.
         limit = min(self.block // 3, min(height, width) // 4)
         overlap = min(max(2, round(self.block * self.params.overlap)), limit)
-        tileable = self.params.tileable
-        rows = list(itertools.pairwise(_edges(height, self.block, overlap, tileable)))
-        columns = list(itertools.pairwise(_edges(width, self.block, overlap, tileable)))
+        wrap = self.params.tileable
+        rows = list(itertools.pairwise(_edges(height, self.block, overlap, wrap.down)))
+        columns = list(itertools.pairwise(_edges(width, self.block, overlap, wrap.across)))
         search = OverlapSearch(self.features)
         for i, (top, bottom) in enumerate(rows):
             for j, (left, right) in enumerate(columns):
                 strips = Strips(
                     top=overlap if i else 0,
                     left=overlap if j else 0,
-                    bottom=overlap if tileable and i == len(rows) - 1 else 0,
-                    right=overlap if tileable and j == len(columns) - 1 else 0,
+                    bottom=overlap if wrap.down and i == len(rows) - 1 else 0,
+                    right=overlap if wrap.across and j == len(columns) - 1 else 0,
                 )
                 sides = (bottom - top + overlap, right - left + overlap)
                 target = self._target(np.array([top, left]), sides, strips)
@@ -146,7 +146,7 @@ class _Quilt:
             report(Progress(0.5 + (number + 1) / passes / 2))
 
     def _target(self, top: Int64[np.ndarray, "2"], sides: tuple[int, int], strips: Strips) -> _Target:
-        """A rectangle of the result, on its torus, given its top-left pixel."""
+        """A rectangle of the result, around it where it wraps, given its top-left pixel."""
         lines = (
             (first + np.arange(side)) % length for first, side, length in zip(top, sides, self.size, strict=True)
         )
@@ -180,7 +180,8 @@ class _Quilt:
     def _refine_window(self, seams: SeamMap, search: ReducedSearch, top: Int64[np.ndarray, "2"], side: int) -> None:
         """Lay the block over a window that saves most seam cost, weighted by reuse, if any saves some."""
         before, after = (
-            np.where(beyond | self.params.tileable, side // 3, 0) for beyond in (top > 0, top + side < self.size)
+            np.where(beyond | np.array(self.params.tileable), side // 3, 0)
+            for beyond in (top > 0, top + side < self.size)
         )
         target = self._target(top, (side, side), Strips(*(int(width) for width in (*before, *after))))
         free = self.exemplar.open_places(side, side)

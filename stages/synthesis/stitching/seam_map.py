@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int64
 
 from texloom.stages.vocabulary.arrays import Correspondence
+from texloom.stages.vocabulary.facts import Wraps
 
 _SQUARE = 8  # px of the squares over which seams are summed
 
@@ -39,7 +40,7 @@ class SeamMap:
     features : of the exemplar, (h, w, c).
     slope : from `slopes`.
     match : source of every pixel of the result; may be modified later, see `changed`.
-    wrap : the result is a torus.
+    wrap : where the result wraps.
     """
 
     def __init__(
@@ -47,7 +48,7 @@ class SeamMap:
         features: Float32[np.ndarray, "h w c"],
         slope: Float32[np.ndarray, "h w"],
         match: Correspondence,
-        wrap: bool,
+        wrap: Wraps,
     ):
         self.features, self.slope, self.match, self.wrap = features, slope, match, wrap
         self.size = np.array(match.shape[:2])
@@ -60,11 +61,11 @@ class SeamMap:
         from scipy.ndimage import uniform_filter
 
         around = max(1, side // 3 // _SQUARE)
-        mode = "wrap" if self.wrap else "constant"
+        mode = ["wrap" if around else "constant" for around in self.wrap]
         sums = uniform_filter(self.costs / (1 + self._visits), around, mode=mode)
         middle = np.array(np.unravel_index(int(sums.argmax()), sums.shape)) * _SQUARE + _SQUARE // 2
         top = middle - side // 2
-        top = top % self.size if self.wrap else np.clip(top, 0, self.size - side)
+        top = np.where(self.wrap, top % self.size, np.clip(top, 0, self.size - side))
         self._visits[self._squares(top, side)] += 1
         return top
 
@@ -84,7 +85,7 @@ class SeamMap:
     def changed(self, top: Int64[np.ndarray, "2"], side: int) -> None:
         """Update the costs of a window in which ``match`` has changed."""
         rows = int(top[0]) - 1 + np.arange(side + 1)
-        rows = rows % self.size[0] if self.wrap else rows[rows >= 0]
+        rows = rows % self.size[0] if self.wrap.down else rows[rows >= 0]
         for square in np.unique(rows // _SQUARE):
             self._measure(int(square), int(square) + 1)
 

@@ -24,6 +24,7 @@ from texloom.stages.synthesis.stitching.seams import FILLED, FREE, KEPT, SeamCos
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
+from texloom.stages.vocabulary.facts import TORUS
 from texloom.stages.vocabulary.masks import fill_excluded
 from texloom.stages.vocabulary.progress import part
 from texloom.stages.vocabulary.sizes import SIDES
@@ -234,14 +235,14 @@ class Synthesis:
         with part(0.0, 0.2):
             starts = [
                 self.revision.start(
-                    known.image, ~keep, known.match, True, random, random, filled, block, spread=parts is None
+                    known.image, ~keep, known.match, TORUS, random, random, filled, block, spread=parts is None
                 )
                 for random in placing
             ]
         if parts is not None:
             starts.sort(key=lambda start: self._deviation(start, parts))
         with part(0.2, 1.0):
-            made = self.revision.optimised(known.image, starts[0], keep, True, optimising, keep & ~shared)
+            made = self.revision.optimised(known.image, starts[0], keep, TORUS, optimising, keep & ~shared)
         own = self._cut(known.image, made.image, shared, filled)[..., None]
         joined = known.image.elsewhere(np.where(own, made.image.pixels, known.image.pixels))
         return self._level(joined, np.where(own, made.match, known.match), shared)

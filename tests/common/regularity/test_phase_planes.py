@@ -5,6 +5,7 @@ import pytest
 
 from tests.synthetic import smooth_noise
 from texloom.stages.common.regularity.phase_planes import PhasePlanes, phase_planes
+from texloom.stages.vocabulary.facts import NOWHERE, TORUS, Wraps
 
 GENERATORS = np.array([[12, 0], [0, 8]], np.float32)
 SIZE = (96, 80)
@@ -18,7 +19,7 @@ def joints(shape: tuple[int, int], row: int = 0, column: int = 0, cell: tuple[in
 
 
 def planes(
-    own: np.ndarray, wanted: np.ndarray, source: np.ndarray | None = None, wrap: bool = False
+    own: np.ndarray, wanted: np.ndarray, source: np.ndarray | None = None, wrap: Wraps = NOWHERE
 ) -> PhasePlanes:
     found = phase_planes(GENERATORS, source, own, wanted, wrap)
     assert found is not None
@@ -48,22 +49,22 @@ def test_phases_of_a_compaction_are_those_of_where_its_pixels_come_from(rng):
 
 
 def test_control_with_another_repetition_decides():
-    assert phase_planes(GENERATORS, None, joints(SIZE), joints(SIZE, cell=(17, 11)), False) is None
+    assert phase_planes(GENERATORS, None, joints(SIZE), joints(SIZE, cell=(17, 11)), NOWHERE) is None
 
 
 def test_control_that_knows_nothing_of_the_repetition_is_no_hindrance(rng):
     own, wanted = (smooth_noise((192, 160), 6, rng)[..., None].astype(np.float32) for _ in range(2))
-    assert phase_planes(GENERATORS, None, own, wanted, False) is not None
+    assert phase_planes(GENERATORS, None, own, wanted, NOWHERE) is not None
 
 
 def test_an_exemplar_of_hardly_a_cell_has_no_phases(rng):
     own = smooth_noise((12, 15), 3, rng)[..., None].astype(np.float32)
-    assert phase_planes(GENERATORS, None, own, own, False) is None
+    assert phase_planes(GENERATORS, None, own, own, NOWHERE) is None
 
 
 def test_phases_continue_around_a_torus(rng):
     own = smooth_noise((192, 160), 6, rng)[..., None].astype(np.float32)
-    wanted = planes(own, np.zeros((100, 60, 1), np.float32), wrap=True).wanted
+    wanted = planes(own, np.zeros((100, 60, 1), np.float32), wrap=TORUS).wanted
     steps = [np.abs(np.roll(wanted, 1, axis) - wanted).max(axis=(1 - axis, 2)) for axis in (0, 1)]
     for step in steps:
         assert step[0] < 1.1 * step[1:].max()

@@ -6,18 +6,23 @@ from tests.kernels.core.naive import bilinear
 from texloom.stages.kernels.kcoherence import coherent_pixels
 from texloom.stages.kernels.kcoherence.discrete_pixels import DIMENSIONS, Exemplar, Repeats
 from texloom.stages.kernels.kcoherence.oriented_discrete import Orientation
+from texloom.stages.vocabulary.facts import Wraps
 
 
 def resynthesise_pixel(
-    at: tuple[int, int], radius: int, wrap: bool, exemplar: coherent_pixels.Exemplar, result: coherent_pixels.Result
+    at: tuple[int, int],
+    radius: int,
+    wrap: Wraps,
+    exemplar: coherent_pixels.Exemplar,
+    result: coherent_pixels.Result,
 ) -> tuple[int, int]:
     """The exemplar pixel, nearest valid to a proposal, that continues the valid pixels around ``at`` best."""
     features, shape = exemplar.features, result.valid.shape
     around = []
     for step in [(down - radius, across - radius) for down, across in np.ndindex(2 * radius + 1, 2 * radius + 1)]:
         row, column = at[0] + step[0], at[1] + step[1]
-        if wrap:
-            row, column = row % shape[0], column % shape[1]
+        row = row % shape[0] if wrap.down else row
+        column = column % shape[1] if wrap.across else column
         if 0 <= row < shape[0] and 0 <= column < shape[1] and result.valid[row, column]:
             around.append((step, (row, column)))
     proposed = []
@@ -43,7 +48,7 @@ def proposal_costs(
     exemplar: Exemplar,
     repeats: Repeats,
     seam: int,
-    wrap: bool,
+    wrap: Wraps,
     y: int,
     x: int,
 ) -> dict[tuple[int, int], int]:
@@ -54,10 +59,10 @@ def proposal_costs(
     vectors = exemplar.vectors.reshape(*exemplar.penalty.shape, DIMENSIONS).astype(int)
 
     def inside(row: int, column: int) -> bool:
-        return wrap or bool(0 <= row < shape[0] and 0 <= column < shape[1])
+        return (wrap.down or bool(0 <= row < shape[0])) and (wrap.across or bool(0 <= column < shape[1]))
 
     def at(row: int, column: int) -> tuple[int, int]:
-        place = np.array([row, column]) % shape if wrap else np.clip([row, column], 0, shape - 1)
+        place = np.where(wrap, np.array([row, column]) % shape, np.clip([row, column], 0, shape - 1))
         return int(place[0]), int(place[1])
 
     near = [at(y + i, x + j) for i in range(-radius, radius + 1) for j in range(-radius, radius + 1)]
@@ -96,7 +101,7 @@ def best_around(vectors: np.ndarray, own: tuple[int, int], place: tuple[int, int
 
 
 def oriented_proposals(
-    source: np.ndarray, candidates: np.ndarray, orientation: Orientation, wrap: bool, y: int, x: int
+    source: np.ndarray, candidates: np.ndarray, orientation: Orientation, wrap: Wraps, y: int, x: int
 ) -> list[tuple[np.ndarray, int]]:
     """Places that an oriented pixel may come from, each with the number of neighbours that it does not continue."""
     size, limit = np.array(source.shape[:2]), np.array(candidates.shape[:2]) - 1
@@ -106,7 +111,7 @@ def oriented_proposals(
     for i, j in sorted(np.ndindex(3, 3), key=lambda at: (3 * at[0] + at[1] - 4) % 9):
         step = np.array([i - 1, j - 1])
         there = np.array([y, x]) + step
-        if not wrap and ((there < 0) | (there >= size)).any():
+        if (~np.array(wrap) & ((there < 0) | (there >= size))).any():
             continue
         around += bool(step.any())
         place = source[tuple(there % size)] - orientation.inverse[y, x].reshape(2, 2) @ step
@@ -134,7 +139,7 @@ def oriented_vector(
     control: np.ndarray,
     exemplar: Exemplar,
     orientation: Orientation,
-    wrap: bool,
+    wrap: Wraps,
     y: int,
     x: int,
 ) -> np.ndarray:
@@ -146,9 +151,8 @@ def oriented_vector(
         place = np.array([y, x]) + orientation.jacobian[y, x].reshape(2, 2) @ (i - radius, j - radius)
         near = np.floor(place + 0.5).astype(int)
         beside = place - near
-        if wrap:
-            near %= size
-        elif ((near < 0) | (near >= size)).any():
+        near = np.where(wrap, near % size, near)
+        if ((near < 0) | (near >= size)).any():
             near, beside = np.clip(near, 0, size - 1), np.zeros(2)
         at = source[tuple(near)] + orientation.inverse[tuple(near)].reshape(2, 2) @ beside
         values += [*np.floor(bilinear(texture, *at) + 0.5), *control[tuple(near)]]

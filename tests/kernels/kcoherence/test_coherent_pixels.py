@@ -2,14 +2,16 @@ import numpy as np
 import pytest
 
 from tests.kernels.kcoherence import naive
+from tests.wraps import WRAPS
 from texloom.stages.kernels.kcoherence.coherent_pixels import Exemplar, Result, resynthesise
+from texloom.stages.vocabulary.facts import Wraps
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize("radius", [1, 2])
 @pytest.mark.parametrize("soften", [False, True])
 def test_pixels_are_made_like_the_naive_ones(
-    wrap: bool, radius: int, soften: bool, rng: np.random.Generator
+    wrap: Wraps, radius: int, soften: bool, rng: np.random.Generator
 ) -> None:
     exemplar = rng.integers(0, 9, (13, 15, 3)).astype(np.float32)  # whole numbers: sums are exact, and often equal
     maps = rng.random((13, 15, 4), np.float32)
@@ -31,8 +33,7 @@ def test_pixels_are_made_like_the_naive_ones(
             array[row, column] = value
         for down, across in ((-1, 0), (0, -1), (0, 1), (1, 0)) if soften else ():
             near = (row + down, column + across)
-            if wrap:
-                near = (near[0] % 10, near[1] % 11)
+            near = (near[0] % 10 if wrap.down else near[0], near[1] % 11 if wrap.across else near[1])
             # a neighbour that is valid; the pixel itself has just become so, but is none
             if 0 <= near[0] < 10 and 0 <= near[1] < 11 and expected.valid[near]:
                 for plane, source in ((expected.features, exemplar), (expected.pixels, maps)):

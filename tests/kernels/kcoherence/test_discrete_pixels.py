@@ -2,14 +2,16 @@ import numpy as np
 import pytest
 
 from tests.kernels.kcoherence import naive
+from tests.wraps import WRAPS
 from texloom.stages.kernels.kcoherence.discrete_pixels import DIMENSIONS, Exemplar, Repeats, Subpass, choose_sources
+from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
 HALF = DIMENSIONS // 2
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize("edges_only", [False, True])
-def test_pixels_take_the_cheapest_proposal(wrap: bool, edges_only: bool, rng: np.random.Generator) -> None:
+def test_pixels_take_the_cheapest_proposal(wrap: Wraps, edges_only: bool, rng: np.random.Generator) -> None:
     shape, size, radius, seam = (9, 10), (6, 8), 1, np.int64(300)
     texture = rng.normal(size=(*shape, 2)).astype(np.float32) * 8
     control = rng.normal(size=(*size, 1)).astype(np.float32) * 8
@@ -25,7 +27,10 @@ def test_pixels_take_the_cheapest_proposal(wrap: bool, edges_only: bool, rng: np
     places = np.arange(90, dtype=np.int32).reshape(shape)
     places[:, 7:] = places[:, :3]  # copies of the same pixels
     sources = places[old[..., 0], old[..., 1]]
-    used = np.pad(sources, 2, mode="wrap") if wrap else np.pad(sources, 2, constant_values=-1)
+    used = sources
+    for axis, around in enumerate(wrap):
+        ends = [(2, 2) if axis == side else (0, 0) for side in (0, 1)]
+        used = np.pad(used, ends, mode="wrap") if around else np.pad(used, ends, constant_values=-1)
     repeats = Repeats(places, used, 2, np.int64(2000))
     subpasses = [Subpass(parity, 0, seam, edges_only, wrap, np.uint64(1)) for parity in range(4)]
     parts = [
@@ -36,7 +41,9 @@ def test_pixels_take_the_cheapest_proposal(wrap: bool, edges_only: bool, rng: np
     energy, penalties, chosen = (sum(column) for column in zip(*parts, strict=True))
     costs = {at: naive.proposal_costs(old, control, exemplar, repeats, seam, wrap, *at) for at in np.ndindex(size)}
     still = [(y, x) for y in range(1, 4) for x in range(1, 3)]
-    still += [] if wrap else [(0, x) for x in range(3)] + [(y, 0) for y in range(4)]
+    still += [] if wrap.down else [(0, x) for x in range(1, 3)]
+    still += [] if wrap.across else [(y, 0) for y in range(1, 4)]
+    still += [] if wrap else [(0, 0)]
     moving = [place for place in costs if not (edges_only and place in still)]
     assert chosen == len(moving)
     assert energy == sum(min(costs[place].values()) for place in moving)
@@ -58,7 +65,7 @@ def test_random_places_are_tried(rng: np.random.Generator) -> None:
     penalty = np.zeros((6, 6), np.int64)
     exemplar = Exemplar(texture, vectors.reshape(-1, HALF), basis, candidates, penalty, 0)
     repeats = Repeats(np.arange(36, dtype=np.int32).reshape(6, 6), np.zeros((1, 1), np.int32), 0, np.int64(5))
-    subpass = Subpass(0, 500, np.int64(0), False, False, np.uint64(7))
+    subpass = Subpass(0, 500, np.int64(0), False, NOWHERE, np.uint64(7))
     energy, penalties, chosen = choose_sources(source, new, control, exemplar, repeats, subpass, 0, 1)
     assert tuple(new[0, 0]) == (4, 5)
     assert (energy, penalties, chosen) == (0, 0, 1)

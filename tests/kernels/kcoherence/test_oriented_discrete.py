@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from tests.kernels.kcoherence import naive
+from tests.wraps import WRAPS
 from texloom.stages.kernels.kcoherence.discrete_pixels import DIMENSIONS, Exemplar, Repeats, Subpass, choose_sources
 from texloom.stages.kernels.kcoherence.oriented_discrete import Orientation, choose_oriented_sources
+from texloom.stages.vocabulary.facts import Wraps
 
 SHAPE, SIZE, RADIUS, SEAM = (9, 10), (6, 8), 1, 300
 MERGE_DISTANCE = np.float32(0.5)
@@ -27,7 +29,7 @@ def data(rng: np.random.Generator) -> dict[str, Any]:
     }
 
 
-def subpasses(tries: int, edges_only: bool, wrap: bool) -> list[Subpass]:
+def subpasses(tries: int, edges_only: bool, wrap: Wraps) -> list[Subpass]:
     return [Subpass(parity, tries, np.int64(SEAM), edges_only, wrap, np.uint64(1)) for parity in range(4)]
 
 
@@ -37,7 +39,7 @@ def oriented_exemplar(data: dict[str, Any]) -> Exemplar:
 
 
 def chosen_sources(
-    data: dict[str, Any], orientation: Orientation, wrap: bool, edges_only: bool, tries: int = 0
+    data: dict[str, Any], orientation: Orientation, wrap: Wraps, edges_only: bool, tries: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
     """New sources, and the kernel's three sums."""
     old, exemplar = data["source"].astype(np.float32), oriented_exemplar(data)
@@ -50,9 +52,11 @@ def chosen_sources(
     return new, np.sum(sums, axis=0)
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize("edges_only", [False, True])
-def test_upright_textures_choose_as_without_orientation(data: dict[str, Any], wrap: bool, edges_only: bool) -> None:
+def test_upright_textures_choose_as_without_orientation(
+    data: dict[str, Any], wrap: Wraps, edges_only: bool
+) -> None:
     flat = np.ascontiguousarray(np.broadcast_to(np.array([1, 0, 0, 1], np.float32), (*SIZE, 4)))
     new, sums = chosen_sources(data, Orientation(flat, flat, MERGE_DISTANCE), wrap, edges_only, tries=3)
     old = data["source"].astype(np.int32)
@@ -69,8 +73,8 @@ def test_upright_textures_choose_as_without_orientation(data: dict[str, Any], wr
     np.testing.assert_array_equal(sums, np.sum(upright, axis=0))
 
 
-@pytest.mark.parametrize("wrap", [False, True])
-def test_pixels_take_the_cheapest_proposal(data: dict[str, Any], wrap: bool, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("wrap", WRAPS)
+def test_pixels_take_the_cheapest_proposal(data: dict[str, Any], wrap: Wraps, rng: np.random.Generator) -> None:
     angle = 0.6 + rng.normal(size=SIZE) * 0.1
     jacobian = 1.2 * np.stack([np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)], axis=2)
     inverse = np.linalg.inv(jacobian.reshape(*SIZE, 2, 2)).reshape(*SIZE, 4)

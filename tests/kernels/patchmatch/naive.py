@@ -9,7 +9,9 @@ from fractions import Fraction
 
 import numpy as np
 
+from tests.wraps import sides
 from texloom.stages.kernels.patchmatch.search import Exemplar, PatchShape, Scan, Target
+from texloom.stages.vocabulary.facts import Wraps
 
 _WORD = 2**64
 
@@ -71,10 +73,9 @@ class Sweep:
         self.penalty, self.key = exemplar.penalty.astype(np.int64), int(scan.key)
 
     def neighbour(self, y: int, x: int) -> tuple[int, int] | None:
-        """The target patch at (y, x), around the torus where there is one."""
+        """The target patch at (y, x), around the target where it wraps."""
         down, across = self.target.row.shape
-        if self.scan.wrap:
-            return y % down, x % across
+        y, x = y % down if self.scan.wrap.down else y, x % across if self.scan.wrap.across else x
         return (y, x) if 0 <= y < down and 0 <= x < across else None
 
     def match(self, y: int, x: int) -> tuple[int, int]:
@@ -161,23 +162,21 @@ class Sweep:
         return int(rows[index]), int(columns[index])
 
 
-def votes(match: np.ndarray, size: int, wrap: bool, y: int, x: int) -> list[tuple[int, int, int, int]]:
+def votes(match: np.ndarray, size: int, wrap: Wraps, y: int, x: int) -> list[tuple[int, int, int, int]]:
     """All votes for the target pixel (y, x): its place (i, j) in a patch, and the exemplar pixel proposed."""
     down, across = match.shape[1:]
     found = []
     for i, j in np.ndindex(size, size):
         q, p = y - i, x - j
-        if wrap:
-            q, p = q % down, p % across
+        q, p = q % down if wrap.down else q, p % across if wrap.across else p
         if 0 <= q < down and 0 <= p < across:
             found.append((i, j, int(match[0, q, p]) + i, int(match[1, q, p]) + j))
     return found
 
 
-def mean_vote(match: np.ndarray, exemplar: np.ndarray, window: np.ndarray, wrap: bool) -> np.ndarray:
+def mean_vote(match: np.ndarray, exemplar: np.ndarray, window: np.ndarray, wrap: Wraps) -> np.ndarray:
     """Weighted mean of all votes, as exact fractions; ``exemplar`` is (h, w, c) and whole, the result (H, W, c)."""
-    extra = 0 if wrap else window.size - 1
-    result = np.empty((match.shape[1] + extra, match.shape[2] + extra, exemplar.shape[2]), object)
+    result = np.empty((*sides(match.shape[1:], window.size - 1, wrap), exemplar.shape[2]), object)
     for y, x in np.ndindex(result.shape[:2]):
         ballot = votes(match, window.size, wrap, y, x)
         weights = [int(window[i]) * int(window[j]) for i, j, _, _ in ballot]
@@ -198,7 +197,7 @@ def histogram_vote(
     bins: np.ndarray,
     excess: np.ndarray,
     size: int,
-    wrap: bool,
+    wrap: Wraps,
     y: int,
     x: int,
 ) -> np.ndarray:
@@ -212,7 +211,7 @@ def histogram_vote(
 
 
 def copy_vote(
-    match: np.ndarray, target: np.ndarray, exemplar: np.ndarray, size: int, reach: int, wrap: bool, y: int, x: int
+    match: np.ndarray, target: np.ndarray, exemplar: np.ndarray, size: int, reach: int, wrap: Wraps, y: int, x: int
 ) -> int:
     """Least sum of squared differences between what is around a target pixel and around one that is voted for.
 
@@ -226,9 +225,8 @@ def copy_vote(
         total = 0
         for dy, dx in near:
             at = np.array([y + dy, x + dx])
-            if wrap:
-                at = at % shape
-            elif (at < 0).any() or (at >= shape).any():
+            at = np.where(wrap, at % shape, at)
+            if (at < 0).any() or (at >= shape).any():
                 continue
             to = np.clip([row + dy, column + dx], 0, np.array(exemplar.shape[:2]) - 1)
             total += int(((target[tuple(at)].astype(np.int64) - exemplar[tuple(to)]) ** 2).sum())

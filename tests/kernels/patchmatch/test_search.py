@@ -7,6 +7,7 @@ import pytest
 
 from tests.kernels.patchmatch import naive
 from tests.kernels.patchmatch.conftest import CHANNELS, PATCHES, PLACES, SIZE, flat, outcomes
+from tests.wraps import WRAPS, X, beyond, sides
 from texloom.stages.common.similarity.neighbourhoods import UNIT, fixed_point
 from texloom.stages.kernels.patchmatch.search import (
     ALL_ACTIVE,
@@ -25,6 +26,7 @@ from texloom.stages.kernels.patchmatch.search import (
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.match_search import Effort, Search
 from texloom.stages.synthesis.optimisation.vote import mean_vote
+from texloom.stages.vocabulary.facts import NOWHERE, TORUS, Wraps
 
 EFFORT = Effort(sweeps=3, tries=3, fill_tries=2, tolerance=0.0)
 
@@ -36,13 +38,13 @@ class Problem:
     """A small random search: few distinct values, so that distances tie and rules for ties show."""
 
     def __init__(
-        self, size: int, channels: int, wrap: bool, rng: np.random.Generator, down: int = 7, across: int = 6
+        self, size: int, channels: int, wrap: Wraps, rng: np.random.Generator, down: int = 7, across: int = 6
     ):
         self.size, self.channels, self.wrap = size, channels, wrap
         self.places = (9, 8)
         pixels = rng.integers(-40, 40, (down + size - 1, across + size - 1, channels)) // 8
-        if wrap:
-            pixels = np.pad(pixels[:down, :across], ((0, size - 1), (0, size - 1), (0, 0)), mode="wrap")
+        high, wide = sides((down, across), size - 1, wrap)
+        pixels = np.pad(pixels[:high, :wide], [*beyond(size - 1, wrap), (0, 0)], mode="wrap")
         self.target = np.ascontiguousarray(pixels.reshape(pixels.shape[0], -1), np.int16)
         self.exemplar = (rng.integers(-40, 40, (9 + size - 1, (8 + size - 1) * channels)) // 8).astype(np.int16)
         self.match = np.stack([rng.integers(0, n, (down, across)) for n in self.places]).astype(np.int32)
@@ -108,9 +110,9 @@ def test_penalty_of_one_use_falls_with_the_share_of_common_pixels() -> None:
     assert penalty[4, 9] == penalty[0, 5] == 0
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize(("size", "channels"), KINDS)
-def test_distances_equal_sums_of_squares(size: int, channels: int, wrap: bool, rng: np.random.Generator) -> None:
+def test_distances_equal_sums_of_squares(size: int, channels: int, wrap: Wraps, rng: np.random.Generator) -> None:
     problem = Problem(size, channels, wrap, rng)
     found = np.full_like(problem.distance, -1)
     target = Target(problem.target, *problem.match, found, problem.active)
@@ -121,7 +123,7 @@ def test_distances_equal_sums_of_squares(size: int, channels: int, wrap: bool, r
 
 
 def test_a_place_that_both_neighbours_propose_is_compared_once(rng: np.random.Generator) -> None:
-    problem = Problem(3, 3, False, rng)
+    problem = Problem(3, 3, NOWHERE, rng)
     problem.match[:, 2, 2] = 7, 1  # among patches that agree
     problem.distance = naive.distances(problem.target, problem.exemplar, problem.match, 3, 3)
     problem.distance[2, 2] = 0
@@ -132,9 +134,9 @@ def test_a_place_that_both_neighbours_propose_is_compared_once(rng: np.random.Ge
     assert problem.sweep(penalty, tries=0, fill_tries=0) == 1
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize(("size", "channels"), KINDS)
-def test_sweep_equals_twin(size: int, channels: int, wrap: bool, rng: np.random.Generator) -> None:
+def test_sweep_equals_twin(size: int, channels: int, wrap: Wraps, rng: np.random.Generator) -> None:
     typical = int(np.median(Problem(size, channels, wrap, rng).distance))
     for trial in range(6):
         problem = Problem(size, channels, wrap, rng)
@@ -159,8 +161,8 @@ def test_sweep_equals_twin(size: int, channels: int, wrap: bool, rng: np.random.
         np.testing.assert_array_equal(counts, after)
 
 
-@pytest.mark.parametrize("wrap", [False, True])
-def test_sweeps_that_try_only_what_is_new_find_the_same(wrap: bool, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("wrap", WRAPS)
+def test_sweeps_that_try_only_what_is_new_find_the_same(wrap: Wraps, rng: np.random.Generator) -> None:
     """At fixed penalties, what was refused once is refused again."""
     penalty = rng.integers(0, 300, (9, 8))
     first, other = (Problem(3, 3, wrap, np.random.default_rng(5), down=30, across=20) for _ in range(2))
@@ -174,8 +176,8 @@ def test_sweeps_that_try_only_what_is_new_find_the_same(wrap: bool, rng: np.rand
     assert compared[1] < 0.7 * compared[0]
 
 
-@pytest.mark.parametrize(("wrap", "most"), [(False, 0), (True, 0), (True, 500)])
-def test_no_patch_gets_worse_at_fixed_penalties(wrap: bool, most: int, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize(("wrap", "most"), [(NOWHERE, 0), (TORUS, 0), (X, 0), (TORUS, 500)])
+def test_no_patch_gets_worse_at_fixed_penalties(wrap: Wraps, most: int, rng: np.random.Generator) -> None:
     problem = Problem(3, 3, wrap, rng, down=20, across=20)
     penalty = rng.integers(0, most + 1, problem.places)
 
@@ -194,7 +196,7 @@ def test_no_patch_gets_worse_at_fixed_penalties(wrap: bool, most: int, rng: np.r
 
 def test_propagation_carries_one_good_match_across_the_target(rng: np.random.Generator) -> None:
     """The target is a piece of the exemplar; one patch knows where."""
-    problem = Problem(3, 3, False, rng)
+    problem = Problem(3, 3, NOWHERE, rng)
     problem.target = np.ascontiguousarray(problem.exemplar[1:10, 2 * 3 : 10 * 3])
     problem.match[0], problem.match[1] = problem.places[0] - 1, problem.places[1] - 1
     problem.match[:, 0, 0] = 1, 2
@@ -207,7 +209,7 @@ def test_propagation_carries_one_good_match_across_the_target(rng: np.random.Gen
 def test_random_search_rejects_overused_patches(rng: np.random.Generator) -> None:
     """What random search may not take, it takes once the limit is raised."""
     for limit, taken in ((10, False), (11, True)):
-        problem = Problem(3, 3, False, rng)
+        problem = Problem(3, 3, NOWHERE, rng)
         penalty = np.full(problem.places, 10, np.int64)
         penalty[:, :4] = 11
         problem.match[1] = 4 + problem.match[1] % 4
@@ -220,13 +222,13 @@ def test_random_search_rejects_overused_patches(rng: np.random.Generator) -> Non
 def test_a_patch_has_more_tries_the_worse_it_fits(rng: np.random.Generator) -> None:
     """The number of distances that are compared tells how many tries there were."""
     penalty = np.zeros((9, 8), np.int64)
-    least = int(Problem(3, 3, False, np.random.default_rng(5)).distance.min())
+    least = int(Problem(3, 3, NOWHERE, np.random.default_rng(5)).distance.min())
     compared = []
     for per_try in (0, max(1, least // 4), 3 * least, 2**40):
-        problem = Problem(3, 3, False, np.random.default_rng(5))
+        problem = Problem(3, 3, NOWHERE, np.random.default_rng(5))
         compared.append(problem.sweep(penalty, tries=4, fill_tries=0, distance_per_try=per_try))
     assert compared[0] == compared[1] > compared[2] > compared[3]
-    problem = Problem(3, 3, False, np.random.default_rng(5))
+    problem = Problem(3, 3, NOWHERE, np.random.default_rng(5))
     assert compared[3] == problem.sweep(penalty, tries=0, fill_tries=0)
 
 
@@ -253,14 +255,14 @@ def test_indices_wrap_or_end(wrap: bool) -> None:
     assert beyond == ([*range(5)] * 3 if wrap else [*[-1] * 5, *range(5), *[-1] * 5])
 
 
-def search(exemplar: np.ndarray, wrap: bool, occurrence: float = 0.0) -> Search:
+def search(exemplar: np.ndarray, wrap: Wraps, occurrence: float = 0.0) -> Search:
     return Search(flat(exemplar), CHANNELS, SIZE, PLACES, PATCHES, wrap, occurrence, 2.0)
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize("occurrence", [0.0, 10.0])
 def test_search_is_the_same_for_any_number_of_threads(
-    exemplar: np.ndarray, match: np.ndarray, wrap: bool, occurrence: float, monkeypatch: pytest.MonkeyPatch
+    exemplar: np.ndarray, match: np.ndarray, wrap: Wraps, occurrence: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     target = mean_vote(match, flat(exemplar), CHANNELS, SIZE, wrap)
     reports = []
@@ -276,9 +278,9 @@ def test_search_is_the_same_for_any_number_of_threads(
     assert (step(seed=2) != one).any()
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 def test_search_without_penalty_never_makes_the_target_worse(
-    exemplar: np.ndarray, match: np.ndarray, wrap: bool
+    exemplar: np.ndarray, match: np.ndarray, wrap: Wraps
 ) -> None:
     target = mean_vote(match, flat(exemplar), CHANNELS, SIZE, wrap)
     keys, before = np.random.default_rng(1), naive.distances(target, flat(exemplar), match, CHANNELS, SIZE)
@@ -295,7 +297,7 @@ def test_search_without_penalty_never_makes_the_target_worse(
 def test_energy_counts_the_occurrence_once(exemplar: np.ndarray) -> None:
     """Even use of the exemplar costs the weight of the term, where the target matches exactly."""
     identity = np.indices(PLACES, np.int32)
-    step = Search(flat(exemplar), CHANNELS, SIZE, PLACES, PLACES, False, 5.0, 2.0).step
+    step = Search(flat(exemplar), CHANNELS, SIZE, PLACES, PLACES, NOWHERE, 5.0, 2.0).step
     nothing = Effort(sweeps=1, tries=0, fill_tries=0, tolerance=1.0)
     energy, *_, changed = step(flat(exemplar), identity, nothing, np.random.default_rng(1))
     assert changed == 0
@@ -308,8 +310,8 @@ def test_energy_counts_the_occurrence_once(exemplar: np.ndarray) -> None:
 def test_a_match_moves_only_for_more_than_its_own_penalty(exemplar: np.ndarray, match: np.ndarray) -> None:
     """A new use makes a patch more expensive by ``penalty_per_use``; less gain would draw patches to and fro."""
     match = np.ascontiguousarray(match[:, :40])  # one strip, so that one price map holds for the sweep
-    target = mean_vote(match, flat(exemplar), CHANNELS, SIZE, True)
-    step = Search(flat(exemplar), CHANNELS, SIZE, PLACES, (40, 20), True, 1000.0, 2.0)
+    target = mean_vote(match, flat(exemplar), CHANNELS, SIZE, TORUS)
+    step = Search(flat(exemplar), CHANNELS, SIZE, PLACES, (40, 20), TORUS, 1000.0, 2.0)
     penalty = naive.occurrence_penalty(match, SIZE, PLACES, step.penalty_per_use)
 
     def cost() -> np.ndarray:
@@ -325,8 +327,8 @@ def test_a_match_moves_only_for_more_than_its_own_penalty(exemplar: np.ndarray, 
 
 
 def test_energy_is_that_of_the_matches_that_are_left(exemplar: np.ndarray, match: np.ndarray) -> None:
-    target = mean_vote(match, flat(exemplar), CHANNELS, SIZE, False)
-    again = search(exemplar, False, 10.0)
+    target = mean_vote(match, flat(exemplar), CHANNELS, SIZE, NOWHERE)
+    again = search(exemplar, NOWHERE, 10.0)
     random = np.random.default_rng(1)
     for _ in range(3):
         energy, penalty, _ = again.step(target, match, EFFORT, random)
@@ -342,17 +344,17 @@ def test_the_penalty_spreads_the_matches(exemplar: np.ndarray, match: np.ndarray
     spread = []
     for occurrence in (0.0, 20.0):
         own, keys = match.copy(), np.random.default_rng(1)
-        target = mean_vote(own, flat(exemplar), CHANNELS, SIZE, True)
+        target = mean_vote(own, flat(exemplar), CHANNELS, SIZE, TORUS)
         for _ in range(3):
-            search(exemplar, True, occurrence).step(target, own, EFFORT, keys)
-            target = mean_vote(own, flat(exemplar), CHANNELS, SIZE, True)
+            search(exemplar, TORUS, occurrence).step(target, own, EFFORT, keys)
+            target = mean_vote(own, flat(exemplar), CHANNELS, SIZE, TORUS)
         spread.append(naive.occurrence_map(own, SIZE, PLACES).std())
     assert spread[1] < 0.7 * spread[0]
 
 
 def test_little_used_places_are_drawn_by_what_they_lack(exemplar: np.ndarray, match: np.ndarray) -> None:
     match[0] //= 2  # the lower half is unused
-    probe = search(exemplar, False, 10.0)
+    probe = search(exemplar, NOWHERE, 10.0)
     probe._count(match)
     probe._set_penalties()
     rows, columns = probe._little_used()
@@ -378,10 +380,10 @@ def test_the_most_different_features_have_the_right_distance(size: int, channels
     assert found[0, 0] == naive.patch_distance(white, black, channels, size, (0, 0), (0, 0))
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize("occurrence", [0.0, 10.0])
 def test_what_is_not_allowed_is_never_taken(
-    exemplar: np.ndarray, wrap: bool, occurrence: float, rng: np.random.Generator
+    exemplar: np.ndarray, wrap: Wraps, occurrence: float, rng: np.random.Generator
 ) -> None:
     """Though it would fit exactly: the target is made of places that are not allowed."""
     usable = rng.random((PLACES[0] + SIZE - 1, PLACES[1] + SIZE - 1)) < 0.95

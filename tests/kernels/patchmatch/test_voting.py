@@ -5,16 +5,17 @@ import pytest
 
 from tests.kernels.patchmatch import naive
 from tests.kernels.patchmatch.conftest import CHANNELS, PLACES, SIZE, flat, outcomes
+from tests.wraps import WRAPS, beyond, sides
 from texloom.stages.common.similarity.neighbourhoods import fixed_point
 from texloom.stages.kernels.patchmatch.voting import Votes, find_runs, histogram_votes, round_votes, weighted_values
 from texloom.stages.synthesis.optimisation.vote import (
     HistogramVote,
     mean_vote,
-    pad_torus,
     run_shares,
     vote_pixels,
     window,
 )
+from texloom.stages.vocabulary.facts import NOWHERE, TORUS, Wraps
 
 KINDS = [(1, 3), (3, 3), (4, 4), (5, 5)]
 """patch size and channels"""
@@ -30,19 +31,18 @@ def random_vote(size: int, channels: int, rng: np.random.Generator) -> tuple[np.
     return match, exemplar
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize("sigma", [None, 1.3])
 @pytest.mark.parametrize(("size", "channels"), KINDS)
 def test_mean_vote_equals_exact_fractions(
-    size: int, channels: int, sigma: float | None, wrap: bool, rng: np.random.Generator
+    size: int, channels: int, sigma: float | None, wrap: Wraps, rng: np.random.Generator
 ) -> None:
     match, exemplar = random_vote(size, channels, rng)
     weights = window(size, sigma)
     expected = naive.mean_vote(match, exemplar, weights, wrap)
     if sigma is None:
         whole = naive.rounded(expected)
-        if wrap:
-            whole = np.pad(whole, ((0, size - 1), (0, size - 1), (0, 0)), mode="wrap")
+        whole = np.pad(whole, [*beyond(size - 1, wrap), (0, 0)], mode="wrap")
         target = mean_vote(match, flat(exemplar), channels, size, wrap)
         np.testing.assert_array_equal(target, whole.reshape(whole.shape[0], -1))
 
@@ -50,8 +50,8 @@ def test_mean_vote_equals_exact_fractions(
     np.testing.assert_allclose(pixels, expected.astype(np.float64), rtol=1e-5, atol=0.01)
 
 
-@pytest.mark.parametrize("wrap", [False, True])
-def test_runs_of_patches_vote_as_each_by_itself(wrap: bool, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("wrap", WRAPS)
+def test_runs_of_patches_vote_as_each_by_itself(wrap: Wraps, rng: np.random.Generator) -> None:
     """Runs of all lengths, some longer than those that are added at once, and one above the other."""
     exemplar = rng.integers(-4000, 4001, (20, 150, 2)).astype(np.int16)
     lengths = [1, 2, 3, 5, 4, 100, 1, 7]
@@ -66,10 +66,10 @@ def test_runs_of_patches_vote_as_each_by_itself(wrap: bool, rng: np.random.Gener
     np.testing.assert_allclose(voted, expected, atol=0.51)
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize("sigma", [None, 1.3])
 def test_sums_do_not_depend_on_where_rows_are_cut(
-    wrap: bool, sigma: float | None, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+    wrap: Wraps, sigma: float | None, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Equal runs lie above one another across every cut, and overlap others that begin and end elsewhere."""
     pixels = rng.random((50, 60, 2), np.float32)
@@ -106,14 +106,13 @@ def test_rounding_is_exact(weight: int, rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(target, exact)
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize(("size", "channels"), KINDS)
-def test_histogram_vote_equals_twin(size: int, channels: int, wrap: bool, rng: np.random.Generator) -> None:
+def test_histogram_vote_equals_twin(size: int, channels: int, wrap: Wraps, rng: np.random.Generator) -> None:
     match, exemplar = random_vote(size, channels, rng)
     bins = rng.integers(0, 10, exemplar.shape).astype(np.uint8)
     excess = np.maximum(0, rng.normal(0, 20, (channels, 10))).astype(np.float32)
-    extra = 0 if wrap else size - 1
-    height, width = 6 + extra, 7 + extra
+    height, width = sides((6, 7), size - 1, wrap)
     rows = rng.permutation(height)[: height // 2]
     before = rng.integers(-4000, 4001, (height, width * channels)).astype(np.int16)
     target = before.copy()
@@ -139,9 +138,9 @@ def test_histogram_vote_equals_twin(size: int, channels: int, wrap: bool, rng: n
             assert (planes[y, x] == before.reshape(planes.shape)[y, x]).all()
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 def test_votes_are_the_same_for_any_number_of_threads(
-    exemplar: np.ndarray, match: np.ndarray, wrap: bool, monkeypatch: pytest.MonkeyPatch
+    exemplar: np.ndarray, match: np.ndarray, wrap: Wraps, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     features, light = flat(exemplar), np.exp(exemplar / 1000).astype(np.float32)
     target = mean_vote(match, features, CHANNELS, SIZE, wrap)
@@ -159,19 +158,21 @@ def test_votes_are_the_same_for_any_number_of_threads(
     np.testing.assert_array_equal(vote(match, target, np.random.default_rng(1)), whole)
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize("sigma", [None, 1.3])
-def test_identity_votes_for_the_exemplar_itself(exemplar: np.ndarray, wrap: bool, sigma: float | None) -> None:
-    if wrap:  # a torus and its margin are their own exemplar
-        exemplar = pad_torus(flat(exemplar)[: PLACES[0]], CHANNELS, SIZE).reshape(
-            PLACES[0] + SIZE - 1, -1, CHANNELS
-        )
+def test_identity_votes_for_the_exemplar_itself(exemplar: np.ndarray, wrap: Wraps, sigma: float | None) -> None:
+    if wrap.down:  # what wraps and its margin are their own exemplar
+        exemplar = exemplar[: PLACES[0]]
+    if wrap.across:
+        exemplar = exemplar[:, : exemplar.shape[1] - SIZE + 1]
+    whole = exemplar.shape[:2]
+    exemplar = np.pad(exemplar, [*beyond(SIZE - 1, wrap), (0, 0)], mode="wrap")
     patches = (exemplar.shape[0] - SIZE + 1, exemplar.shape[1] - SIZE + 1)
     identity = np.indices(patches, np.int32)
     features, weights = flat(exemplar), window(SIZE, sigma)
     np.testing.assert_array_equal(mean_vote(identity, features, CHANNELS, SIZE, wrap), features)
     light = np.exp(exemplar / 1000).astype(np.float32)
-    inside = light[: patches[0], : patches[1]] if wrap else light
+    inside = light[: whole[0], : whole[1]]
     np.testing.assert_allclose(vote_pixels(identity, light, weights, wrap), inside, rtol=1e-5)
     vote = HistogramVote(features, SIZE, wrap, np.full(3, -100.0), np.full(3, 100.0))
     np.testing.assert_array_equal(vote(identity, np.zeros_like(features), np.random.default_rng(1)), features)
@@ -186,8 +187,8 @@ def histogram_difference(target: np.ndarray, exemplar: np.ndarray) -> float:
     return total
 
 
-@pytest.mark.parametrize("wrap", [False, True])
-def test_histogram_vote_is_nearer_to_the_exemplar_than_the_mean(wrap: bool, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("wrap", WRAPS)
+def test_histogram_vote_is_nearer_to_the_exemplar_than_the_mean(wrap: Wraps, rng: np.random.Generator) -> None:
     exemplar = (np.kron(rng.random((12, 12, CHANNELS)) ** 2, np.ones((3, 3, 1))) * 3000 - 1500).astype(np.int16)
     places = (34, 34)
     match = np.stack([rng.integers(0, n, (40, 40)) for n in places]).astype(np.int32)
@@ -206,7 +207,7 @@ def test_histogram_vote_stops_avoiding_a_colour_once_it_is_rare(rng: np.random.G
     exemplar[:, 15:] = 1600
     exemplar += rng.integers(0, 16, exemplar.shape).astype(np.int16)
     match = rng.integers(0, 28, (2, 60, 60)).astype(np.int32)
-    vote = HistogramVote(flat(exemplar), SIZE, True, np.full(3, 0.0), np.full(3, 110.0))
+    vote = HistogramVote(flat(exemplar), SIZE, TORUS, np.full(3, 0.0), np.full(3, 110.0))
     black = np.zeros((62, 62 * CHANNELS), np.int16)
     voted = vote(match, black, np.random.default_rng(1))[:60, : 60 * CHANNELS]
     assert 0.2 < (voted < 800).mean() < 0.8
@@ -215,17 +216,17 @@ def test_histogram_vote_stops_avoiding_a_colour_once_it_is_rare(rng: np.random.G
 @pytest.mark.parametrize("value", [1e9, -1e9])
 def test_the_largest_features_survive_voting(value: float) -> None:
     features = fixed_point(np.full((40, 40, 1), value, np.float32))
-    voted = mean_vote(np.indices((9, 9), np.int32), features, 1, 32, False)
+    voted = mean_vote(np.indices((9, 9), np.int32), features, 1, 32, NOWHERE)
     np.testing.assert_array_equal(voted, features)
 
 
 def test_histograms_count_usable_pixels_only(exemplar: np.ndarray, rng: np.random.Generator) -> None:
     usable = rng.random(exemplar.shape[:2]) < 0.8
     ranges = (np.full(CHANNELS, -300.0), np.full(CHANNELS, 300.0))
-    found = HistogramVote(flat(exemplar), SIZE, False, *ranges, usable)
+    found = HistogramVote(flat(exemplar), SIZE, NOWHERE, *ranges, usable)
     assert (found.histogram.sum(axis=1) == usable.sum()).all()
     other = np.where(usable[..., None], exemplar, 0).astype(np.int16)
-    again = HistogramVote(flat(other), SIZE, False, *ranges, usable)
+    again = HistogramVote(flat(other), SIZE, NOWHERE, *ranges, usable)
     np.testing.assert_array_equal(again.histogram, found.histogram)
-    everything = HistogramVote(flat(exemplar), SIZE, False, *ranges)
+    everything = HistogramVote(flat(exemplar), SIZE, NOWHERE, *ranges)
     assert (everything.histogram.sum(axis=1) == usable.size).all()

@@ -11,6 +11,7 @@ from texloom.stages.common.per_pixel.phases import phases_of
 from texloom.stages.common.per_pixel.tables import Tables
 from texloom.stages.synthesis.per_pixel.per_pixel import prepare
 from texloom.stages.vocabulary.arrays import Image, Jacobian
+from texloom.stages.vocabulary.facts import NOWHERE, TORUS, Wraps
 
 pytestmark = pytest.mark.usefixtures("gpu")
 
@@ -39,7 +40,7 @@ def tables(image: Image, control: Image | None = None, jacobian: Jacobian | None
     return prepare(image, stack, control, jacobian, 1.0)[0]
 
 
-def both(known: Tables, window: Rect, wrap: bool) -> list[Levels]:
+def both(known: Tables, window: Rect, wrap: Wraps) -> list[Levels]:
     devices: tuple[Device, ...] = ("cpu", "gpu")
     return [levels_on(device, known, STYLE, window, wrap) for device in devices]
 
@@ -55,7 +56,7 @@ def assert_same(levels: list[Levels]) -> None:
 
 
 def test_a_window_is_the_same(image: Image) -> None:
-    levels = both(tables(image), Rect(-3, 1, 1001, 1005), False)
+    levels = both(tables(image), Rect(-3, 1, 1001, 1005), NOWHERE)
     for part in levels:
         part.run()
     assert_same(levels)
@@ -68,7 +69,7 @@ def test_what_repeats_is_the_same(image: Image, rng: np.random.Generator, distor
         jacobian = (np.array([1, 0, 0, 1]) + rng.normal(0, 0.2, (*SHAPE, 4))).astype(np.float32)
         chart = rng.random((*SHAPE, 2), np.float32) * 50
     known = tables(image, jacobian=jacobian)
-    levels = both(known, Rect(0, 8, 0, 8), True)
+    levels = both(known, Rect(0, 8, 0, 8), TORUS)
     generators = np.array([[5.3, 0.4], [-1.2, 6.1]], np.float32)
     for part in levels:
         if distorted:
@@ -83,7 +84,7 @@ def test_distorted_controlled_and_fixed_texture_is_the_same(
 ) -> None:
     jacobian = (np.array([1, 0, 0, 1]) + rng.normal(0, 0.2, (*SHAPE, 4))).astype(np.float32)
     known = tables(image, control, jacobian)
-    levels = both(known, Rect(0, 8, 0, 8), True)
+    levels = both(known, Rect(0, 8, 0, 8), TORUS)
     bent = (np.array([1, 0.3, 0, 0.7]) + rng.normal(0, 0.2, (8, 8, 4))).astype(np.float32)
     fixed = np.zeros((8, 8), bool)
     fixed[2:4, 3:6] = True

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from texloom.stages.vocabulary.facts import Wraps
+
 
 def cheapest_cut(errors: np.ndarray) -> float:
     """Least sum over all paths from the first row to the last that move a column a row at most: tries all."""
@@ -68,7 +70,7 @@ def refined_position(
     return min(errors)[1] if errors else place
 
 
-def seam_costs(features: np.ndarray, slopes: np.ndarray, match: np.ndarray, wrap: bool) -> np.ndarray:
+def seam_costs(features: np.ndarray, slopes: np.ndarray, match: np.ndarray, wrap: Wraps) -> np.ndarray:
     """Cost of the seams below and to the right of every pixel, (H, W)."""
     height, width = match.shape[:2]
     costs = np.zeros((height, width))
@@ -80,7 +82,7 @@ def seam_costs(features: np.ndarray, slopes: np.ndarray, match: np.ndarray, wrap
     for y, x in np.ndindex(height, width):
         for step in np.array([(1, 0), (0, 1)]):
             beside = (y + step[0], x + step[1])
-            if not wrap and (beside[0] == height or beside[1] == width):
+            if (beside[0] == height and not wrap.down) or (beside[1] == width and not wrap.across):
                 continue
             one, other = match[y, x].astype(int), match[beside[0] % height, beside[1] % width].astype(int)
             if (one + step != other).any():

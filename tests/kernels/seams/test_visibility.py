@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from tests.kernels.seams import naive
+from tests.wraps import WRAPS, X, Y
 from texloom.stages.kernels.seams.visibility import added_cost, seam_costs
+from texloom.stages.vocabulary.facts import NOWHERE, TORUS, Wraps
 
 EXEMPLAR, RESULT = (12, 15), (10, 13)
 
@@ -22,9 +24,9 @@ def match(rng: np.random.Generator) -> np.ndarray:
     return match.astype(np.uint32)
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 def test_costs_of_squares_equal_twin(
-    wrap: bool, exemplar: tuple[np.ndarray, np.ndarray], match: np.ndarray
+    wrap: Wraps, exemplar: tuple[np.ndarray, np.ndarray], match: np.ndarray
 ) -> None:
     costs = np.full((3, 4), np.nan)
     for span in ((0, 1), (1, 3)):
@@ -33,9 +35,11 @@ def test_costs_of_squares_equal_twin(
     np.testing.assert_allclose(costs, expected.reshape(3, 4, 4, 4).sum(axis=(1, 3)), rtol=1e-5)
 
 
-@pytest.mark.parametrize(("wrap", "top", "left"), [(False, 6, 8), (False, 0, 0), (True, 8, 11)])
+@pytest.mark.parametrize(
+    ("wrap", "top", "left"), [(NOWHERE, 6, 8), (NOWHERE, 0, 0), (TORUS, 8, 11), (X, 6, 11), (Y, 8, 8)]
+)
 def test_added_cost_is_that_after_less_that_before(
-    wrap: bool, top: int, left: int, exemplar: tuple[np.ndarray, np.ndarray], match: np.ndarray
+    wrap: Wraps, top: int, left: int, exemplar: tuple[np.ndarray, np.ndarray], match: np.ndarray
 ) -> None:
     new = np.random.default_rng(1).random((4, 5)) < 0.7
     added = added_cost(*exemplar, match, wrap, top, left, new, 3, 2)

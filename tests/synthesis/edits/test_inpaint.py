@@ -5,16 +5,19 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pydantic
 import pytest
 
 from tests.synthetic import blobs, identity, masked, picture, smooth_noise, tiled
+from tests.wraps import X, Y
+from texloom.stages.common.grids.border_steps import border_steps
 from texloom.stages.lookup.registry import find_stage
 from texloom.stages.synthesis.edits.border_band import BorderBandParams, border_band
 from texloom.stages.synthesis.edits.inpaint import Inpainted, InpaintParams, inpaint
 from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
-from texloom.stages.vocabulary.facts import TORUS
+from texloom.stages.vocabulary.facts import TORUS, Wraps
 
 SHAPE = (112, 120)
 
@@ -105,6 +108,51 @@ def test_bands_run_along_all_borders(pattern: Image, width: int | None, expected
     with pytest.raises(InputError, match="too small for bands of 30 px") as caught:
         check(BorderBandParams(width=30), {"image": pattern})
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("wrap", [X, Y])
+def test_bands_run_along_the_borders_of_one_axis(pattern: Image, wrap: Wraps) -> None:
+    keep = border_band(pattern, BorderBandParams(width=20, tileable=wrap)).keep
+    both = border_band(pattern, BorderBandParams(width=20)).keep
+    inner = both.any(axis=0) if wrap == X else both.any(axis=1)[:, None]
+    np.testing.assert_array_equal(keep, np.broadcast_to(inner, SHAPE))
+    check = find_stage("synthesis.border_band").check
+    assert check is not None
+    check(BorderBandParams(width=28, tileable=wrap), {"image": pattern.cropped(*_long(wrap))})
+    with pytest.raises(pydantic.ValidationError, match="off leaves the picture as it is"):
+        BorderBandParams(tileable=False)
+
+
+def _long(wrap: Wraps) -> tuple[slice, slice]:
+    """A part that has bands of 28 px along one axis only."""
+    return (slice(40), slice(None)) if wrap == X else (slice(None), slice(40))
+
+
+@pytest.mark.parametrize("wrap", [X, Y])
+def test_a_picture_is_made_to_continue_along_one_axis(wrap: Wraps) -> None:
+    """The steps across the borders of that axis become those inside; the band alone is changed."""
+    rows, columns = np.mgrid[:96, :128]
+    values = 0.5 + 0.3 * np.sin(rows / 3.1) * np.sin(columns / 2.7) + 0.002 * (rows + columns)
+    drift = Image(values.astype(np.float32)[..., None], ("Y",))
+    keep = border_band(drift, BorderBandParams(width=16, tileable=wrap)).keep
+    made = run(drift, keep, tileable=wrap).image
+    assert made.wraps == wrap
+    np.testing.assert_array_equal(made.pixels[keep], drift.pixels[keep])
+    before, after = border_steps(drift), border_steps(made)
+    assert after[wrap.across] < 1.6 < before[wrap.across]
+
+
+@pytest.mark.parametrize("wrap", [X, Y])
+def test_a_picture_that_wraps_along_one_axis_stays_so(
+    pattern: Image, wrap: Wraps, caplog: pytest.LogCaptureFixture
+) -> None:
+    keep = np.ones((pattern.height, pattern.width), bool)
+    keep[:8, 20:40] = keep[-8:, 20:40] = keep[20:40, :8] = keep[20:40, -8:] = False
+    asked = run(pattern, keep, tileable=wrap)
+    kept = run(pattern.wrapping(wrap), keep)
+    assert f"keeps tiling ({wrap})" in caplog.text
+    np.testing.assert_array_equal(kept.match, asked.match)
+    assert kept.image.wraps == asked.image.wraps == wrap
 
 
 def test_a_picture_that_wraps_stays_so(pattern: Image, caplog: pytest.LogCaptureFixture) -> None:

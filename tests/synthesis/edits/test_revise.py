@@ -7,10 +7,11 @@ import pytest
 
 from tests.runs import run_with_progress, run_with_threads
 from tests.synthetic import blobs, identity, masked, picture, tiled
+from tests.wraps import X, Y
 from texloom.stages.synthesis.edits.revise import Revised, ReviseParams, Revision, revise
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
-from texloom.stages.vocabulary.facts import TORUS
+from texloom.stages.vocabulary.facts import NOWHERE, TORUS, Wraps
 
 SHAPE, SIZE = (72, 80), (90, 84)
 """an exemplar and a texture, px"""
@@ -115,6 +116,20 @@ def test_a_texture_that_wraps_stays_so(exemplar: Image, texture: Image, caplog: 
     assert (undone.pixels != asked.pixels).any()
 
 
+@pytest.mark.parametrize("wrap", [X, Y])
+def test_a_texture_that_wraps_along_one_axis_stays_so(exemplar: Image, texture: Image, wrap: Wraps) -> None:
+    """A region across its border is revised as in the middle of the texture with its border elsewhere."""
+    region = (
+        marked(np.s_[:8, 20:60], np.s_[-8:, 20:60]) if wrap == Y else marked(np.s_[20:60, :8], np.s_[20:60, -8:])
+    )
+    axis = int(wrap == X)
+    made = run(texture.wrapping(wrap), exemplar, region).image
+    assert made.wraps == wrap
+    rolled = Image(np.roll(texture.pixels, 40, axis), texture.channels)
+    expected = run(rolled, exemplar, np.roll(region, 40, axis), tileable=wrap).image.pixels
+    np.testing.assert_array_equal(np.roll(made.pixels, 40, axis), expected)
+
+
 @pytest.mark.parametrize("shift", [(0, 0), (13, 22)])
 def test_the_lattice_goes_on(shift: tuple[int, int], rng: np.random.Generator) -> None:
     """Elements keep their places, whatever the phase of the texture."""
@@ -159,7 +174,7 @@ def test_holes_in_the_same_surroundings_are_covered_by_other_parts(exemplar: Ima
     region = marked(np.s_[18:30, 18:30], np.s_[18:30, 66:78], size=(48, 96))
     revision = Revision(exemplar, None, 1.0, None, ReviseParams())
     first, second = (np.random.default_rng(seed) for seed in (1, 2))
-    start = revision.start(texture, region, copies, False, first, second, block=24, spread=spread)
+    start = revision.start(texture, region, copies, NOWHERE, first, second, block=24, spread=spread)
     same = (start == copies).all(axis=2)
     assert same[:, :48][region[:, :48]].all()
     assert same[:, 48:][region[:, 48:]].all() == (not spread)

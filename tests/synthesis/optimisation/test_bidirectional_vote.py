@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from tests.wraps import WRAPS, sides
 from texloom.stages.synthesis.optimisation.bidirectional_vote import bidirectional_vote
 from texloom.stages.synthesis.optimisation.vote import vote_pixels, window
+from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
 PATCHES, PLACES, SIZE, CHANNELS = (9, 7), (6, 8), 4, 3
 """target patches, exemplar patches, side of a patch"""
@@ -17,11 +19,10 @@ def direct(
     weights: np.ndarray,
     completeness: float,
     allowed: np.ndarray | None,
-    wrap: bool,
+    wrap: Wraps,
 ) -> np.ndarray:
     """Simakov et al.: every patch of either kind adds its pixels, by the weight of its term over its number."""
-    extra = 0 if wrap else SIZE - 1
-    height, width = PATCHES[0] + extra, PATCHES[1] + extra
+    height, width = sides(PATCHES, SIZE - 1, wrap)
     sums, total = np.zeros((height, width, CHANNELS)), np.zeros((height, width, 1))
     pairs = [((1 - completeness) / match[0].size, at, tuple(match[:, *at])) for at in np.ndindex(match.shape[1:])]
     voters = [place for place in np.ndindex(PLACES) if allowed is None or allowed[place]]
@@ -36,7 +37,7 @@ def direct(
 
 
 def vote(
-    rng: np.random.Generator, wrap: bool, completeness: float, sigma: float | None, masked: bool
+    rng: np.random.Generator, wrap: Wraps, completeness: float, sigma: float | None, masked: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """What is made, and what is expected."""
     match = np.stack([rng.integers(0, count, PATCHES) for count in PLACES]).astype(np.int32)
@@ -48,11 +49,11 @@ def vote(
     return made, direct(match, reverse, pixels, weights, completeness, allowed, wrap)
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize(("sigma", "masked"), [(None, False), (1.0, True)])
 @pytest.mark.parametrize("completeness", [0.0, 0.3, 0.5])
 def test_a_vote_is_the_mean_of_both_terms(
-    rng: np.random.Generator, wrap: bool, completeness: float, sigma: float | None, masked: bool
+    rng: np.random.Generator, wrap: Wraps, completeness: float, sigma: float | None, masked: bool
 ) -> None:
     made, expected = vote(rng, wrap, completeness, sigma, masked)
     np.testing.assert_allclose(made, expected, rtol=1e-5)
@@ -74,7 +75,7 @@ def test_the_vote_minimises_the_dissimilarity(rng: np.random.Generator) -> None:
         completeness = np.mean([between(tuple(reverse[:, *place]), place) for place in np.ndindex(PLACES)])
         return float(0.5 * coherence + 0.5 * completeness)
 
-    best = bidirectional_vote(match, reverse, pixels, window(SIZE), 0.5, None, False).astype(np.float64)
+    best = bidirectional_vote(match, reverse, pixels, window(SIZE), 0.5, None, NOWHERE).astype(np.float64)
     least = dissimilarity(best)
     for _ in range(20):
         assert dissimilarity(best + rng.normal(0, 0.01, best.shape)) > least
@@ -84,5 +85,5 @@ def test_without_completeness_it_is_the_plain_vote(rng: np.random.Generator) -> 
     match = np.stack([rng.integers(0, count, PATCHES) for count in PLACES]).astype(np.int32)
     reverse = np.zeros((2, *PLACES), np.int32)
     pixels = rng.random((PLACES[0] + SIZE - 1, PLACES[1] + SIZE - 1, CHANNELS), np.float32)
-    made = bidirectional_vote(match, reverse, pixels, window(SIZE), 0.0, None, False)
-    np.testing.assert_array_equal(made, vote_pixels(match, pixels, window(SIZE), False))
+    made = bidirectional_vote(match, reverse, pixels, window(SIZE), 0.0, None, NOWHERE)
+    np.testing.assert_array_equal(made, vote_pixels(match, pixels, window(SIZE), NOWHERE))

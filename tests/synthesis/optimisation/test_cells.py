@@ -5,6 +5,7 @@ from texloom.stages.synthesis.optimisation import cells
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.cells import complete_cells
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
+from texloom.stages.vocabulary.facts import NOWHERE, TORUS
 
 SIZE, MIDDLE = 8, 4
 HEIGHT, WIDTH = 14, 18
@@ -30,7 +31,7 @@ def joined(patches: tuple[int, int], generators: np.ndarray) -> tuple[np.ndarray
     match = np.indices(patches).astype(np.int32)
     match[:, :, 5 * WIDTH // 2 :] += generators[1].astype(np.int32)[:, None, None]
     start = np.moveaxis(match, 0, 2).astype(np.uint32)
-    return match, LatticePhase(generators, start, False)
+    return match, LatticePhase(generators, start, NOWHERE)
 
 
 def mixed_tiles(match: np.ndarray, kind: str) -> int:
@@ -55,7 +56,7 @@ def test_joints_inside_tiles_are_moved_to_their_outlines(
     match, phase = joined((7 * HEIGHT, 6 * WIDTH), generators)
     assert mixed_tiles(match, kind) >= 5
     monkeypatch.setattr(cells, "_WINDOW", window)
-    complete_cells(match, wall(kind, rng), SIZE, 0, False, generators, phase, None)
+    complete_cells(match, wall(kind, rng), SIZE, (0, 0), NOWHERE, generators, phase, None)
     assert mixed_tiles(match, kind) == 0
 
 
@@ -64,7 +65,7 @@ def test_joints_stay_where_moving_them_would_break_contours(rng: np.random.Gener
     lab = rng.uniform(20, 80, (8 * HEIGHT, 8 * WIDTH, 1)).astype(np.float32) * np.ones(3, np.float32)
     match, phase = joined((7 * HEIGHT, 6 * WIDTH), GENERATORS["grid"])
     before = match.copy()
-    complete_cells(match, lab, SIZE, 0, False, GENERATORS["grid"], phase, None)
+    complete_cells(match, lab, SIZE, (0, 0), NOWHERE, GENERATORS["grid"], phase, None)
     assert np.array_equal(match, before)
 
 
@@ -77,7 +78,7 @@ def test_masked_patches_are_not_used(rng: np.random.Generator) -> None:
     usable[50, 30] = False
     allowed = Allowed(usable, 8 * HEIGHT, 8 * WIDTH, SIZE)
     match = allowed.moved(match)
-    complete_cells(match, lab, SIZE, 0, False, generators, phase, allowed)
+    complete_cells(match, lab, SIZE, (0, 0), NOWHERE, generators, phase, allowed)
     assert allowed.places[tuple(match)].all()
 
 
@@ -85,7 +86,7 @@ def test_large_cells_are_left(rng: np.random.Generator, monkeypatch: pytest.Monk
     match, phase = joined((7 * HEIGHT, 6 * WIDTH), GENERATORS["grid"])
     before = match.copy()
     monkeypatch.setattr(cells, "_WINDOW", 2 * WIDTH)
-    complete_cells(match, wall("grid", rng), SIZE, 0, False, GENERATORS["grid"], phase, None)
+    complete_cells(match, wall("grid", rng), SIZE, (0, 0), NOWHERE, GENERATORS["grid"], phase, None)
     assert np.array_equal(match, before)
 
 
@@ -94,7 +95,7 @@ def test_cells_at_the_border_of_a_torus_are_left(rng: np.random.Generator) -> No
     generators = GENERATORS["grid"]
     match, phase = joined((7 * HEIGHT, 6 * WIDTH), generators)
     before = match.copy()
-    complete_cells(match, wall("grid", rng), SIZE, 0, True, generators, phase, None)
+    complete_cells(match, wall("grid", rng), SIZE, (0, 0), TORUS, generators, phase, None)
     changed = (match != before).any(axis=0)
     assert changed.any()
     assert not changed[: HEIGHT - MIDDLE].any()

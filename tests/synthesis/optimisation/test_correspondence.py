@@ -6,10 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.synthetic import identity
+from tests.wraps import WRAPS
 from texloom.stages.synthesis.optimisation import correspondence
 from texloom.stages.synthesis.optimisation.correspondence import from_pixels, rescale, to_pixels
 from texloom.stages.synthesis.optimisation.vote import vote_pixels
 from texloom.stages.vocabulary import scratch
+from texloom.stages.vocabulary.facts import NOWHERE, TORUS, Wraps
 
 SIZES = [3, 4, 5, 10]
 """patch sides, odd and even"""
@@ -18,13 +20,13 @@ SIZES = [3, 4, 5, 10]
 @pytest.mark.parametrize("size", SIZES)
 def test_identity_reads_out_as_identity(size: int) -> None:
     match = np.indices((12, 9), np.int32)
-    np.testing.assert_array_equal(to_pixels(match, size, wrap=False), identity((12 + size - 1, 9 + size - 1)))
+    np.testing.assert_array_equal(to_pixels(match, size, wrap=NOWHERE), identity((12 + size - 1, 9 + size - 1)))
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_identity_reads_out_as_identity_around_a_torus(size: int) -> None:
     """An exemplar that is a torus of (12, 11) pixels with its margin."""
-    pixels = to_pixels(np.indices((12, 11), np.int32), size, wrap=True)
+    pixels = to_pixels(np.indices((12, 11), np.int32), size, wrap=TORUS)
     assert pixels.shape == (12, 11, 2)
     np.testing.assert_array_equal(pixels % (12, 11), identity((12, 11)))
 
@@ -37,11 +39,11 @@ def test_pixels_are_those_of_the_patch_about_them(size: int, rng: np.random.Gene
     exemplar = rng.integers(0, 1000, (places[0] + size - 1, places[1] + size - 1, 1)).astype(np.float32)
     middle = np.zeros(size, np.int32)
     middle[size // 2] = 1
-    voted = vote_pixels(match, exemplar, middle, True)
-    pixels = to_pixels(match, size, wrap=True)
+    voted = vote_pixels(match, exemplar, middle, TORUS)
+    pixels = to_pixels(match, size, wrap=TORUS)
     np.testing.assert_array_equal(exemplar[pixels[..., 0], pixels[..., 1]], voted)
 
-    inside = to_pixels(match, size, wrap=False)
+    inside = to_pixels(match, size, wrap=NOWHERE)
     assert inside.shape == (12 + size - 1, 11 + size - 1, 2)
     assert (inside < (places[0] + size - 1, places[1] + size - 1)).all()
     before, after = size // 2, size - 1 - size // 2
@@ -52,7 +54,7 @@ def test_pixels_are_those_of_the_patch_about_them(size: int, rng: np.random.Gene
 @pytest.mark.parametrize("size", SIZES)
 def test_border_pixels_come_from_the_nearest_patch(size: int, rng: np.random.Generator) -> None:
     match = np.stack([rng.integers(0, 20, (12, 11)), rng.integers(0, 20, (12, 11))]).astype(np.int32)
-    pixels = to_pixels(match, size, wrap=False)
+    pixels = to_pixels(match, size, wrap=NOWHERE)
     assert pixels[0, 0].tolist() == match[:, 0, 0].tolist()
     assert pixels[-1, -1].tolist() == (match[:, -1, -1] + size - 1).tolist()
     assert pixels[0, -1].tolist() == [match[0, 0, -1], match[1, 0, -1] + size - 1]
@@ -62,7 +64,7 @@ def test_border_pixels_come_from_the_nearest_patch(size: int, rng: np.random.Gen
 def test_reading_out_and_in_again_is_the_identity(size: int, rng: np.random.Generator) -> None:
     """At full size and without a margin."""
     match = np.stack([rng.integers(0, n, (12, 11)) for n in (9, 8)]).astype(np.int32)
-    pixels = to_pixels(match, size, wrap=False)
+    pixels = to_pixels(match, size, wrap=NOWHERE)
     full = pixels.shape[:2]
     np.testing.assert_array_equal(from_pixels(pixels, full, (12, 11), (9, 8), size, 1.0), match)
 
@@ -94,7 +96,7 @@ def test_reading_in_with_a_margin_moves_the_patches_out(rng: np.random.Generator
     # the patch at (i, j) covers picture pixels from (i - margin, j - margin) on
     np.testing.assert_array_equal(match, np.indices(patches) - margin + 7)
     # read out, the picture inside the margin is what was read in
-    np.testing.assert_array_equal(to_pixels(match, size, False)[margin:-margin, margin:-margin], pixels)
+    np.testing.assert_array_equal(to_pixels(match, size, NOWHERE)[margin:-margin, margin:-margin], pixels)
 
 
 @given(
@@ -151,8 +153,8 @@ def test_rescaling_takes_the_patch_under_the_middle(coarse: tuple[int, int], fin
         np.testing.assert_array_equal(lines, np.tile(middle * 1000, (lines.shape[0], 1)))
 
 
-@pytest.mark.parametrize("wrap", [False, True])
-def test_strips_make_no_difference(wrap: bool, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("wrap", WRAPS)
+def test_strips_make_no_difference(wrap: Wraps, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
     places = (60, 70)
     pixels = np.stack([rng.integers(0, side, (37, 23)) for side in places], axis=2).astype(np.uint32)
     results = []

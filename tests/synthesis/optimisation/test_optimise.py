@@ -10,6 +10,7 @@ import pytest
 from tests.kernels.patchmatch import naive
 from tests.runs import MemoryCheckpoints, run_with_progress, run_with_threads
 from tests.synthetic import blobs, identity, masked, picture, smooth_noise, tiled
+from tests.wraps import X, Y
 from texloom.stages.lookup.registry import find_stage
 from texloom.stages.synthesis.optimisation import optimise as optimise_module
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
@@ -22,6 +23,7 @@ from texloom.stages.synthesis.optimisation.optimise import (
 )
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.normals import rounding
 from texloom.stages.vocabulary.progress import Progress, listening
 from texloom.stages.vocabulary.sizes import format_size
@@ -143,6 +145,15 @@ def test_tileable_results_continue_across_their_borders(exemplar: Image) -> None
         ]
         assert jumps[0][0] < 1.5 * jumps[0][1:].mean()
         assert jumps[1][0] > 2 * jumps[1][1:].mean()
+
+
+@pytest.mark.parametrize("wrap", [X, Y])
+def test_a_result_may_continue_along_one_axis(exemplar: Image, wrap: Wraps) -> None:
+    made = run(exemplar, tileable=wrap).image
+    assert made.wraps == wrap
+    for axis in (0, 1):
+        jumps = np.abs(made.pixels - np.roll(made.pixels, 1, axis)).mean(axis=(1 - axis, 2))
+        assert (jumps[0] < 1.5 * jumps[1:].mean()) == wrap[axis]
 
 
 def test_the_border_is_as_good_as_the_middle(exemplar: Image) -> None:
@@ -581,6 +592,13 @@ def test_kept_pixels_of_a_picture_that_wraps_decide_whether_the_result_does(larg
     assert asked.image.wraps.both
     assert not run(torus, identity(LARGE), keep=keep, tileable=False).image.wraps
     assert not run(torus).image.wraps  # of a new texture it says nothing
+
+
+@pytest.mark.parametrize("wrap", [X, Y])
+def test_kept_pixels_of_a_picture_that_wraps_along_one_axis(large: Image, keep: np.ndarray, wrap: Wraps) -> None:
+    kept = run(large.wrapping(wrap), identity(LARGE), keep=keep)
+    assert_same(kept, run(large, identity(LARGE), keep=keep, tileable=str(wrap)))
+    assert kept.image.wraps == wrap
 
 
 def test_guiding_pixels_are_matched_to_but_not_copied(large: Image, keep: np.ndarray) -> None:

@@ -8,17 +8,20 @@ import pytest
 
 from tests.runs import run_with_progress, run_with_threads
 from tests.synthetic import WALL, in_step, jump, picture, smooth_noise, soiled_wall, spots, tiled
+from tests.wraps import X, Y
 from texloom.stages.analysis.similarity.appearance_stack import (
     AppearanceStack,
     AppearanceStackParams,
     appearance_stack,
 )
 from texloom.stages.common.geometry.jacobians import rotations
+from texloom.stages.common.grids.border_steps import border_steps
 from texloom.stages.common.per_pixel.levels import Level, Levels, Rect
 from texloom.stages.lookup.registry import find_stage
 from texloom.stages.synthesis.per_pixel.per_pixel import PerPixel, PerPixelParams, flat, per_pixel
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.normals import NORMAL
 
 SHAPE = (48, 56)
@@ -176,6 +179,19 @@ def test_tileable_wraps(image: Image, stack: AppearanceStack) -> None:
     loose = [jump(made(image, stack, seed).image.color) for seed in range(3)]
     assert np.median(wrapped) < 1.6
     assert min(loose) > 2
+
+
+@pytest.mark.parametrize("wrap", [X, Y])
+def test_tileable_along_one_axis(image: Image, stack: AppearanceStack, wrap: Wraps) -> None:
+    """Only along it must the levels divide the result."""
+    size = (64, 75) if wrap == Y else (75, 64)
+    results = [made(image, stack, seed, size=size, tileable=wrap).image for seed in range(3)]
+    assert all(one.wraps == wrap for one in results)
+    steps = np.median([border_steps(one) for one in results], axis=0)
+    assert steps[int(wrap.across)] < 2.4  # as where it continues along both
+    assert steps[int(wrap.down)] > 2.4
+    with pytest.raises(InputError, match="cannot be tileable with"):
+        made(image, stack, size=size, tileable=X if wrap == Y else Y)
 
 
 def test_corrections_make_neighbours_fit(image: Image, stack: AppearanceStack) -> None:

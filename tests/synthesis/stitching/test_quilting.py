@@ -10,6 +10,7 @@ from texloom.stages.synthesis.stitching.exemplar import Stitched, lab_of
 from texloom.stages.synthesis.stitching.quilting import QuiltingParams, quilting
 from texloom.stages.synthesis.stitching.seam_map import SeamMap, slopes
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.facts import Wraps
 
 
 def quilt(image: Image, seed: int = 1, **params: Any) -> Stitched:
@@ -75,7 +76,7 @@ def test_refinement_lowers_the_cost_of_visible_seams(image: Image) -> None:
     def seam_costs(seam_refinement: float, seed: int, tileable: bool) -> np.ndarray:
         match = quilt(image, seed, seam_refinement=seam_refinement, tileable=tileable).match
         features = lab_of(image)
-        return SeamMap(features, slopes(features), match, tileable).costs
+        return SeamMap(features, slopes(features), match, Wraps(tileable, tileable)).costs
 
     for tileable in (False, True):
         before_refinement = [seam_costs(0, seed, tileable) for seed in range(2)]

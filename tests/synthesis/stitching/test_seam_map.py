@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from tests.kernels.seams import naive
+from tests.wraps import WRAPS
 from texloom.stages.synthesis.stitching.seam_map import SeamMap, seam_errors, slopes
+from texloom.stages.vocabulary.facts import NOWHERE, TORUS, Wraps
 
 
 @pytest.fixture
@@ -28,8 +30,8 @@ def test_slopes_are_lengths_of_gradients_by_their_mean() -> None:
     assert (slopes(np.zeros((4, 5, 3), np.float32)) == 0).all()
 
 
-@pytest.mark.parametrize("wrap", [False, True])
-def test_costs_are_those_of_all_seams(wrap: bool, features: np.ndarray, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("wrap", WRAPS)
+def test_costs_are_those_of_all_seams(wrap: Wraps, features: np.ndarray, rng: np.random.Generator) -> None:
     match, slope = pieces(rng), slopes(features)
     seams = SeamMap(features, slope, match, wrap)
     assert seams.costs.shape == (3, 3)
@@ -39,17 +41,16 @@ def test_costs_are_those_of_all_seams(wrap: bool, features: np.ndarray, rng: np.
 
 def test_one_piece_has_no_seams(features: np.ndarray) -> None:
     match = (np.stack(np.indices((9, 10)), axis=-1) + 4).astype(np.uint32)
-    assert not SeamMap(features, slopes(features), match, False).costs.any()
-    assert SeamMap(features, slopes(features), match, True).costs.any()
+    assert not SeamMap(features, slopes(features), match, NOWHERE).costs.any()
+    assert SeamMap(features, slopes(features), match, TORUS).costs.any()
 
 
-@pytest.mark.parametrize("wrap", [False, True])
+@pytest.mark.parametrize("wrap", WRAPS)
 @pytest.mark.parametrize("top", [(0, 0), (4, 6), (12, 15), (16, 19)])
 def test_the_cost_of_a_change_is_predicted(
-    wrap: bool, top: tuple[int, int], features: np.ndarray, rng: np.random.Generator
+    wrap: Wraps, top: tuple[int, int], features: np.ndarray, rng: np.random.Generator
 ) -> None:
-    if not wrap:
-        top = (min(top[0], 18 - 6), min(top[1], 21 - 6))
+    top = (top[0] if wrap.down else min(top[0], 18 - 6), top[1] if wrap.across else min(top[1], 21 - 6))
     match, slope = pieces(rng), slopes(features)
     seams = SeamMap(features, slope, match, wrap)
     before = naive.seam_costs(features, slope, match, wrap).sum()
@@ -66,7 +67,7 @@ def test_the_cost_of_a_change_is_predicted(
 
 def test_the_worst_window_has_the_costliest_seams(features: np.ndarray) -> None:
     match = (np.stack(np.indices((64, 80)), axis=-1) % 20).astype(np.uint32)
-    seams = SeamMap(features, slopes(features), match, False)
+    seams = SeamMap(features, slopes(features), match, NOWHERE)
     seams.costs[:] = 1
     seams.costs[5, 7] = 9
     top = seams.worst(16)

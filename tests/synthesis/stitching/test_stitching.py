@@ -11,12 +11,15 @@ import pytest
 
 from tests.runs import run_with_progress, run_with_threads
 from tests.synthetic import continued, jump, masked, picture, points, smooth_noise, tiled
+from tests.wraps import X, Y
 from texloom.stages.analysis.regularity.straighten import straighten
+from texloom.stages.common.grids.border_steps import border_steps
 from texloom.stages.lookup.registry import find_stage
 from texloom.stages.synthesis.stitching.exemplar import Exemplar, lab_of
 from texloom.stages.synthesis.stitching.overlap import compared
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, NoParams
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.normals import NORMAL, unit
 
 PLAIN = ("quilting", "hybrid", "adaptive", "patch_based", "graph_cut")
@@ -144,6 +147,18 @@ def test_tileable_results_wrap(method: str, rng: np.random.Generator) -> None:
 
     assert max(jumps(True)) < 1.5
     assert min(jumps(False)) > 2.5
+
+
+@pytest.mark.parametrize("wrap", [X, Y])
+@pytest.mark.parametrize("method", METHODS)
+def test_results_may_continue_along_one_axis(method: str, wrap: Wraps, rng: np.random.Generator) -> None:
+    image = picture(smooth_noise((*SHAPE, 3), 2.0, rng))
+    params = {"patch": 16, "patch_tolerance": 0.01} if method == "adaptive" else {}
+    made = synthesise(method, image, 1, size=(110, 126), tileable=wrap, **params).image
+    assert made.wraps == wrap
+    steps = border_steps(made)
+    assert steps[wrap.across] < 1.5
+    assert steps[wrap.down] > 2
 
 
 @pytest.mark.parametrize("method", METHODS)

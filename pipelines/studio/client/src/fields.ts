@@ -1,6 +1,7 @@
 // Parts of forms.
 import { html, type TemplateResult } from "lit";
 import { repeat } from "lit/directives/repeat.js";
+import type { Recipe } from "./messages";
 
 /** Whether keys are typed into something, instead of being commands. */
 export const isTyping = ({ target }: Event): boolean =>
@@ -21,6 +22,17 @@ export const choice = <Key extends string>(
   ${repeat(Object.keys(names) as Key[], (key) => key, (key) => html`<button role="radio" aria-checked=${key === chosen}
     @click=${() => choose(key)}>${names[key]}</button>`)}
 </div>`;
+
+/** The borders across which a texture continues. */
+export type Tiling = NonNullable<Recipe["tileable"]>;
+const TILINGS: Record<Tiling, string> = { off: "no", both: "both ways", x: "left to right", y: "top to bottom" };
+
+/** A choice of borders; none given means `off`. */
+export const tilingField = (chosen: Tiling | null | undefined, choose: (tiling: Tiling) => void): TemplateResult => html`
+  <label class="field"><span>Tileable</span>
+    <select aria-label="Tileable" @change=${(event: Event) => choose((event.target as HTMLSelectElement).value as Tiling)}>
+      ${Object.entries(TILINGS).map(([one, label]) => html`<option value=${one} ?selected=${one === (chosen ?? "off")}>${label}</option>`)}
+    </select></label>`;
 
 /** Buttons that step back and forth; the page clicks them for Ctrl+Z and Ctrl+Shift+Z. */
 export const undoButtons = (

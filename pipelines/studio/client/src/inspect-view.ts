@@ -14,7 +14,7 @@ import type { Studio } from "./studio";
 
 const MODES = { single: "Layer", repeat: "Repeat", compare: "Compare", endless: "Endless", material: "Material" } as const;
 type Shown = keyof typeof MODES;
-const canGoOn = ({ recipe }: Job): boolean => recipe.flow === "per_pixel" && !recipe.tileable;
+const canGoOn = ({ recipe }: Job): boolean => recipe.flow === "per_pixel" && (recipe.tileable ?? "off") === "off";
 const exemplarOf = (job?: Job): string | undefined => job && Object.values(job.recipe.sources)[0];
 
 /** The EXR of the main result, or any other one. */

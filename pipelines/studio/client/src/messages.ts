@@ -39,7 +39,7 @@ export interface Recipe {
   sources: Record<string, string>;
   mask?: string | null;
   size?: string | null;
-  tileable?: boolean | null;
+  tileable?: "off" | "x" | "y" | "both" | null;
   seed?: number;
   preset?: string | null;
   params?: Record<string, number | boolean | "labels" | "values" | [number, number]>;

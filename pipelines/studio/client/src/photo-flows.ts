@@ -1,4 +1,5 @@
 // What can be made from a photograph's surfaces, as recipes of flows.
+import type { Tiling } from "./fields";
 import type { PhotoRecipe, Recipe } from "./messages";
 import { keepPhoto } from "./server";
 import { sizeText } from "./sizes";
@@ -26,7 +27,7 @@ export type Purpose = keyof typeof PURPOSES;
 export interface Settings {
   purpose: Purpose;
   side: number;
-  tileable: boolean;
+  tileable: Tiling;
   seed: number;
   /** id of the other photograph */
   scene: string;
@@ -38,7 +39,6 @@ export async function photoFlow(photo: PhotoRecipe, scene: PhotoRecipe | null, s
   const files = { "surface.geometry": (await keepPhoto(photo)).geometry };
   const recipe: Recipe = { flow, sources: { photo: photo.photo }, files, seed: settings.seed };
   if (hasSize) Object.assign(recipe, { size: sizeText([settings.side, settings.side]), tileable: settings.tileable });
-  if (settings.purpose === "texture" && !settings.tileable) recipe.params = { "texture.tileable": false };
   if (settings.purpose !== "place" || !scene) return recipe;
   return {
     ...recipe,

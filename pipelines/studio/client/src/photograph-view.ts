@@ -3,7 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, query, state } from "lit/decorators.js";
 import { surface } from "./bezier";
 import { Element } from "./element";
-import { choice, undoButtons } from "./fields";
+import { choice, tilingField, undoButtons } from "./fields";
 import "./job-panel";
 import type { PatchRecipe, PhotoPatch, PhotoProposal, PhotoRecipe, Picture, Recipe, ToPage } from "./messages";
 import { AREA_COLORS, type Brush, type Edit, type Shown } from "./photo-canvas";
@@ -63,7 +63,7 @@ export class PhotographView extends Element {
   @state() private handle: Handle | null = null;
   @state() private area: Area = "region";
   @state() private brush: Required<Brush> = { tool: "stroke", erase: false, radius: 24, tolerance: 8, features: "dark" };
-  @state() private settings: Settings = { purpose: "flatten", side: 512, tileable: true, seed: 7, scene: "" };
+  @state() private settings: Settings = { purpose: "flatten", side: 512, tileable: "both", seed: 7, scene: "" };
   @state() private problem = "";
   @state() private isProposing = false;
   @state() private job = "";
@@ -392,8 +392,7 @@ export class PhotographView extends Element {
       ${purpose.hasSize
         ? html`<label class="field"><span>Size, px</span><input type="number" min="64" max="8192" step="1" .value=${String(settings.side)}
               aria-label="Size" @change=${(event: Event) => set({ side: whole(event, 64, settings.side) })} /></label>
-            <label class="check"><input type="checkbox" .checked=${settings.tileable}
-              @change=${(event: Event) => set({ tileable: (event.target as HTMLInputElement).checked })} />Tileable</label>`
+            ${tilingField(settings.tileable, (one) => set({ tileable: one }))}`
         : nothing}
       ${settings.purpose === "place"
         ? scenes.length

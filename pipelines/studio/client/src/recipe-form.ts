@@ -2,6 +2,7 @@
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property } from "lit/decorators.js";
 import { Element } from "./element";
+import { tilingField } from "./fields";
 import type { Method, Recipe } from "./messages";
 import { sides, sizeText } from "./sizes";
 
@@ -43,11 +44,7 @@ export class RecipeForm extends Element {
           @click=${() => this.edit({ size: sizeText([side, side]) })}>${side}</button>`)}
       </div>
       ${method.can_tile
-        ? html`<label class="check">
-            <input type="checkbox" .checked=${recipe.tileable ?? false}
-              @change=${(event: Event) => this.edit({ tileable: (event.target as HTMLInputElement).checked || null })} />
-            Tileable
-          </label>`
+        ? tilingField(recipe.tileable, (one) => this.edit({ tileable: one === "off" ? null : one }))
         : nothing}
       <div class="field">
         <span>Seed</span>

@@ -1,0 +1,45 @@
+"""What may be asked for of the borders of a result: ``off``, ``x``, ``y`` or ``both``."""
+
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, PlainSerializer, PlainValidator, WithJsonSchema
+
+from texloom.stages.vocabulary.facts import NOWHERE, TORUS, Wraps
+
+NAMES = ("off", "x", "y", "both")
+"""as they are typed; false and true say ``off`` and ``both``"""
+_EXPECTED = "off, x (left and right borders), y (top and bottom) or both"
+
+
+def parse_tileable(value: Any) -> Wraps:
+    """The borders that a name or a truth value asks for; `ValueError` if it is neither."""
+    if isinstance(value, Wraps):
+        return value
+    if isinstance(value, bool) or value in ("true", "false"):
+        return TORUS if value in (True, "true") else NOWHERE
+    if value not in NAMES:
+        raise ValueError(f"{value!r} is not {_EXPECTED}")
+    return Wraps.of(value)
+
+
+def tileable_value(wraps: Wraps) -> bool | str:
+    """The shortest value that asks for it: a truth value, ``x`` or ``y``."""
+    return wraps.both if wraps.both or not wraps else str(wraps)
+
+
+def _on_both_axes(value: Any) -> bool:
+    wraps = parse_tileable(value)
+    if wraps and not wraps.both:
+        raise ValueError(f"'{wraps}': this stage makes pictures that are tileable along both axes or along none")
+    return wraps.both
+
+
+Tileable = Annotated[
+    Wraps,
+    PlainValidator(parse_tileable),
+    PlainSerializer(tileable_value, return_type=bool | str),
+    WithJsonSchema({"anyOf": [{"type": "boolean"}, {"enum": list(NAMES)}]}),
+]
+"""the borders across which a result continues"""
+TileableBoth = Annotated[bool, BeforeValidator(_on_both_axes)]
+"""the same for a stage that makes a torus or nothing of the kind; one axis is refused"""
