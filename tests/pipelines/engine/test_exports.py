@@ -438,7 +438,7 @@ def test_what_a_step_did_not_give_is_not_written(tmp_path: Path) -> None:
     (tmp_path / "flow.yaml").write_text(
         "flow: small\nsources: {exemplar: exemplar.png, control: optional}\nsteps:\n"
         "  small:\n    stage: synthesis.histogram_summary\n    inputs: {texture: exemplar, control: control}\n"
-        "    params: {size: [16, 16]}\n"
+        "    params: {size: 16}\n"
         "exports: {texture.png: small.image, control.png: small.control}\n"
     )
     for _ in range(2):
