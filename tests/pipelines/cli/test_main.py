@@ -70,7 +70,8 @@ class Result:
 
     @property
     def states(self) -> dict[str, str]:
-        return {step["name"]: step["state"] for step in self.report["steps"]}
+        steps = self.report["steps"]
+        return {step["name"]: step["state"] for step in steps if step["state"] != "skipped"}
 
 
 def texloom(*arguments: object) -> Result:
