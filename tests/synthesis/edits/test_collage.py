@@ -63,6 +63,8 @@ def test_pieces_continue_at_the_opposite_border(exemplar: Image) -> None:
     piece = {"box": [10, 20, 20, 20], "at": [0, 0]}
     assert (run(exemplar, piece, tileable=True).pieces == 0).sum() == 400
     assert (run(exemplar, piece).pieces == 0).sum() == 100
+    for along in ("x", "y"):
+        assert (run(exemplar, piece, tileable=along).pieces == 0).sum() == 200
 
 
 def test_normals_turn_with_their_piece() -> None:

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from tests.synthetic import LATTICES, continued, picture, points, smooth_noise, tiled, wall
+from tests.wraps import X, Y
 from texloom.stages.analysis.regularity.deformed_lattice import DeformedLatticeParams, deformed_lattice
+from texloom.stages.common.grids.border_steps import border_steps
 from texloom.stages.synthesis.near_regular.lattice_tiles import Shape, Window, best_shape
 from texloom.stages.synthesis.near_regular.near_regular import NearRegular, NearRegularParams, near_regular
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import Wraps
 
 
 def texture(image: Image, generators: np.ndarray, **params: Any) -> NearRegular:
@@ -122,6 +125,20 @@ def test_a_tileable_result_has_a_lattice_that_wraps(name: str) -> None:
     for axis in (0, 1):
         across = np.abs(tone.take(0, axis) - tone.take(-1, axis)).mean()
         assert across < 1.5 * np.abs(np.diff(tone, axis=axis)).mean()
+
+
+@pytest.mark.parametrize("wrap", [X, Y])
+def test_a_result_may_continue_along_one_axis(wrap: Wraps) -> None:
+    """With a cell and a half of the lattice along the other one, whose borders then do not fit."""
+    generators = LATTICES["rectangular"] * 0.6
+    exemplar = picture(0.5 + 0.4 * waves(generators, (140, 150)))
+    height, width = (round(one) for one in np.diag(generators) * (3.5, 4.5))
+    made = texture(exemplar, generators, size=(height, width), tileable=wrap).image
+    assert made.wraps == wrap
+    assert made.pixels.shape[:2] == (height, width)
+    steps = border_steps(made)
+    assert steps[wrap.across] < 1.6
+    assert steps[wrap.down] > 2
 
 
 def bent(generators: np.ndarray, shape: tuple[int, int]) -> tuple[Image, np.ndarray]:

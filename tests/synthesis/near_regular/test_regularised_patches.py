@@ -8,6 +8,7 @@ import pytest
 
 from tests.runs import run_with_progress
 from tests.synthetic import LATTICES, bent, difference, tiled, wall
+from tests.wraps import X, Y
 from texloom.stages.analysis.regularity.deformed_lattice import (
     DeformedLattice,
     DeformedLatticeParams,
@@ -107,6 +108,17 @@ def test_the_deformation_wraps_too(curved: Analysed) -> None:
             assert steps[0] <= 1.1 * steps[1:].max()
     away = np.hypot(*np.moveaxis(result.displacement, 2, 0))
     assert 0.3 < away.mean() < 6
+
+
+def test_a_result_may_continue_along_one_axis(curved: Analysed) -> None:
+    for wrap in (X, Y):
+        result = curved.texture(tileable=wrap)
+        assert result.image.wraps == wrap
+        size = result.image.pixels.shape[:2]
+        assert result.match.shape[:2] == result.displacement.shape[:2] == size
+        axis = int(wrap == X)
+        steps = np.abs(result.displacement - np.roll(result.displacement, 1, axis)).mean(axis=(1 - axis, 2))
+        assert steps[0] <= 1.1 * steps[1:].max()
 
 
 def test_strength(curved: Analysed) -> None:
