@@ -16,7 +16,7 @@ import numpy as np
 
 from texloom.pipelines.media import locate, material_set
 from texloom.pipelines.media.decode import Refusal
-from texloom.pipelines.media.material_set import recognised
+from texloom.pipelines.media.material_set import HEIGHT_UNIT, recognised
 from texloom.pipelines.media.sources import Source
 from texloom.pipelines.media.stack import ROLE
 from texloom.pipelines.store.atomic import file_digest, write_atomically
@@ -64,6 +64,9 @@ def _file_maps(maps: Mapping[str, PathOrArray], folder: Path) -> Path:
     files: dict[str, str] = {}
     contents: dict[str, bytes] = {}
     for name, given in maps.items():
+        if name == HEIGHT_UNIT:
+            files[name] = str(given)
+            continue
         if isinstance(given, str | os.PathLike):
             reference = os.fspath(given)
             files[name] = os.path.abspath(reference) if locate.is_path(reference) else reference  # noqa: PTH100 (keeps links)
@@ -147,7 +150,9 @@ def masked(image: Picture, mask: PathOrArray) -> dict[str, PathOrArray]:
             raise InputError(f"image: {image}: {error}") from None
         said = {"up": "normal_gl", "down": "normal_dx"}
         names = {one.role: said.get(one.facts.green, one.role) for one in maps}
-        return {**{names[one.role]: one.reference for one in maps}, "mask": mask}
+        given: dict[str, PathOrArray] = {names[one.role]: one.reference for one in maps}
+        unit = next((one.facts.unit for one in maps if one.role == "height"), "")
+        return {**given, **({HEIGHT_UNIT: unit} if unit else {}), "mask": mask}
     return {"albedo": image, "mask": mask}
 
 
@@ -194,6 +199,8 @@ def kinds_of(source: Source, given: Picture) -> list[MapKind]:
         names = {"albedo": given}  # a picture and its mask
     kinds = []
     for name, one in names.items():
+        if name == HEIGHT_UNIT:
+            continue
         role = (recognised(name) or (name, None))[0]
         kinds.append(dataclasses.replace(_kind_of(name, role, one, known[role]), directx=known[role].directx))
     return kinds

@@ -61,7 +61,9 @@ _IN_COLOR = (*COLORS, "specular")
 _CONVENTIONS = {"gl": "opengl", "opengl": "opengl", "ogl": "opengl", "dx": "directx", "directx": "directx"}
 _GREENS = dict(zip(("opengl", "directx"), GREENS, strict=True))
 _PREFERENCE = ("opengl", None, "directx")
-_KEYS = ("normal_convention", "height_unit", "resample")
+HEIGHT_UNIT = "height_unit"
+"""the key of a YAML file that says the unit of heights"""
+_KEYS = ("normal_convention", HEIGHT_UNIT, "resample")
 _NOT_A_ROLE = re.compile(r"\d+k?|map|maps|tex|texture|png|jpg|jpeg|tif|tiff|exr")
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".exr")
 _YAML = (".yaml", ".yml")
@@ -301,8 +303,8 @@ def _of_yaml(path: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]:
     convention, resample = settings.get("normal_convention"), settings.get("resample", False)
     if convention not in (None, "opengl", "directx"):
         raise Refusal(f"normal_convention: must be opengl or directx, got {shown(convention)}")
-    if (unit_of_height := settings.get("height_unit")) not in (None, *UNITS):
-        raise Refusal(f"height_unit: must be one of {', '.join(UNITS)}, got {shown(unit_of_height)}")
+    if (unit_of_height := settings.get(HEIGHT_UNIT)) not in (None, *UNITS):
+        raise Refusal(f"{HEIGHT_UNIT}: must be one of {', '.join(UNITS)}, got {shown(unit_of_height)}")
     if not isinstance(resample, bool):
         raise Refusal(f"resample: must be true or false, got {shown(resample)}")
     return named, settings, []
@@ -334,7 +336,7 @@ def _opened(role: str, reference: str, settings: Mapping[str, Any]) -> Map:
     facts = Facts.of(seen.facts).of_map(role)
     if role == "normal" and convention is not None:
         facts = dataclasses.replace(facts, green=_GREENS[convention])
-    if role == "height" and (height_unit := settings.get("height_unit")) is not None:
+    if role == "height" and (height_unit := settings.get(HEIGHT_UNIT)) is not None:
         facts = dataclasses.replace(facts, unit=height_unit)
     size = seen.height, seen.width
     return Map(role, reference, stem, *size, channels, seen.bits, facts, seen.digest, seen.memory, seen.note)

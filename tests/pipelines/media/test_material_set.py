@@ -12,6 +12,7 @@ import pytest
 from tests.conftest import ROOT
 from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.loader import load_flow
+from texloom.pipelines.media.arrays import file_source, kinds_of, masked
 from texloom.pipelines.media.material_set import recognised
 from texloom.pipelines.media.sources import Source, open_source
 from texloom.stages.vocabulary.color import linear_from_srgb
@@ -154,6 +155,10 @@ def test_heights_in_floats_know_their_range_and_unit(folder: Path) -> None:
     image = open_source("exemplar", str(listing)).read()
     assert image.facts.maps["height"] == MapFacts(unit="mm", range=(-3.0, 12.0))
     np.testing.assert_array_equal(image.pixels[..., 3], heights)
+    given = masked(str(listing), np.ones(SIDES, bool))
+    source = open_source("exemplar", file_source(given, folder / "given"))
+    assert source.read().facts == image.facts
+    assert [kind.role for kind in kinds_of(source, given)] == ["albedo", "height", "mask"]
 
 
 def test_normals_are_normalised(folder: Path) -> None:
