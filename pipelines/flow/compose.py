@@ -243,6 +243,9 @@ class _Composer:
                     raise entry.fail(f"{SOURCE}, got nothing")
                 if source is None and not is_optional(draft.sources[name].value or OPTIONAL):
                     raise entry.fail("is not optional in the included flow, so that it cannot be left out")
+                before = draft.sources.get(name)
+                if before is not None and (before.value is None or is_optional(before.value)):
+                    del draft.sources[name]  # one that the file needs has the place that the file gives it
                 draft.sources[name] = entry
             for name, step in one.steps.items():
                 self.set_step(draft, name, step, f"{where}steps.{name}")

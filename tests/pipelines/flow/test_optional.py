@@ -265,6 +265,15 @@ steps: {even: {stage: analysis.tone, inputs: {image: photo}}}
     assert "mask" in renamed.optional
 
 
+def test_a_source_that_the_including_file_needs_has_its_place(folder: Path) -> None:
+    text = """
+include: {flow: base.yaml, inputs: {exemplar: clean.image}}
+sources: {photo: required, mask: {pair: photo}}
+steps: {clean: {stage: analysis.exclusion_mask, inputs: {image: photo, mask: mask}}}
+"""
+    assert list(loaded(folder, text).sources)[:2] == ["photo", "mask"]
+
+
 def test_a_source_that_is_bound_is_there(folder: Path) -> None:
     bound = "include: {flow: base.yaml, inputs: {painted: labels, own: labels}}\nsources: {labels: labels.png}"
     flow = loaded(folder, bound)
