@@ -30,7 +30,7 @@ def tileable_value(wraps: Wraps) -> bool | str:
 def _on_both_axes(value: Any) -> bool:
     wraps = parse_tileable(value)
     if wraps and not wraps.both:
-        raise ValueError(f"'{wraps}': this stage makes pictures that are tileable along both axes or along none")
+        raise ValueError(f"'{wraps}': a compaction is tileable along both axes or along none; both or off")
     return wraps.both
 
 
@@ -42,4 +42,4 @@ Tileable = Annotated[
 ]
 """the borders across which a result continues"""
 TileableBoth = Annotated[bool, BeforeValidator(_on_both_axes)]
-"""the same for a stage that makes a torus or nothing of the kind; one axis is refused"""
+"""the same for compactions, which are read around a torus or not at all; one axis is refused"""

@@ -41,7 +41,7 @@ def test_other_values_are_refused(value: Any) -> None:
         _Asked(tileable=value)
 
 
-def test_a_stage_of_toruses_refuses_one_axis() -> None:
+def test_compactions_refuse_one_axis() -> None:
     assert _Asked(torus="both").torus is True  # type: ignore[arg-type]
-    with pytest.raises(pydantic.ValidationError, match="'x': this stage makes pictures that are tileable"):
+    with pytest.raises(pydantic.ValidationError, match="'x': a compaction is tileable along both axes"):
         _Asked(torus="x")  # type: ignore[arg-type]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.synthetic import picture, smooth_noise
+from tests.wraps import X, Y
 from texloom.stages.analysis.similarity.appearance_stack import AppearanceStackParams, appearance_stack
 from texloom.stages.common.per_pixel.device import Device, levels_on, target_on
 from texloom.stages.common.per_pixel.levels import Levels, Rect, Style
@@ -62,14 +63,14 @@ def test_a_window_is_the_same(image: Image) -> None:
     assert_same(levels)
 
 
-@pytest.mark.parametrize("distorted", [False, True])
-def test_what_repeats_is_the_same(image: Image, rng: np.random.Generator, distorted: bool) -> None:
+@pytest.mark.parametrize(("distorted", "wrap"), [(False, TORUS), (True, TORUS), (False, X), (False, Y)])
+def test_what_repeats_is_the_same(image: Image, rng: np.random.Generator, distorted: bool, wrap: Wraps) -> None:
     jacobian, chart = None, None
     if distorted:
         jacobian = (np.array([1, 0, 0, 1]) + rng.normal(0, 0.2, (*SHAPE, 4))).astype(np.float32)
         chart = rng.random((*SHAPE, 2), np.float32) * 50
     known = tables(image, jacobian=jacobian)
-    levels = both(known, Rect(0, 8, 0, 8), TORUS)
+    levels = both(known, Rect(0, 8, 0, 8), wrap)
     generators = np.array([[5.3, 0.4], [-1.2, 6.1]], np.float32)
     for part in levels:
         if distorted:

@@ -23,7 +23,7 @@ COMPLETED = {
     "run self_tuning --set ": {"size=", "tileable=", "texture.occurrence=", "edges.detector="},
     "run self_tuning --set start.s": {"start.size="},
     "run self_tuning --set texture.preset=": {f"texture.preset={one}" for one in ("kaspar2015", "default", "fast")},
-    "run self_tuning --set texture.tileable=": {"texture.tileable=true", "texture.tileable=false"},
+    "run self_tuning --set texture.tileable=": {f"texture.tileable={name}" for name in ("off", "x", "y", "both")},
     "run self_tuning --preset f": {"fast"},
     "run fill --source ": {"picture=", "holes="},
     "run fill --source picture=texloom:bri": {"picture=texloom:bricks"},

@@ -26,7 +26,7 @@ SETTINGS = {
 }
 TYPED = {
     "run quil\tmi\t--tilea\t": "run quilting mine.png --tileable",
-    "run self_tuning --set texture.tilea\ttr\t": "run self_tuning --set texture.tileable=true",
+    "run self_tuning --set texture.tilea\tbo\t": "run self_tuning --set texture.tileable=both",
     "run fill --source pict\ttexl\tbri\t": "run fill --source picture=texloom:bricks",
     "run fill --source picture=mi\t": "run fill --source picture=mine.png",
 }
