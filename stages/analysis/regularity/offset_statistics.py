@@ -7,6 +7,7 @@ from pydantic import Field
 
 from texloom.stages.analysis.regularity.density import smoothed
 from texloom.stages.common.features.sift import features
+from texloom.stages.common.grids.working_size import working_image
 from texloom.stages.numerics.matrices import row_product
 from texloom.stages.vocabulary.arrays import Image, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
@@ -34,9 +35,9 @@ class OffsetStatistics:
 
     density: ScalarMap
     """smoothed number of matches at each offset, scaled to a maximum of 1; offset (0, 0) is the centre and offsets
-    extend to half the exemplar's sides; all 0 where nothing repeats"""
+    extend to half the exemplar's sides, in px of its `working_image`; all 0 where nothing repeats"""
     offsets: Vectors
-    """the offsets from which the density is estimated, px; every offset and its opposite"""
+    """the offsets from which the density is estimated, px of the exemplar; every offset and its opposite"""
 
 
 def _descriptors(image: Image, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -87,7 +88,7 @@ def offset_statistics(image: Image, params: OffsetStatisticsParams) -> OffsetSta
 
     The paper matches each feature with its nearest neighbour. As in its authors' code, all pairs of similar
     features match, so that distant lattice points count as much as near ones. Features on or near excluded pixels
-    are ignored.
+    are ignored. Of an exemplar of more than 1.5 million pixels, its `working_image` is measured.
 
     Parameters
     ----------
@@ -102,6 +103,7 @@ def offset_statistics(image: Image, params: OffsetStatisticsParams) -> OffsetSta
     ----------
     [Kaspar2015]_ section 3.3, Figure 5; [Lowe2004]_ for the features.
     """
+    image, step = working_image(image)
     offsets = _offsets(image, params)
     reach = np.array([image.height, image.width]) // 2
     density = np.zeros(2 * reach + 1, np.float32)
@@ -109,4 +111,4 @@ def offset_statistics(image: Image, params: OffsetStatisticsParams) -> OffsetSta
         index = np.rint(offsets).astype(np.int64) + reach
         np.add.at(density, (index[:, 0], index[:, 1]), 1)
         density = smoothed(density, min(image.height, image.width))
-    return OffsetStatistics(density, offsets)
+    return OffsetStatistics(density, offsets * np.float32(step))

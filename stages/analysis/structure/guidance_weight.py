@@ -107,7 +107,7 @@ def guidance_weight(image: Image, distance: ScalarMap, params: GuidanceWeightPar
     densities = np.zeros((3, _BINS, _BINS), np.float32)
     if not near.any():
         return GuidanceWeight(WEAK_WEIGHT, densities, 0.0, 0)
-    lab = lab_from_linear(image.color)[near]
+    lab = lab_from_linear(image.color[near][None])[0]
     fill, peaks = 0.0, 0
     for index, (first, second) in enumerate(_PAIRS):
         density = _density(lab[:, first], lab[:, second], (_RANGES[first], _RANGES[second]), params.blur)
