@@ -6,16 +6,16 @@ from jaxtyping import Float64
 from texloom.stages.common.regularity.lattice_cells import reduced
 from texloom.stages.kernels.core.threads import run_all
 from texloom.stages.numerics.filters import gaussian_blur
-from texloom.stages.numerics.matrices import least_squares, matrix_product, rank
+from texloom.stages.numerics.matrices import cubic_spline, least_squares, matrix_product, rank
 from texloom.stages.vocabulary.arrays import Mask, ScalarMap
 
 _MOST_STEPS = 16  # along a generator
 _MIN_OVERLAP = 0.2  # of the picture with its shifted copy
 _PARTS = 2  # of the longest steps along a generator that are compared
-_SAMPLES = 1 << 18  # pixels that are compared at each shift
-_MAX_REACH = 6  # px around the expected place
 _MIN_POINTS = 3
-_PASSES = 2  # the first ends where the expected places were off by several pixels
+_PARTS_OF_PIXELS = 64  # to which places are exact
+_PASSES = ((6, 1 << 21), (3, 1 << 23))
+# px around expected places, at most, and pixels that are compared at each shift, for all places together
 
 
 def refined_in_full(
@@ -34,12 +34,12 @@ def refined_in_full(
     """
     _without_shading(plane, valid, step)
     best = reduced(generators)
-    for _ in range(_PASSES):
+    for most, samples in _PASSES:
         steps = _distant_steps(plane.shape, best)
         if len(steps) < _MIN_POINTS:
             return best
-        reach = min(step + 1, _MAX_REACH)
-        calls = [(plane, matrix_product(number, best), reach) for number in steps]
+        reach = max(3, min(step + 1, most))
+        calls = [(plane, matrix_product(number, best), reach, samples // len(steps)) for number in steps]
         found = [entry for entry in zip(steps, run_all(_peak, calls), strict=True) if entry[1] is not None]
         if len(found) < _MIN_POINTS or rank(np.array([number for number, _ in found])) < 2:
             return best
@@ -76,27 +76,27 @@ def _distant_steps(shape: tuple[int, int], generators: np.ndarray) -> Float64[np
     return np.asarray(steps[(steps % parts == 0).all(axis=1)], np.float64)
 
 
-def _peak(plane: ScalarMap, expected: np.ndarray, reach: int) -> Float64[np.ndarray, "3"] | None:
+def _peak(plane: ScalarMap, expected: np.ndarray, reach: int, samples: int) -> Float64[np.ndarray, "3"] | None:
     """Place and height of the maximal correlation within ``reach`` px; None where it is no peak."""
     from texloom.stages.kernels.lattice.shifted_products import shifted_products
 
     middle = np.rint(expected).astype(np.int64)
     shifts = middle[:, None] + np.arange(-reach, reach + 1)
     rows = np.arange(max(0, -shifts[0, 0]), min(plane.shape[0], plane.shape[0] - shifts[0, -1]))
-    every = max(1, rows.size * (plane.shape[1] - abs(int(middle[1]))) // _SAMPLES)
+    # Odd, for rows of all phases of JPEG's blocks.
+    every = 1 | max(1, rows.size * (plane.shape[1] - abs(int(middle[1]))) // samples)
     sums = np.zeros((shifts.shape[1], shifts.shape[1], 3))
     shifted_products(plane, rows[every // 2 :: every], shifts[0], shifts[1], sums)
     correlation = sums[..., 0] / np.sqrt(np.maximum(sums[..., 1] * sums[..., 2], 1e-12))
     row, column = np.unravel_index(int(np.argmax(correlation)), correlation.shape)
     if correlation[row, column] <= 0 or {row, column} & {0, 2 * reach}:
         return None
-    down = _vertex(correlation[row - 1 : row + 2, column])
-    right = _vertex(correlation[row, column - 1 : column + 2])
-    return np.array([shifts[0, row] + down, shifts[1, column] + right, correlation[row, column]])
-
-
-def _vertex(values: Float64[np.ndarray, "3"]) -> float:
-    """Where a parabola through three values is highest, from the middle one."""
-    before, middle, after = values
-    curvature = before - 2 * middle + after
-    return float(0.5 * (before - after) / curvature) if curvature < 0 else 0.0
+    # The spline at parts of pixels, less than one from the highest value.
+    near = []
+    for place in (row, column):
+        correlation = cubic_spline(correlation, _PARTS_OF_PIXELS, (len(correlation) - 1) * _PARTS_OF_PIXELS + 1).T
+        near.append(np.s_[(place - 1) * _PARTS_OF_PIXELS : (place + 1) * _PARTS_OF_PIXELS + 1])
+    part = correlation[near[0], near[1]]
+    down, right = np.unravel_index(int(np.argmax(part)), part.shape)
+    away = np.array([row - 1, column - 1]) + np.array([down, right]) / _PARTS_OF_PIXELS
+    return np.array([*(shifts[:, 0] + away), part[down, right]])

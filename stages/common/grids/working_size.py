@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 from jaxtyping import Float32
 
-from texloom.stages.vocabulary.arrays import Image, ScalarMap
+from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.masks import EXCLUSION_CHANNELS, HALF, valid_pixels
 
 MOST_PIXELS = 3 << 19
@@ -58,7 +58,7 @@ def working_image(image: Image) -> tuple[Image, int]:
     return image.with_pixels(pixels).wrapping(False), step
 
 
-def in_full(plane: ScalarMap, step: int, height: int, width: int) -> ScalarMap:
+def in_full(plane: Float32[np.ndarray, "p q"], step: int, height: int, width: int) -> Float32[np.ndarray, "h w"]:
     """A plane of a `working_image` at full size, between the middles of its squares linearly."""
     import cv2
 
