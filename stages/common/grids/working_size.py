@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 from jaxtyping import Float32
 
+from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.masks import EXCLUSION_CHANNELS, HALF, valid_pixels
 
@@ -56,6 +57,23 @@ def working_image(image: Image) -> tuple[Image, int]:
         if name in image.channels:
             pixels[..., image.channels.index(name)] = known
     return image.with_pixels(pixels).wrapping(False), step
+
+
+class Halvings:
+    """Planes that are resampled at many sizes; large ones are halved before, as often as leaves twice the size."""
+
+    def __init__(self, planes: Float32[np.ndarray, "h w c"]):
+        self._levels = [planes]
+        self._is_large = reduction(*planes.shape[:2]) > 1
+
+    def resized(self, height: int, width: int) -> Float32[np.ndarray, "H W c"]:
+        """See `resize`."""
+        level = 0
+        while self._is_large and (np.array(self._levels[level].shape[:2]) >= (4 * height, 4 * width)).all():
+            level += 1
+            if level == len(self._levels):
+                self._levels.append(square_means(self._levels[-1], 2))
+        return resize(self._levels[level], height, width)
 
 
 def in_full(plane: Float32[np.ndarray, "p q"], step: int, height: int, width: int) -> Float32[np.ndarray, "h w"]:

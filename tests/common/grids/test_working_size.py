@@ -3,9 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.synthetic import masked, picture
+from tests.synthetic import masked, picture, smooth_noise
 from texloom.stages.common.grids import working_size
-from texloom.stages.common.grids.working_size import in_full, reduction, square_means, working_image
+from texloom.stages.common.grids.pyramid import resize
+from texloom.stages.common.grids.working_size import Halvings, in_full, reduction, square_means, working_image
 
 
 @pytest.mark.parametrize(
@@ -46,3 +47,15 @@ def test_planes_return_to_their_places(rng: np.random.Generator) -> None:
     plane = in_full(square_means(row + 10 * column, 3), 3, 14, 17)
     assert plane.shape == (14, 17)
     np.testing.assert_allclose(plane[1:11, 1:14], (row + 10 * column)[1:11, 1:14], rtol=1e-5)
+
+
+def test_large_planes_are_halved_before_they_are_resampled(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    planes = smooth_noise((240, 320, 2), 12.0, rng).astype(np.float32)
+    expected = resize(planes, 24, 32)
+    np.testing.assert_array_equal(Halvings(planes).resized(24, 32), expected)
+    monkeypatch.setattr(working_size, "MOST_PIXELS", 1000)
+    halved = Halvings(planes)
+    np.testing.assert_array_equal(halved.resized(120, 160), resize(planes, 120, 160))
+    np.testing.assert_allclose(halved.resized(24, 32), expected, atol=0.01 * float(np.ptp(planes)))
