@@ -13,6 +13,7 @@ from texloom.stages.vocabulary.arrays import Image, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
+from texloom.stages.vocabulary.progress import Progress, report
 
 _MIN_OFFSET = 5.0  # px; shorter offsets match a feature with its own surroundings
 _BIN_SIZE = 5  # px; side of the bins in which isolated offsets are counted
@@ -67,6 +68,7 @@ def _descriptors(image: Image, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _offsets(image: Image, params: OffsetStatisticsParams) -> Vectors:
     positions, descriptors = _descriptors(image, params.features)
+    report(Progress(0.7))
     if len(positions) < 2:
         return np.zeros((0, 2), np.float32)
     lengths = (descriptors**2).sum(axis=1)
@@ -111,4 +113,5 @@ def offset_statistics(image: Image, params: OffsetStatisticsParams) -> OffsetSta
         index = np.rint(offsets).astype(np.int64) + reach
         np.add.at(density, (index[:, 0], index[:, 1]), 1)
         density = smoothed(density, min(image.height, image.width))
+    report(Progress(1.0))
     return OffsetStatistics(density, offsets * np.float32(step))

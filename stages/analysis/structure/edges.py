@@ -18,6 +18,7 @@ from texloom.stages.vocabulary.arrays import ColorField, Image, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear, srgb_from_linear
 from texloom.stages.vocabulary.declare import InputError, InputFile, Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
+from texloom.stages.vocabulary.progress import Progress, report
 
 _OPTIONS = (
     "numberOfTrees", "numberOfTreesToEvaluate", "selfsimilarityGridSize", "stride", "shrinkNumber", "patchSize",
@@ -188,6 +189,7 @@ def edges(image: Image, params: EdgesParams) -> Edges:
     """
     height, width = image.height, image.width
     image, step = working_image(image)
+    report(Progress(0.2))
     return Edges(in_full(_strength(image, params), step, height, width))
 
 
