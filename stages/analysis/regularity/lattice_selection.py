@@ -30,9 +30,11 @@ from texloom.stages.common.grids.working_size import working_image
 from texloom.stages.common.regularity.lattice_cells import reduced
 from texloom.stages.numerics.matrices import determinant
 from texloom.stages.vocabulary.arrays import Channels, Image, Mask, ScalarMap, Vectors
+from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.masks import valid_pixels
 from texloom.stages.vocabulary.progress import Progress, part, report
+from texloom.stages.vocabulary.scratch import bands
 
 _LOG = logging.getLogger(__name__)
 
@@ -182,7 +184,10 @@ def _selected(image: Image, density: ScalarMap, params: LatticeSelectionParams) 
 
 def _refined_in_full(image: Image, generators: Vectors, chosen: str, step: int) -> Vectors:
     """Generators found in the `working_image`, refined in the image; see `_refined`."""
-    plane, valid = valid_lightness(image), valid_pixels(image)
+    valid = valid_pixels(image)
+    plane = np.concatenate([lab_from_linear(image.color[band])[..., 0] for band in bands(image.height)])
+    if valid is not None:
+        plane[~valid] = plane[valid].mean()
     if chosen == "gradients":
         plane = gradient_magnitude(plane, valid)
     report(Progress(0.8))
