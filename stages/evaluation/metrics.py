@@ -26,6 +26,7 @@ from texloom.stages.kernels.core.threads import run_all
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded
+from texloom.stages.vocabulary.progress import Progress, report
 from texloom.stages.vocabulary.scratch import bands, empty
 from texloom.stages.vocabulary.sizes import format_size
 
@@ -236,6 +237,7 @@ def _measured(
 ) -> tuple[dict[str, dict[str, Any]], ScalarMap | None]:
     """The lines of the table, and the map of the joints."""
     source, result = prepare(exemplar, image, keep)
+    report(Progress(0.2))
     task = Task(
         source, result, shuffled_blocks(source, 2), match, copies, image.wraps, params.copied, params.window
     )

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from texloom.stages.analysis.regularity.density import smoothed
 from texloom.stages.analysis.regularity.lattice import detail, self_correlation, valid_lightness
+from texloom.stages.common.grids.working_size import working_image
 from texloom.stages.vocabulary.arrays import Channels, Image, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import Params, stage
 
@@ -31,13 +32,13 @@ class Autocorrelation:
 
     density: ScalarMap
     """radius of dominance times height at the kept peaks, smoothed and scaled to a maximum of 1; offset (0, 0) is
-    the centre and offsets extend to half the exemplar's sides; all 0 where nothing repeats. For
-    `analysis.lattice`"""
+    the centre and offsets extend to half the exemplar's sides, in px of its `working_image`; all 0 where nothing
+    repeats. For `analysis.lattice`"""
     correlation: ScalarMap
-    """autocorrelation of lightness at each offset, -1..1; smooth shading is removed first"""
+    """autocorrelation of lightness at each offset, as of ``density``, -1..1; smooth shading is removed first"""
     peaks: Vectors
-    """the kept peaks, px, the largest regions of dominance first; of opposite peaks only the one that points
-    down"""
+    """the kept peaks, px of the exemplar, the largest regions of dominance first; of opposite peaks only the one
+    that points down"""
     dominance: Annotated[Float32[np.ndarray, "n 2"], Channels(("dominance", "correlation"))]
     """of each kept peak the distance to the nearest higher one, px, and its correlation"""
 
@@ -94,8 +95,11 @@ def autocorrelation(image: Image, params: AutocorrelationParams) -> Autocorrelat
     [Liu2004]_ for the regions of dominance; [Lin2004]_ section 2.2. The number of peaks, and their weight by
     dominance times height, are ours.
     """
-    lightness = valid_lightness(image)
-    return dominant_peaks(lightness, self_correlation(detail(lightness)), params)
+    small, step = working_image(image)
+    lightness = valid_lightness(small)
+    found = dominant_peaks(lightness, self_correlation(detail(lightness)), params)
+    scale = np.array([step, 1], np.float32)  # of a dominance and a correlation
+    return dataclasses.replace(found, peaks=found.peaks * scale[0], dominance=found.dominance * scale)
 
 
 def dominant_peaks(

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float32, Float64
 from pydantic import Field
 
 from texloom.stages.analysis.regularity.lattice import detail, gradient_magnitude, valid_lightness
+from texloom.stages.common.grids.working_size import working_image
 from texloom.stages.kernels.core.elementary_functions import cos, squared_size
 from texloom.stages.numerics.matrices import matrix_product
 from texloom.stages.vocabulary.arrays import Channels, Image, Mask, ScalarMap, Vectors
@@ -42,6 +43,10 @@ class CoursesParams(Params):
     neither, as in a weave"""
     min_length: float = Field(10.0, ge=2)
     """minimum period, px"""
+
+    def reduced(self, step: int) -> "CoursesParams":
+        """The same for a picture whose pixels are ``step`` px of the exemplar."""
+        return self.model_copy(update={"min_length": self.min_length / step})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,8 +87,13 @@ def courses(image: Image, params: CoursesParams) -> Courses:
     ----------
     Ours.
     """
-    lightness = valid_lightness(image)
-    return detected_courses(unshaded(lightness, gradient_magnitude(lightness, valid_pixels(image))), params)
+    small, step = working_image(image)
+    lightness = valid_lightness(small)
+    planes = unshaded(lightness, gradient_magnitude(lightness, valid_pixels(small)))
+    found = detected_courses(planes, params.reduced(step))
+    return dataclasses.replace(
+        found, generators=found.generators * np.float32(step), best=found.best * np.float32(step)
+    )
 
 
 def detected_courses(planes: tuple[ScalarMap, ScalarMap], params: CoursesParams) -> Courses:

@@ -8,6 +8,7 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis.regularity.density import offset_deviation
+from texloom.stages.common.grids.working_size import working_image
 from texloom.stages.common.regularity.lattice_cells import reduced
 from texloom.stages.kernels.core.elementary_functions import sin, squared_size
 from texloom.stages.numerics.filters import gaussian_blur, gradients
@@ -47,6 +48,10 @@ class LatticeParams(Params):
     """minimum correlation of the exemplar with itself, shifted by the generators, to accept a lattice"""
     significance: float = Field(5.5, ge=0, le=100)
     """minimum significance to accept a lattice of less confidence; see `Lattice`"""
+
+    def reduced(self, step: int) -> "LatticeParams":
+        """The same for a picture whose pixels are ``step`` px of the exemplar."""
+        return self.model_copy(update={"min_length": self.min_length / step})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -371,7 +376,11 @@ def lattice(image: Image, density: ScalarMap, params: LatticeParams) -> Lattice:
     ----------
     [Kaspar2015]_ section 3.3; constants and the penalty for empty lattice points are from its authors' code.
     """
-    return lattice_of(self_correlation(detail(valid_lightness(image))), density, params)
+    small, step = working_image(image)
+    found = lattice_of(self_correlation(detail(valid_lightness(small))), density, params.reduced(step))
+    return dataclasses.replace(
+        found, generators=found.generators * np.float32(step), best=found.best * np.float32(step)
+    )
 
 
 def lattice_of(

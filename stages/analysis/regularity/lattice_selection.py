@@ -10,6 +10,7 @@ from pydantic import Field
 
 from texloom.stages.analysis.regularity.autocorrelation import AutocorrelationParams, dominant_peaks
 from texloom.stages.analysis.regularity.courses import CoursesParams, detected_courses
+from texloom.stages.analysis.regularity.full_resolution import refined_in_full
 from texloom.stages.analysis.regularity.lattice import (
     Lattice,
     LatticeParams,
@@ -25,11 +26,15 @@ from texloom.stages.analysis.regularity.lattice import (
 from texloom.stages.analysis.regularity.lines import line_period
 from texloom.stages.analysis.regularity.pattern_search import autocorrelation_splines, refined_generators
 from texloom.stages.analysis.regularity.shown import elements, mirror_symmetry, periods
+from texloom.stages.common.grids.working_size import working_image
 from texloom.stages.common.regularity.lattice_cells import reduced
 from texloom.stages.numerics.matrices import determinant
 from texloom.stages.vocabulary.arrays import Channels, Image, Mask, ScalarMap, Vectors
+from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.masks import valid_pixels
+from texloom.stages.vocabulary.progress import Progress, part, report
+from texloom.stages.vocabulary.scratch import bands
 
 _LOG = logging.getLogger(__name__)
 
@@ -106,6 +111,9 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     and half as confident. Where these fail too, courses may have an even spacing and a free phase along them, or
     lines an uneven one (see ``lines``).
 
+    Of an exemplar of more than 1.5 million pixels, its `working_image` is searched, and generators of two
+    dimensions are refined in the exemplar itself.
+
     A warning tells that the exemplar shows its structure less than twice, so that a result can only repeat or
     distort it, or fewer than four cells or elements, which would return side by side.
 
@@ -124,13 +132,31 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     [Kaspar2015]_ section 3.3 and [Liu2004]_ each detect a lattice; selecting between them, short offsets and
     gradients are ours.
     """
+    small, step = working_image(image)
+    with part(0.0, 1.0 if step == 1 else 0.7):
+        selected = _selected(small, density, params.model_copy(update={"min_length": params.min_length / step}))
+    _warn_if_few(selected, "elements" if selected.chosen in ("none", "lines") else "cells of its lattice")
+    if step == 1:
+        return selected
+    generators, best = (vectors * np.float32(step) for vectors in (selected.generators, selected.best))
+    if len(generators) == 2:
+        generators = best = _refined_in_full(image, generators, selected.chosen, step)
+    report(Progress(1.0))
+    return dataclasses.replace(selected, generators=generators, best=best)
+
+
+def _selected(image: Image, density: ScalarMap, params: LatticeSelectionParams) -> LatticeSelection:
+    """See `lattice_selection`."""
     lightness, valid = valid_lightness(image), valid_pixels(image)
     fine = detail(lightness)
     correlation = self_correlation(fine)
+    report(Progress(0.15))
     peaks = dominant_peaks(lightness, correlation, AutocorrelationParams()).density
-    by_features = lattice_of(correlation, density, LatticeParams(min_length=params.min_length))
+    by_features = lattice_of(correlation, density, _lattice_params(params))
+    report(Progress(0.3))
     by_correlation = lattice_of(correlation, peaks, _correlation_params(params))
     selected = most_confident({"features": by_features, "autocorrelation": by_correlation}, params)
+    report(Progress(0.45))
     shown = 0.0
     if not len(selected.generators):
         gradients = gradient_magnitude(lightness, valid)
@@ -138,6 +164,7 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
         further = _further_lattice(lightness, gradients, planes[1], correlation, params)
         selected = further or _rows(planes, params) or selected
         shown = elements(gradients)
+    report(Progress(0.8))
     if len(selected.generators) == 2:
         plane = lightness
         if selected.chosen == "gradients":
@@ -151,8 +178,22 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
         cells = shown = min(shown, 1.0)
     if len(selected.generators) == 2:
         cells = lightness.size / abs(float(determinant(selected.generators.astype(np.float64))))
-    _warn_if_few(shown, cells, "elements" if selected.chosen in ("none", "lines") else "cells of its lattice")
+    report(Progress(1.0))
     return dataclasses.replace(selected, shown=shown, cells=cells)
+
+
+def _refined_in_full(image: Image, generators: Vectors, chosen: str, step: int) -> Vectors:
+    """Generators found in the `working_image`, refined in the image; see `_refined`."""
+    valid = valid_pixels(image)
+    plane = np.concatenate([lab_from_linear(image.color[band])[..., 0] for band in bands(image.height)])
+    if valid is not None:
+        plane[~valid] = plane[valid].mean()
+    if chosen == "gradients":
+        plane = gradient_magnitude(plane, valid)
+    report(Progress(0.8))
+    fine = refined_in_full(plane, valid, generators, step)
+    change = float(np.hypot(*(fine - reduced(generators)).T).max())
+    return reduced(fine).astype(np.float32) if change <= step else generators
 
 
 def _refined(generators: Vectors, plane: ScalarMap, valid: Mask | None) -> Vectors:
@@ -166,7 +207,8 @@ def _refined(generators: Vectors, plane: ScalarMap, valid: Mask | None) -> Vecto
     return reduced(fine).astype(np.float32) if change <= _MAX_REFINEMENT * np.hypot(*coarse[0]) else generators
 
 
-def _warn_if_few(shown: float, cells: float, what: str) -> None:
+def _warn_if_few(selected: LatticeSelection, what: str) -> None:
+    shown, cells = selected.shown, selected.cells
     advice = "Use a larger part of the texture, or a picture that shows more of it"
     if 0 < shown < _MIN_SHOWN:
         _LOG.warning(
@@ -187,15 +229,20 @@ def _warn_if_few(shown: float, cells: float, what: str) -> None:
 def _rows(planes: tuple[ScalarMap, ScalarMap], params: LatticeSelectionParams) -> LatticeSelection | None:
     """The courses, or else the lines, if there are any and they are wanted."""
     if params.courses:
-        rows = detected_courses(planes, CoursesParams(min_length=params.min_length))
+        rows = detected_courses(planes, CoursesParams().model_copy(update={"min_length": params.min_length}))
         if len(rows.generators):
             return LatticeSelection(rows.generators, rows.best, rows.confidence, 0.0, "courses")
     lines = line_period(planes) if params.lines else None
     return None if lines is None else LatticeSelection(lines[0], lines[0], lines[1], 0.0, "lines")
 
 
+def _lattice_params(params: LatticeSelectionParams, **others: float) -> LatticeParams:
+    # The length may be that of a reduced picture, below the limit of the field.
+    return LatticeParams(**others).model_copy(update={"min_length": params.min_length})
+
+
 def _correlation_params(params: LatticeSelectionParams) -> LatticeParams:
-    return LatticeParams(min_length=params.min_length, beta=_BETA)
+    return _lattice_params(params, beta=_BETA)
 
 
 def _further_lattice(

@@ -7,11 +7,13 @@ from pydantic import Field
 
 from texloom.stages.analysis.regularity.density import smoothed
 from texloom.stages.common.features.sift import features
+from texloom.stages.common.grids.working_size import working_image
 from texloom.stages.numerics.matrices import row_product
 from texloom.stages.vocabulary.arrays import Image, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
+from texloom.stages.vocabulary.progress import Progress, report
 
 _MIN_OFFSET = 5.0  # px; shorter offsets match a feature with its own surroundings
 _BIN_SIZE = 5  # px; side of the bins in which isolated offsets are counted
@@ -34,9 +36,9 @@ class OffsetStatistics:
 
     density: ScalarMap
     """smoothed number of matches at each offset, scaled to a maximum of 1; offset (0, 0) is the centre and offsets
-    extend to half the exemplar's sides; all 0 where nothing repeats"""
+    extend to half the exemplar's sides, in px of its `working_image`; all 0 where nothing repeats"""
     offsets: Vectors
-    """the offsets from which the density is estimated, px; every offset and its opposite"""
+    """the offsets from which the density is estimated, px of the exemplar; every offset and its opposite"""
 
 
 def _descriptors(image: Image, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -66,6 +68,7 @@ def _descriptors(image: Image, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 def _offsets(image: Image, params: OffsetStatisticsParams) -> Vectors:
     positions, descriptors = _descriptors(image, params.features)
+    report(Progress(0.7))
     if len(positions) < 2:
         return np.zeros((0, 2), np.float32)
     lengths = (descriptors**2).sum(axis=1)
@@ -87,7 +90,7 @@ def offset_statistics(image: Image, params: OffsetStatisticsParams) -> OffsetSta
 
     The paper matches each feature with its nearest neighbour. As in its authors' code, all pairs of similar
     features match, so that distant lattice points count as much as near ones. Features on or near excluded pixels
-    are ignored.
+    are ignored. Of an exemplar of more than 1.5 million pixels, its `working_image` is measured.
 
     Parameters
     ----------
@@ -102,6 +105,7 @@ def offset_statistics(image: Image, params: OffsetStatisticsParams) -> OffsetSta
     ----------
     [Kaspar2015]_ section 3.3, Figure 5; [Lowe2004]_ for the features.
     """
+    image, step = working_image(image)
     offsets = _offsets(image, params)
     reach = np.array([image.height, image.width]) // 2
     density = np.zeros(2 * reach + 1, np.float32)
@@ -109,4 +113,5 @@ def offset_statistics(image: Image, params: OffsetStatisticsParams) -> OffsetSta
         index = np.rint(offsets).astype(np.int64) + reach
         np.add.at(density, (index[:, 0], index[:, 1]), 1)
         density = smoothed(density, min(image.height, image.width))
-    return OffsetStatistics(density, offsets)
+    report(Progress(1.0))
+    return OffsetStatistics(density, offsets * np.float32(step))

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from texloom.stages.analysis.structure.structured_forest import Forest, load_forest
+from texloom.stages.common.grids.working_size import in_full, working_image
 from texloom.stages.kernels.core.elementary_functions import power
 from texloom.stages.kernels.core.threads import run_all
 from texloom.stages.numerics.filters import gaussian_blur, gradients
@@ -17,6 +18,7 @@ from texloom.stages.vocabulary.arrays import ColorField, Image, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear, srgb_from_linear
 from texloom.stages.vocabulary.declare import InputError, InputFile, Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
+from texloom.stages.vocabulary.progress import Progress, report
 
 _OPTIONS = (
     "numberOfTrees", "numberOfTreesToEvaluate", "selfsimilarityGridSize", "stride", "shrinkNumber", "patchSize",
@@ -162,6 +164,8 @@ def _magnified(magnification: float, encoded: np.ndarray, detect: Callable[[np.n
 def edges(image: Image, params: EdgesParams) -> Edges:
     """Detect contours of an exemplar; excluded pixels have none.
 
+    Of an exemplar of more than 1.5 million pixels, those of its `working_image` are detected.
+
     Parameters
     ----------
     image : the exemplar.
@@ -183,6 +187,14 @@ def edges(image: Image, params: EdgesParams) -> Edges:
     >>> strength.min(), strength.max()
     (np.float32(0.0), np.float32(1.0))
     """
+    height, width = image.height, image.width
+    image, step = working_image(image)
+    report(Progress(0.2))
+    return Edges(in_full(_strength(image, params), step, height, width))
+
+
+def _strength(image: Image, params: EdgesParams) -> ScalarMap:
+    """See `Edges`."""
     valid = valid_pixels(image)
     image = fill_excluded(image)
     if params.detector == "structured":
@@ -193,5 +205,5 @@ def edges(image: Image, params: EdgesParams) -> Edges:
         strength = np.where(valid, strength, strength[valid].min())
     low, high = float(strength.min()), float(strength.max())
     if high - low < 1e-3:  # rounding
-        return Edges(np.zeros_like(strength))
-    return Edges(np.clip((strength - low) / (high - low), 0, 1).astype(np.float32))
+        return np.zeros_like(strength)
+    return np.clip((strength - low) / (high - low), 0, 1).astype(np.float32)

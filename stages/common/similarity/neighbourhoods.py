@@ -17,6 +17,7 @@ from texloom.stages.kernels.core.vector_size import DIMENSIONS
 from texloom.stages.numerics.matrices import matrix_product, row_product
 from texloom.stages.vocabulary.arrays import Channels
 from texloom.stages.vocabulary.masks import count_excluded
+from texloom.stages.vocabulary.scratch import bands
 
 UNIT = 16
 """fixed-point steps per CIELAB unit: fine enough that rounding is a thousandth of a typical patch distance"""
@@ -31,8 +32,11 @@ _MAX_PRODUCTS = 1 << 18  # multiplications for which BLAS does not start threads
 def fixed_point(features: Float32[np.ndarray, "h w c"]) -> Int16[np.ndarray, "h wc"]:
     """Round to steps of 1 / `UNIT` and lay a pixel's channels side by side in its row."""
     height, width, channels = features.shape
-    values = np.clip(np.rint(features * UNIT), -_MAX_VALUE, _MAX_VALUE).astype(np.int16)
-    return np.ascontiguousarray(values.reshape(height, width * channels))
+    values = np.empty((height, width * channels), np.int16)
+    for band in bands(height):
+        steps = np.clip(np.rint(features[band] * UNIT), -_MAX_VALUE, _MAX_VALUE)
+        values[band] = steps.reshape(len(steps), width * channels)
+    return values
 
 
 def places(height: int, width: int, size: int) -> tuple[int, int]:

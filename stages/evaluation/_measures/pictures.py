@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
+from texloom.stages.common.grids.working_size import MOST_PIXELS, reduction
 from texloom.stages.vocabulary.arrays import ColorField, Image, Mask
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.masks import count_excluded, fill_excluded, valid_pixels
@@ -91,7 +92,8 @@ def prepare(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[Pi
     """
     labs = [lab_from_linear(np.minimum(fill_excluded(picture).color, _MAX_LIGHT)) for picture in (exemplar, image)]
     valid = [valid_pixels(picture) for picture in (exemplar, image)]
-    values = (labs[0].reshape(-1, 3) if valid[0] is None else labs[0][valid[0]]).astype(np.float64)
+    values = labs[0].reshape(-1, 3) if valid[0] is None else labs[0][valid[0]]
+    values = values[:: reduction(exemplar.height, exemplar.width) ** 2].astype(np.float64)
     mean = values.mean(axis=0)
     variances, directions = np.linalg.eigh(np.cov(values, rowvar=False, bias=True))
     axis = directions[:, -1] * np.sign(directions[np.argmax(np.abs(directions[:, -1])), -1])
@@ -154,6 +156,18 @@ def _part(picture: Picture, place: tuple[slice, ...] | slice) -> Picture:
     return Picture(picture.lab[place], picture.tone[place], valid, made, picture.is_grey)
 
 
+def _middle(picture: Picture) -> Picture:
+    """The middle of a picture that is larger than `MOST_PIXELS`, with as many pixels; all of a masked one."""
+    height, width = picture.tone.shape
+    if height * width <= MOST_PIXELS or picture.counted is not None:
+        return picture
+    factor = float(np.sqrt(MOST_PIXELS / (height * width)))
+    rows, columns = (
+        slice((side - round(side * factor)) // 2, (side + round(side * factor)) // 2) for side in (height, width)
+    )
+    return _part(picture, (rows, columns))
+
+
 def _share(counted: Mask | None) -> float:
     return 1.0 if counted is None or not counted.size else float(counted.mean())
 
@@ -161,8 +175,9 @@ def _share(counted: Mask | None) -> float:
 def shuffled_blocks(picture: Picture, side: int) -> Picture:
     """Squares of ``side`` px in random order; what does not fill a square is dropped.
 
-    Squares with masked pixels are replaced by repeating others.
+    Squares with masked pixels are replaced by repeating others. Of a large picture, a part of the middle is taken.
     """
+    picture = _middle(picture)
     rows, columns = picture.tone.shape[0] // side, picture.tone.shape[1] // side
     rng = np.random.default_rng(0)
     order = rng.permutation(rows * columns)

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int16
 
 from texloom.stages.common.features.maps import map_features
-from texloom.stages.common.grids.pyramid import MAX_ROW_VALUES, resize
+from texloom.stages.common.grids.pyramid import MAX_ROW_VALUES
+from texloom.stages.common.grids.working_size import Halvings
 from texloom.stages.common.similarity.neighbourhoods import UNIT, fixed_point
 from texloom.stages.synthesis.optimisation.guides import Guides
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
@@ -79,6 +80,7 @@ class PatchFeatures:
         if self.maps.shape[2]:
             self.planes = np.concatenate([self.planes, self.maps], axis=2)
             self.factors = np.concatenate([self.factors, np.ones(self.maps.shape[2], np.float32)])
+        self._sizes = Halvings(self.planes)
         self.guides = guides
         self.phase = phase
         self.regularity = regularity
@@ -94,7 +96,7 @@ class PatchFeatures:
         phased : whether the lattice is enforced at the scale.
         margin : px of the target at full size above and left of the result.
         """
-        planes = resize(self.planes, *scale.exemplar) * self.factors
+        planes = self._sizes.resized(*scale.exemplar) * self.factors
         if self.guided:  # distance fills its range at every scale
             distance = np.ascontiguousarray(planes[..., self.colors])
             nearest, farthest = distance.min(), distance.max()
@@ -109,7 +111,7 @@ class PatchFeatures:
             own.append(here)
         if phase is not None:
             own.append(radius * phase.of_exemplar(*scale.exemplar, scale.factor))
-        exemplar = fixed_point(np.concatenate(own, axis=2))
+        exemplar = fixed_point(own[0] if len(own) == 1 else np.concatenate(own, axis=2))
         count = exemplar.shape[1] // scale.exemplar[1] - planes.shape[2]
         if not count:
             return exemplar, None, None

@@ -11,7 +11,8 @@ from jaxtyping import Bool, Float32, UInt32
 from pydantic import Field
 
 from texloom.stages.common.features.maps import MapWeights
-from texloom.stages.common.grids.pyramid import resize, scale_sizes, scaled
+from texloom.stages.common.grids.pyramid import scale_sizes, scaled
+from texloom.stages.common.grids.working_size import Halvings
 from texloom.stages.synthesis.optimisation import correspondence
 from texloom.stages.synthesis.optimisation.allowed import Allowed, allowed_at_scales
 from texloom.stages.synthesis.optimisation.border import Border
@@ -289,6 +290,7 @@ class _Optimisation:
     ):
         exemplar = FilledExemplar.of(image)
         self.image = exemplar.image
+        self.sizes = Halvings(self.image.pixels)
         self.compared = PatchFeatures(
             exemplar, guidance, weight, params.weights, guides, phase, regularity,
             params.patch_size, None if fixed is None else fixed.shown,
@@ -298,6 +300,13 @@ class _Optimisation:
         self.final = window(params.patch_size, params.final_sigma)
         self.wrap = params.tileable or NOWHERE
         self.margin = _margin(params)
+
+    @property
+    def lab(self) -> Float32[np.ndarray, "h w 3"]:
+        """CIELAB of the exemplar."""
+        if self.compared.colors == 3:
+            return np.ascontiguousarray(self.compared.planes[..., :3])
+        return lab_from_linear(self.image.color)
 
     def rounds(
         self, match: Patches, scale: _Scale, features: FeaturesOfScale, random: np.random.Generator
@@ -354,7 +363,7 @@ class _Optimisation:
 
     def picture(self, match: Patches, scale: _Scale, margin: tuple[int, int] = (0, 0)) -> Image:
         """The result at a scale: all channels, linear, without ``margin`` px above and below, left and right."""
-        small = resize(self.image.pixels, *scale.exemplar)
+        small = self.sizes.resized(*scale.exemplar)
         pixels = vote_pixels(match, small, self.final, self.wrap, margin)
         return result_image(pixels, self.image)
 
@@ -465,8 +474,9 @@ def optimise(
     match, done = _run(optimisation, scales, start, full, rng, checkpoints)
 
     if phase is not None and len(phase.origin) == 2 and keep is None and guides is None:
-        colors = lab_from_linear(optimisation.image.color)
-        complete_cells(match, colors, params.patch_size, margin, wrap, generators, phase, scales[-1].allowed)
+        complete_cells(
+            match, optimisation.lab, params.patch_size, margin, wrap, generators, phase, scales[-1].allowed
+        )
 
     made = optimisation.picture(match, scales[-1], margin)
     source = correspondence.to_pixels(match, params.patch_size, wrap, margin)
@@ -567,7 +577,7 @@ def _run(
         if len(runs) > 1:
             if scale.level < tried:
                 continue
-            exemplar = optimisation.image.elsewhere(resize(optimisation.image.pixels, *scale.exemplar))
+            exemplar = optimisation.image.elsewhere(optimisation.sizes.resized(*scale.exemplar))
             results = [optimisation.picture(run.match, scale) for run in runs if run.match is not None]
             best = runs[best_start(exemplar, results, [run.done[-1] for run in runs])]
             runs = [_Run(best.match, best.done, randoms)]

@@ -5,15 +5,25 @@ from jaxtyping import Bool, Float32, Int64
 
 from texloom.stages.vocabulary.arrays import Correspondence
 from texloom.stages.vocabulary.facts import Wraps
+from texloom.stages.vocabulary.scratch import bands
 
 _SQUARE = 8  # px of the squares over which seams are summed
 
 
 def slopes(features: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w"]:
     """Gradient magnitude at every pixel, relative to its mean."""
-    steps = [np.gradient(features, axis=axis) for axis in (0, 1)]
-    magnitude = np.sqrt(sum((step**2).sum(axis=2) for step in steps))
+    magnitude = np.concatenate([_magnitude(features, band) for band in bands(len(features))])
     return np.asarray(magnitude / max(float(magnitude.mean(dtype=np.float64)), 1e-6), np.float32)
+
+
+def _magnitude(features: np.ndarray, band: slice) -> np.ndarray:
+    """Gradient magnitude at a band of rows."""
+    first, last = max(0, band.start - 1), band.stop + 1
+    steps = [
+        np.gradient(features[first:last], axis=axis)[band.start - first :][: band.stop - band.start]
+        for axis in (0, 1)
+    ]
+    return np.asarray(np.sqrt(sum((step**2).sum(axis=2) for step in steps)))
 
 
 def seam_errors(

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.synthetic import difference, masked, picture, smooth_noise, tiled, wall
+from tests.synthetic import difference, masked, picture, smooth_noise, stamped, tiled, wall
 from texloom.stages.analysis.regularity.lattice import Lattice
 from texloom.stages.analysis.regularity.lattice_selection import (
     LatticeSelectionParams,
@@ -11,7 +11,9 @@ from texloom.stages.analysis.regularity.lattice_selection import (
     most_confident,
 )
 from texloom.stages.analysis.regularity.offset_statistics import OffsetStatisticsParams, offset_statistics
+from texloom.stages.common.grids import working_size
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.progress import listening
 
 SQUARE, DOUBLE = (np.diag(sides).astype(np.float32) for sides in ((20.0, 20.0), (20.0, 40.0)))
 NONE = np.zeros((0, 2), np.float32)
@@ -292,3 +294,30 @@ def test_random_textures_and_stripes_are_no_ornaments(
     for image in (random, stripes):
         assert lattice_selection(image, nothing, LatticeSelectionParams()).shown != 1.0
     assert "fewer than two" not in caplog.text
+
+
+@pytest.mark.parametrize("turn", [False, True])
+def test_generators_of_large_exemplars_are_as_exact(
+    turn: bool, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    true = np.array([[40.3, 7.2], [-9.1, 50.6]])
+    image = stamped(true[:, ::-1] if turn else true, rng, (360, 420))
+    true = true[:, ::-1] if turn else true
+    monkeypatch.setattr(working_size, "MOST_PIXELS", 20_000)
+    density = offset_statistics(image, OffsetStatisticsParams()).density
+    assert density.shape == (121, 141)
+    found = lattice_selection(image, density, LatticeSelectionParams())
+    assert difference(found.generators, true) < 0.03
+    assert found.cells == pytest.approx(360 * 420 / abs(np.linalg.det(true)), rel=0.01)
+
+
+def test_the_search_reports_its_progress(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
+    monkeypatch.setattr(working_size, "MOST_PIXELS", 20_000)
+    image = stamped(np.array([[40.0, 0.0], [0.0, 50.0]]), rng)
+    density = offset_statistics(image, OffsetStatisticsParams()).density
+    done: list[float] = []
+    with listening(lambda progress: done.append(progress.done)):
+        lattice_selection(image, density, LatticeSelectionParams())
+    assert len(done) > 5
+    assert done == sorted(done)
+    assert done[-1] == 1.0
