@@ -33,6 +33,7 @@ from jaxtyping import Float32
 from texloom.pipelines.errors import hint, shown
 from texloom.pipelines.media import locate as picture_files
 from texloom.pipelines.media.decode import Refusal
+from texloom.pipelines.media.formats import SUFFIXES
 from texloom.pipelines.yaml import read_document
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -63,7 +64,6 @@ _GREENS = dict(zip(("opengl", "directx"), GREENS, strict=True))
 _PREFERENCE = ("opengl", None, "directx")
 _KEYS = ("normal_convention", "height_unit", "resample")
 _NOT_A_ROLE = re.compile(r"\d+k?|map|maps|tex|texture|png|jpg|jpeg|tif|tiff|exr")
-_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".exr")
 _YAML = (".yaml", ".yml")
 _GREY = 16 / 255  # largest difference of channels in a grey picture of a lossy format
 
@@ -248,7 +248,7 @@ def pictures_in(folder: Path) -> list[Path]:
 
 def is_picture(path: Path) -> bool:
     """Whether a file's name is that of a picture."""
-    return path.suffix.lower() in _PICTURES
+    return path.suffix.lower() in SUFFIXES
 
 
 def _of_folder(folder: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]:
