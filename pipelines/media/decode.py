@@ -149,7 +149,8 @@ def _guarded(kind: str, prints: bool = True) -> Iterator[None]:
             raise Refusal(f"is a truncated or broken {kind} file{reason}") from None
 
 
-def _check_size(height: int, width: int) -> None:
+def check_size(height: int, width: int) -> None:
+    """`Refusal` of a size that is too small, or too large to be decoded."""
     if height < 1 or width < 1:
         raise Refusal(f"has no pixels: {format_size((height, width))}")
     if height < 2 or width < 2:
@@ -172,7 +173,7 @@ def _check_webp(start: bytes) -> None:
     """Check the size of a WebP before Pillow opens it and allocates its canvas."""
     if start[12:16] == b"VP8X":
         width, height = (int.from_bytes(start[at : at + 3], "little") + 1 for at in (24, 27))
-        _check_size(height, width)
+        check_size(height, width)
 
 
 _EXTRA = {"JPEG": 6, "WebP": 8, "JPEG 2000": 16, "AVIF": 12, "HEIC": 12}
@@ -212,7 +213,7 @@ def _pillow_header(kind: str, file: BinaryIO, data: bool) -> Picture:
     file.seek(0)
     image = _opened(kind, file)
     width, height = image.size
-    _check_size(height, width)
+    check_size(height, width)
     raw = _raw_mode(image)
     depth = 16 if "16" in raw else told.depth
     if image.mode in _ALPHA:
@@ -300,7 +301,7 @@ def _hdr_header(file: BinaryIO) -> Picture:
     except ValueError as error:
         raise Refusal(str(error)) from None
     height, width = header.height, header.width
-    _check_size(height, width)
+    check_size(height, width)
     note = "" if header.exposure == 1 else f"its EXPOSURE of {header.exposure:g} is not taken out"
 
     def decode() -> Float32[np.ndarray, "h w c"]:
@@ -316,7 +317,7 @@ def _psd_header(file: BinaryIO, data: bool) -> Picture:
     height, width = (int.from_bytes(start[at : at + 4]) for at in (14, 18))
     if len(start) < 26:
         raise EOFError
-    _check_size(height, width)
+    check_size(height, width)
     if start[4:6] == b"\0\1" and int.from_bytes(start[22:24]) <= 8:
         return _pillow_header("PSD", file, data)
     if importlib.util.find_spec("psd_tools") is None:
@@ -445,7 +446,7 @@ def _tiff_header(file: BinaryIO, data: bool) -> Picture:
     tags.load(file)
     width, height, planes = tags[256], tags[257], tags.get(277, 1)
     bits, kinds = set(tags.get(258, (1,))), set(tags.get(339, (1,)))
-    _check_size(height, width)
+    check_size(height, width)
     if planes > 4:
         raise Refusal(f"has {planes} channels, at most 4 in TIFF")
     if kinds == {1} and max(bits) <= 8:
@@ -496,7 +497,7 @@ def _strokes_header(file: BinaryIO) -> Picture:
         drawn = strokes.parse(file.read())
     except ValueError as error:
         raise Refusal(f"is JSON, but not of strokes: {error}") from None
-    _check_size(drawn.height, drawn.width)
+    check_size(drawn.height, drawn.width)
     return Picture(drawn.height, drawn.width, ("Y",), 8, 9 * drawn.height * drawn.width, drawn.draw)
 
 
@@ -508,7 +509,7 @@ def _exr_parts(file: BinaryIO) -> tuple[list[Any], int]:
         if not exr.is_flat(header):
             raise Refusal("has deep pixels, which are not read")
         height, width = exr.data_size(header)
-        _check_size(height, width)
+        check_size(height, width)
         if len(header["channels"]) > _CHANNELS:
             raise Refusal(f"has {len(header['channels'])} channels, at most {_CHANNELS}")
         if any((channel.xSampling, channel.ySampling) != (1, 1) for channel in header["channels"]):

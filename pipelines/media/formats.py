@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
-from pathlib import Path
+from collections.abc import Iterable
 from typing import BinaryIO
 
 
@@ -39,6 +39,11 @@ FORMATS = (
 )
 SUFFIXES = tuple(suffix for format in FORMATS for suffix in format.suffixes)
 """what names of pictures end in, lower case"""
+_UNREAD = (
+    *(".jxl", ".jxr", ".pfm", ".ppm", ".pgm", ".ktx", ".ktx2", ".svg", ".xcf", ".kra", ".clip", ".ora", ".sbsar"),
+    *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".tx", ".pic", ".ico", ".pcx", ".sgi"),
+)
+"""what names of pictures end in that are not read, lower case"""
 _AVIF = (b"avif", b"avis")
 _HEIC = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 _TGA_DEPTHS = {1: (8,), 2: (16, 24, 32), 3: (8, 16)}
@@ -74,28 +79,24 @@ def readable() -> dict[str, str]:
     return {one.name: missing(one.name) for one in FORMATS if one.suffixes}
 
 
-def told_of_unread(names: list[str]) -> str:
-    """One line on the files of a folder that no installed library reads, given all names; empty: there are none.
+def told_of_unread(names: Iterable[str]) -> str:
+    """One line on the pictures of a folder of kinds that are never read, given all names; empty: there are none.
 
-    >>> told_of_unread(["a.png", "b.clip"])
-    ''
+    >>> told_of_unread(["a.png", "b.jxl", "notes.txt"])
+    '1 file is not read: b.jxl; save it as PNG, TIFF or EXR'
     """
-    unread = [name for name in names if (kind := _by_suffix(name)) and missing(kind)]
+    unread = sorted(name for name in names if name.lower().endswith(_UNREAD))
     if not unread:
         return ""
     shown = ", ".join(unread[:3]) + (", ..." if len(unread) > 3 else "")
-    return f"{len(unread)} files are not read ({shown}); pip install 'texloom[photos]' for HEIC"
+    count = "1 file is" if len(unread) == 1 else f"{len(unread)} files are"
+    return f"{count} not read: {shown}; save {'it' if len(unread) == 1 else 'them'} as PNG, TIFF or EXR"
 
 
 def known_names() -> str:
     """The formats as the user is told them."""
     names = [one.name for one in FORMATS if one.suffixes]
     return f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _by_suffix(name: str) -> str | None:
-    suffix = Path(name).suffix.lower()
-    return next((one.name for one in FORMATS if suffix in one.suffixes), None)
 
 
 def _is_tga(start: bytes) -> bool:
