@@ -320,8 +320,8 @@ def _psd_header(file: BinaryIO, data: bool) -> Picture:
     check_size(height, width)
     if start[4:6] == b"\0\1" and int.from_bytes(start[22:24]) <= 8:
         return _pillow_header("PSD", file, data)
-    if importlib.util.find_spec("psd_tools") is None:
-        raise Refusal("is a PSD of over 8 bits, which needs psd_tools; pip install 'texloom[photos]'")
+    if importlib.util.find_spec(formats.DEEP_PSD) is None:
+        raise Refusal(f"is a PSD of over 8 bits, which needs {formats.DEEP_PSD}; pip install 'texloom[photos]'")
     header = deep_psd.header_of(file)
     try:
         channels = deep_psd.channels_of(header)

@@ -28,7 +28,7 @@ def chosen(parts: list[list[str]]) -> tuple[int, dict[str, str], str]:
     for index, names in enumerate(parts):
         if color := _color("", names):
             return index, _renamed("", color, names), ""
-    layers = {}
+    layers: dict[str, tuple[int, Mapping[str, str]]] = {}
     for index, names in enumerate(parts):
         for layer in dict.fromkeys(name[: name.rfind(".") + 1] for name in names):
             if color := _color(layer, names):

@@ -37,6 +37,8 @@ FORMATS = (
     Format("HEIC", (), (".heic", ".heif"), "pillow_heif"),
     Format("GIF", (b"GIF87a", b"GIF89a"), (".gif",)),
 )
+DEEP_PSD = "psd_tools"
+"""the module that reads PSD of over 8 bits"""
 SUFFIXES = tuple(suffix for format in FORMATS for suffix in format.suffixes)
 """what names of pictures end in, lower case"""
 _UNREAD = (
@@ -69,14 +71,14 @@ def kind_of(file: BinaryIO) -> str | None:
 def missing(kind: str) -> str:
     """The module that reads a kind of picture and is not installed; empty where it can be read."""
     needs = next(one.needs for one in FORMATS if one.name == kind)
-    if needs and importlib.util.find_spec(needs) is None:
-        return needs
-    return ""
+    return needs if needs and importlib.util.find_spec(needs) is None else ""
 
 
 def readable() -> dict[str, str]:
-    """Each format with the module that is missing to read it; none: it can be read. For `texloom doctor`."""
-    return {one.name: missing(one.name) for one in FORMATS if one.suffixes}
+    """Each format with what is missing to read it; nothing: it can be read."""
+    found = {one.name: missing(one.name) for one in FORMATS if one.suffixes}
+    found["PSD of 16 bits"] = "" if importlib.util.find_spec(DEEP_PSD) else DEEP_PSD
+    return found
 
 
 def told_of_unread(names: Iterable[str]) -> str:
