@@ -275,7 +275,7 @@ def _all_bits(values: np.ndarray, depth: int) -> np.ndarray:
     if depth in (8, 16):
         return values
     largest = 2**depth - 1
-    return ((values.astype(np.uint32) * 65535 + largest // 2) // largest).astype(np.uint16)
+    return np.asarray((values.astype(np.uint32) * 65535 + largest // 2) // largest, np.uint16)
 
 
 def _deep_heic(file: BinaryIO, planes: int) -> np.ndarray:
@@ -291,7 +291,7 @@ def _with_blue(values: np.ndarray) -> np.ndarray:
     """Integers of normals, whose blue is computed of red and green."""
     x, y = (values[..., index] / 127.5 - 1 for index in (0, 1))
     blue = np.sqrt(np.maximum(1 - x * x - y * y, 0))
-    return np.dstack([values[..., :2], np.rint((blue + 1) * 127.5).astype(np.uint8)])
+    return np.concatenate([values[..., :2], np.rint((blue + 1) * 127.5).astype(np.uint8)[..., None]], axis=2)
 
 
 def _hdr_header(file: BinaryIO) -> Picture:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import logging
+from collections.abc import Iterator
 from typing import BinaryIO
 
 import numpy as np
@@ -31,12 +34,39 @@ def kind_of(formats: set[int], bits: set[int], compression: int) -> tuple[np.dty
     return kind, f"has signed values, which are divided by {np.iinfo(kind).max} and not taken as sRGB"
 
 
+class _Kept(logging.Handler):
+    """Keeps what is logged."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.told: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep one record."""
+        self.told.append(record.getMessage())
+
+
+@contextlib.contextmanager
+def _strict(logger: logging.Logger) -> Iterator[None]:
+    """Raise what tifffile only logs, as it leaves out what it cannot read."""
+    kept, propagates = _Kept(), logger.propagate
+    logger.addHandler(kept)
+    logger.propagate = False
+    try:
+        yield
+    finally:
+        logger.removeHandler(kept)
+        logger.propagate = propagates
+    if kept.told:
+        raise ValueError(kept.told[0])
+
+
 def values_of(file: BinaryIO, planes: int) -> np.ndarray:
     """The first page, (h, w, planes): uint16, or float32; signed integers are divided by their highest value."""
     import tifffile
 
     file.seek(0)
-    with tifffile.TiffFile(file) as opened:
+    with _strict(tifffile.logger()), tifffile.TiffFile(file) as opened:
         page = opened.pages[0]
         values = np.asarray(page.asarray(maxworkers=1))
         if planes > 1 and page.planarconfig == tifffile.PLANARCONFIG.SEPARATE:

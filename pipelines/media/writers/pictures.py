@@ -11,6 +11,8 @@ from __future__ import annotations
 import hashlib
 import io
 import logging
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +30,7 @@ from texloom.stages.vocabulary.sizes import format_size
 
 _LOG = logging.getLogger(__name__)
 _MAX_SIDE = {".jpg": 65500, ".webp": 16383, ".tga": 65535, ".dds": 65535}  # px
-_OPTIONS = {
+_OPTIONS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     ".jpg": ("JPEG", {"quality": 95, "subsampling": 0}),
     ".webp": ("WebP", {"lossless": True, "quality": 50}),
     ".tga": ("TGA", {"compression": "tga_rle"}),

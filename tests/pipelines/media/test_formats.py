@@ -315,6 +315,14 @@ def test_kinds_of_tiff(tmp_path: Path, rng: np.random.Generator, kind: type) -> 
     assert bool(opened(path).notes) == np.issubdtype(kind, np.integer)
 
 
+def test_a_planar_tiff_without_a_strip(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    content = encoded("planar")
+    offsets = content.index(struct.pack("<HHI", 273, 4, 3))
+    (path := tmp_path / "a.tif").write_bytes(content[: offsets + 4] + struct.pack("<I", 1) + content[offsets + 8 :])
+    assert "is a truncated or broken TIFF file" in problem(path, decode=True)
+    assert capfd.readouterr() == ("", "")
+
+
 # All of them
 
 
