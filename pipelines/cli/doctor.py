@@ -29,12 +29,14 @@ _LITTLE = 1e9  # bytes of free space
 
 def examine(store: Path) -> dict[str, Any]:
     """The state of the installation, ready for JSON."""
+    from texloom.pipelines.media.formats import readable
     from texloom.pipelines.memory import memory_limit
 
     return {
         "texloom": {"version": texloom.__version__, "folder": str(Path(__file__).parents[2])},
         "python": {"version": platform.python_version(), "program": sys.executable, "system": platform.platform()},
         "libraries": {name: importlib.metadata.version(name) for name in _LIBRARIES},
+        "formats": {name: {"missing": needs or None} for name, needs in readable().items()},
         "processors": _processors(),
         "memory": {"pictures": memory_limit()},
         "kernels": _kernels(),
@@ -81,6 +83,7 @@ def described(found: dict[str, Any]) -> str:
         "texloom": f"{found['texloom']['version']}  {found['texloom']['folder']}",
         "python": f"{python['version']}  {python['program']}  {python['system']}",
         "libraries": libraries,
+        "pictures": _formats(found["formats"]),
         "processors": f"{processors['usable']} of {processors['all']}; {processors['threads']} threads",
         "memory": f"{format_byte_size(found['memory']['pictures'])} for the pictures of a run",
         "kernels": f"{compiled}  {kernels['folder']}",
@@ -90,6 +93,13 @@ def described(found: dict[str, Any]) -> str:
     }
     warnings = [f"warning: {text}" for text in _warnings(found)]
     return "\n".join([*(f"{name:10}  {text}" for name, text in lines.items()), *warnings])
+
+
+def _formats(found: dict[str, Any]) -> str:
+    """The formats of pictures that are read, and those that need more libraries."""
+    without = [f"{name} needs {one['missing']}" for name, one in found.items() if one["missing"]]
+    remedy = f"; {', '.join(without)}: pip install 'texloom[photos]'" if without else ""
+    return ", ".join(name for name, one in found.items() if not one["missing"]) + remedy
 
 
 def _processors() -> dict[str, Any]:

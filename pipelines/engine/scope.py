@@ -66,6 +66,9 @@ class Scope:
         """what the user should know of how the sources were understood"""
         if item is None:
             self.notes += [
+                note for given in flow.sources.values() if isinstance(given, Each) for note in given.notes
+            ]
+            self.notes += [
                 _of_own_example(name, flow.sources[name]) for name in flow.own_examples if name in self.used
             ]
         for step in self._steps:

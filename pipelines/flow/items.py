@@ -17,6 +17,7 @@ from typing import Any
 from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.model import Each, Flow
 from texloom.pipelines.flow.source_files import is_pattern
+from texloom.pipelines.media import udim
 from texloom.pipelines.media.material_set import holds_maps
 
 _MAX_ITEMS = 100_000
@@ -97,7 +98,8 @@ def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
         words |= found
     words |= _own_names([path for path, word in words.items() if not word])
     without_suffix = {
-        path: word.removesuffix(Path(path).suffix) if _is_file(path) else word for path, word in words.items()
+        path: word.removesuffix(Path(path).suffix) if _is_file(path) or udim.is_tiled(path) else word
+        for path, word in words.items()
     }
     if len(set(without_suffix.values())) == len(words):
         words = without_suffix
@@ -139,7 +141,7 @@ def _matching_pattern(pattern: str) -> dict[str, str]:
 
 def _own_names(paths: Sequence[str]) -> dict[str, str]:
     """Names of files: their own; those of their folders if all have the same; else both."""
-    names = {path: Path(path).name for path in paths}
+    names = {path: udim.plain_name(path) for path in paths}
     stems = {Path(name).stem for name in names.values()}
     if len(stems) == len(names):
         return names

@@ -36,6 +36,8 @@ class Each:
     """absolute files, and patterns as in a shell, ``**`` for any folders"""
     pair: str | None = None
     """another such source, whose files belong to these"""
+    notes: tuple[str, ...] = ()
+    """what the user should know of files that are not among them"""
 
 
 @dataclasses.dataclass(frozen=True)

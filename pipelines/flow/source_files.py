@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from texloom.pipelines.errors import refused
+from texloom.pipelines.errors import one_line, refused
 from texloom.pipelines.flow.model import Each
-from texloom.pipelines.media.material_set import holds_maps, holds_one_material, pictures_in
+from texloom.pipelines.media import formats
+from texloom.pipelines.media.material_set import holds_maps, holds_one_material, pictures_in, recognised
 from texloom.pipelines.media.stack import SCHEME, path_of
+from texloom.pipelines.media.udim import joined
 from texloom.stages.vocabulary.declare import InputError
 
 
@@ -37,7 +39,8 @@ def source_of(name: str, references: Sequence[str], pair: str | None, takes_maps
         files = [file for reference in references for file in _files(reference, takes_maps)]
     except InputError as error:
         raise refused(f"sources.{name}: {error}") from None
-    return Each(tuple(dict.fromkeys(files)), pair)
+    unread = [f"sources.{name}: {reference}: {told}" for reference in references if (told := _unread(reference))]
+    return Each(tuple(dict.fromkeys(files)), pair, tuple(map(one_line, unread)))
 
 
 def stack_of(name: str, references: Sequence[str]) -> str:
@@ -71,9 +74,16 @@ def _files(reference: str, takes_maps: bool) -> list[str]:
     folder = Path(reference)
     try:
         materials = [path for path in sorted(folder.iterdir()) if path.is_dir() and _is_material(path, takes_maps)]
-        found = [*pictures_in(folder), *materials]
+        found = [*joined(pictures_in(folder), lambda stem: recognised(stem) is not None), *materials]
     except OSError as error:
         raise refused(f"{reference}: cannot be read: {error.strerror}") from None
     if not found:
-        raise refused(f"{reference}: is a folder without pictures")
+        told = _unread(reference)
+        raise refused(f"{reference}: is a folder without pictures" + (f"; {told}" if told else ""))
     return list(map(str, found))
+
+
+def _unread(reference: str) -> str:
+    """What is told of pictures in a folder that are not read."""
+    folder = Path(reference)
+    return formats.told_of_unread(path.name for path in folder.iterdir()) if folder.is_dir() else ""

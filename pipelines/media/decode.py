@@ -14,6 +14,7 @@ import contextlib
 import dataclasses
 import functools
 import importlib
+import importlib.util
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -22,7 +23,19 @@ from typing import Any, BinaryIO
 import numpy as np
 from jaxtyping import Float32
 
-from texloom.pipelines.media import cicp, color_spaces, icc, strokes
+from texloom.pipelines.media import (
+    cicp,
+    color_management,
+    color_spaces,
+    deep_psd,
+    exr_channels,
+    formats,
+    icc,
+    picture_facts,
+    radiance,
+    strokes,
+    tiff_values,
+)
 from texloom.pipelines.media.icc import Decoding
 from texloom.pipelines.store import codec, exr
 from texloom.pipelines.store.capture import capture_output
@@ -32,17 +45,6 @@ from texloom.stages.vocabulary.facts import UNKNOWN, Facts
 from texloom.stages.vocabulary.frame_stacks import stack_channels
 from texloom.stages.vocabulary.sizes import format_size
 
-_FORMATS = {
-    b"\x89PNG\r\n\x1a\n": "PNG",
-    b"\xff\xd8\xff": "JPEG",
-    b"II*\0": "TIFF",
-    b"MM\0*": "TIFF",
-    b"II+\0": "TIFF",
-    b"RIFF": "WebP",
-    b"BM": "BMP",
-    b"\x76\x2f\x31\x01": "EXR",
-    b"{": "JSON",
-}
 _SIDE = 32768  # px
 _PIXELS = 2**28
 _VALUES = 2**30  # of all channels of an EXR
@@ -90,22 +92,25 @@ def read_header(file: BinaryIO, data: bool = False, layered: bool = False) -> Pi
     What ``decode`` returns is contiguous, finite and in linear light; integers of ``data`` are divided by their
     highest value instead. With ``layered``, the parts of an EXR are the frames of a stack.
     """
-    file.seek(0)
-    start = file.read(32)
-    file.seek(0)
-    kind = next((kind for magic, kind in _FORMATS.items() if start.startswith(magic)), None)
-    if kind is None or (kind == "WebP" and start[8:12] != b"WEBP"):
-        raise Refusal("is not a picture that can be read; PNG, JPEG, TIFF, WebP, BMP and EXR can")
-    with _guarded(kind, prints=kind in ("EXR", "TIFF")):
+    kind = formats.kind_of(file)
+    if kind is None:
+        raise Refusal(f"is not a picture that can be read; {formats.known_names()} can")
+    if needs := formats.missing(kind):
+        raise Refusal(f"is {kind}, which needs {needs}; pip install 'texloom[photos]'")
+    with _guarded(kind, prints=kind in ("EXR", "TIFF", "HEIC")):
         if kind == "EXR":
             header = _exr_stack(file) if layered else _exr_header(file, data)
         elif kind == "JSON":
             header = _strokes_header(file)
         elif kind == "TIFF":
             header = _tiff_header(file, data)
+        elif kind == "HDR":
+            header = _hdr_header(file)
+        elif kind == "PSD":
+            header = _psd_header(file, data)
         else:
             if kind == "WebP":
-                _check_webp(start)
+                _check_webp(file.read(32))
             header = _pillow_header(kind, file, data)
 
     def decode() -> Float32[np.ndarray, "h w c"]:
@@ -144,7 +149,8 @@ def _guarded(kind: str, prints: bool = True) -> Iterator[None]:
             raise Refusal(f"is a truncated or broken {kind} file{reason}") from None
 
 
-def _check_size(height: int, width: int) -> None:
+def check_size(height: int, width: int) -> None:
+    """`Refusal` of a size that is too small, or too large to be decoded."""
     if height < 1 or width < 1:
         raise Refusal(f"has no pixels: {format_size((height, width))}")
     if height < 2 or width < 2:
@@ -167,10 +173,10 @@ def _check_webp(start: bytes) -> None:
     """Check the size of a WebP before Pillow opens it and allocates its canvas."""
     if start[12:16] == b"VP8X":
         width, height = (int.from_bytes(start[at : at + 3], "little") + 1 for at in (24, 27))
-        _check_size(height, width)
+        check_size(height, width)
 
 
-_EXTRA = {"JPEG": 6, "WebP": 8}
+_EXTRA = {"JPEG": 6, "WebP": 8, "JPEG 2000": 16, "AVIF": 12, "HEIC": 12}
 """bytes per pixel that a library takes while it decodes: coefficients, canvases"""
 _ALPHA = {"LA": "Y", "La": "Y", "RGBA": "RGB", "RGBa": "RGB", "PA": "RGB"}
 _OPAQUE = {"1": "Y", "L": "Y", "I;16": "Y", "RGB": "RGB", "RGBX": "RGB", "P": "RGB"}
@@ -179,7 +185,9 @@ _OPAQUE = {"1": "Y", "L": "Y", "I;16": "Y", "RGB": "RGB", "RGBX": "RGB", "P": "R
 @functools.cache
 def _plugin(kind: str) -> Any:
     """What opens files in Pillow. `PIL.Image.open` would import other formats too, and limits the size."""
-    name = kind if kind == "WebP" else kind.capitalize()
+    if kind == "HEIC":
+        return importlib.import_module("pillow_heif").HeifImageFile
+    name = {"WebP": "WebP", "JPEG 2000": "Jpeg2K"}.get(kind, kind.capitalize())
     module = importlib.import_module(f"PIL.{name}ImagePlugin")
     return getattr(module, f"{name}ImageFile")
 
@@ -197,39 +205,137 @@ def _opened(kind: str, file: BinaryIO) -> Any:
 
 def _pillow_header(kind: str, file: BinaryIO, data: bool) -> Picture:
     """Pictures that Pillow opens."""
-    chunk = cicp.chunk_of(file) if kind == "PNG" and not data else None
+    try:
+        told = picture_facts.facts_of(kind, file)
+    except ValueError as error:
+        raise Refusal(str(error)) from None
+    chunk = told.code_points if kind != "PNG" or data else cicp.chunk_of(file)
     file.seek(0)
     image = _opened(kind, file)
     width, height = image.size
-    _check_size(height, width)
+    check_size(height, width)
     raw = _raw_mode(image)
+    depth = 16 if "16" in raw else told.depth
     if image.mode in _ALPHA:
-        color, alpha = "Y" if raw == "LA;16B" else _ALPHA[image.mode], True
+        color, alpha = "Y" if raw == "LA;16B" else _ALPHA[image.mode], told.has_alpha
     elif image.mode in _OPAQUE:
         color, alpha = _OPAQUE[image.mode], "transparency" in image.info
+    elif image.mode in ("CMYK", "LAB") and not data:
+        color, alpha = "RGB", False
     else:
         raise Refusal(f"is a {image.mode} picture; convert it to grey or RGB")
     orientation = 1 if kind == "TIFF" else _orientation(image)  # Pillow turns TIFF itself
     if orientation >= 5:
         height, width = width, height
     channels = (*color, "A") if alpha else tuple(color)
-    decoding, note = (None, "") if data else _decoding(image.info, len(color), chunk)
+    converted, decoding, note = None, None, ""
+    if not data:
+        converted, note = _managed(image, chunk, depth, len(color))
+        if converted is None:
+            decoding, note = _decoding(image.info, len(color), chunk)
 
     def decode() -> Float32[np.ndarray, "h w c"]:
         image.load()
         # Pillow keeps only 8 of 16 bits in colour, but detects damage.
-        values = (
-            _decoded_by_opencv(file, channels)
-            if ";16" in raw and image.mode != "I;16"
-            else _values(image, raw, alpha)
+        if depth > 8 and kind == "HEIC":
+            values = _deep_heic(file, len(channels))
+        elif depth > 8 and not (image.mode == "I;16" and kind != "JPEG 2000"):
+            values = _all_bits(_decoded_by_opencv(file, channels), told.depth)
+        else:
+            values = _values(image if converted is None else converted(image), raw, alpha)
+        if told.is_two_channels:
+            values = _with_blue(values)
+        return _floats(
+            _oriented(values[..., : len(channels)], orientation), len(channels) if data else alpha, decoding
         )
-        return _floats(_oriented(values, orientation), len(channels) if data else alpha, decoding)
 
-    bits = 16 if "16" in raw else 8
+    bits = 16 if depth > 8 else 8
     # Pillow's pixels and what the format needs beside them, the integers with a copy, and the floats
     memory = height * width * (4 + _EXTRA.get(kind, 0) + len(channels) * (bits // 4 + 4))
     facts = facts_in(image.info.get(PROVENANCE), height, width)
-    return Picture(height, width, channels, bits, memory, decode, facts, note)
+    return Picture(height, width, channels, bits, memory, decode, facts, "; ".join(filter(None, (told.note, note))))
+
+
+def _managed(image: Any, chunk: bytes | None, depth: int, planes: int) -> tuple[Any, str]:
+    """What converts a Pillow image by littleCMS, and what is told; none where a matrix with curves does."""
+    profile = image.info.get("icc_profile")
+    is_plain = image.mode not in ("CMYK", "LAB")
+    if is_plain and (profile is None or chunk is not None or not icc.needs_tables(profile, planes)):
+        return None, ""
+    if depth > 8 or image.mode not in ("CMYK", "LAB", "L", "LA", "RGB", "RGBA"):
+        raise Refusal("has an ICC profile of tables, which is read for 8 bits; convert the picture to sRGB")
+    try:
+        return color_management.conversion_of(image, profile)
+    except ValueError as error:
+        raise Refusal(str(error)) from None
+
+
+def _all_bits(values: np.ndarray, depth: int) -> np.ndarray:
+    """Codes of 9 to 15 bits as 16 bits, uint16; those of 8 or 16 bits unchanged."""
+    if depth in (8, 16):
+        return values
+    largest = 2**depth - 1
+    return np.asarray((values.astype(np.uint32) * 65535 + largest // 2) // largest, np.uint16)
+
+
+def _deep_heic(file: BinaryIO, planes: int) -> np.ndarray:
+    """The values of a HEIC of over 8 bits, uint16."""
+    import pillow_heif
+
+    file.seek(0)
+    values = np.asarray(pillow_heif.open_heif(file, convert_hdr_to_8bit=False))
+    return values.reshape(*values.shape[:2], -1)[..., :planes].astype(np.uint16, copy=False)
+
+
+def _with_blue(values: np.ndarray) -> np.ndarray:
+    """Integers of normals, whose blue is computed of red and green."""
+    x, y = (values[..., index] / 127.5 - 1 for index in (0, 1))
+    blue = np.sqrt(np.maximum(1 - x * x - y * y, 0))
+    return np.concatenate([values[..., :2], np.rint((blue + 1) * 127.5).astype(np.uint8)[..., None]], axis=2)
+
+
+def _hdr_header(file: BinaryIO) -> Picture:
+    """Radiance HDR: linear light, by OpenCV."""
+    try:
+        header = radiance.header_of(file)
+    except ValueError as error:
+        raise Refusal(str(error)) from None
+    height, width = header.height, header.width
+    check_size(height, width)
+    note = "" if header.exposure == 1 else f"its EXPOSURE of {header.exposure:g} is not taken out"
+
+    def decode() -> Float32[np.ndarray, "h w c"]:
+        pixels = np.ascontiguousarray(_decoded_by_opencv(file, ("R", "G", "B")), np.float32)
+        return pixels if header.matrix is None else color_spaces.converted(pixels, header.matrix)
+
+    return Picture(height, width, ("R", "G", "B"), 32, height * width * 36, decode, note=note)
+
+
+def _psd_header(file: BinaryIO, data: bool) -> Picture:
+    """PSD, flattened: Pillow reads those of 8 bits, psd-tools the others."""
+    start = file.read(26)
+    height, width = (int.from_bytes(start[at : at + 4]) for at in (14, 18))
+    if len(start) < 26:
+        raise EOFError
+    check_size(height, width)
+    if start[4:6] == b"\0\1" and int.from_bytes(start[22:24]) <= 8:
+        return _pillow_header("PSD", file, data)
+    if importlib.util.find_spec(formats.DEEP_PSD) is None:
+        raise Refusal(f"is a PSD of over 8 bits, which needs {formats.DEEP_PSD}; pip install 'texloom[photos]'")
+    header = deep_psd.header_of(file)
+    try:
+        channels = deep_psd.channels_of(header)
+    except ValueError as error:
+        raise Refusal(str(error)) from None
+    planes, alpha = len(channels), "A" in channels
+    info = {"icc_profile": deep_psd.profile_of(file)}
+    decoding, note = (None, "") if data or header.depth == 32 else _decoding(info, planes - alpha)
+
+    def decode() -> Float32[np.ndarray, "h w c"]:
+        return _floats(deep_psd.values_of(file, header, planes), planes if data else alpha, decoding)
+
+    memory = height * width * (header.channels * header.depth // 4 + planes * 8)
+    return Picture(height, width, channels, header.depth, memory, decode, note=note)
 
 
 def _decoding(info: Mapping[str, Any], planes: int, chunk: bytes | None = None) -> tuple[Decoding | None, str]:
@@ -302,7 +408,7 @@ def _decoded_by_opencv(file: BinaryIO, channels: tuple[str, ...]) -> np.ndarray:
     if values is None:
         raise ValueError("cannot be decoded")
     if values.ndim == 2:
-        return values[..., None]
+        return np.repeat(values[..., None], 1 if channels[0] == "Y" else len(channels), axis=2)
     if channels[0] == "Y":  # OpenCV gives grey with alpha as colour
         return values[..., [0, -1]]
     values[..., [0, 2]] = values[..., [2, 0]]  # from B G R
@@ -340,21 +446,21 @@ def _tiff_header(file: BinaryIO, data: bool) -> Picture:
     tags.load(file)
     width, height, planes = tags[256], tags[257], tags.get(277, 1)
     bits, kinds = set(tags.get(258, (1,))), set(tags.get(339, (1,)))
-    _check_size(height, width)
+    check_size(height, width)
     if planes > 4:
         raise Refusal(f"has {planes} channels, at most 4 in TIFF")
     if kinds == {1} and max(bits) <= 8:
         file.seek(0)
         return _pillow_header("TIFF", file, data)
-    if (kinds, bits) not in (({1}, {16}), ({3}, {32})):
-        raise Refusal("has values of a kind that is not read; TIFF may hold unsigned 8 or 16 bits or 32-bit floats")
     names = {(1, 1): "Y", (3, 2): "RGB", (4, 2): "RGBA"}.get((planes, tags.get(262)))
     if names is None:
         raise Refusal("is neither plain grey nor RGB nor RGBA; convert it")
-    if planes > 1 and tags.get(284, 1) != 1:  # OpenCV would read nonsense
-        raise Refusal("keeps its channels apart (planar), which is not read; save them interleaved")
     if tags.get(274, 1) != 1:
         raise Refusal("is turned by its orientation tag; save it upright")
+    by_opencv = (kinds, bits) in (({1}, {16}), ({3}, {32}))
+    # OpenCV would read nonsense of planar ones.
+    if not by_opencv or (planes > 1 and tags.get(284, 1) != 1):
+        return _odd_tiff_header(file, tags, names, data)
 
     is_integer = kinds == {1}
     profile = {"icc_profile": tags.get(34675)}
@@ -367,12 +473,31 @@ def _tiff_header(file: BinaryIO, data: bool) -> Picture:
     return Picture(height, width, tuple(names), max(bits), memory, decode)
 
 
+def _odd_tiff_header(file: BinaryIO, tags: Any, names: str, data: bool) -> Picture:
+    """TIFF of planes apart, of signed integers, or of half or double floats, by tifffile."""
+    try:
+        kind, note = tiff_values.kind_of(set(tags.get(339, (1,))), set(tags.get(258, (1,))), tags.get(259, 1))
+    except ValueError as error:
+        raise Refusal(str(error)) from None
+    height, width, planes = tags[257], tags[256], len(names)
+    profile = {"icc_profile": tags.get(34675)}
+    decoding = _decoding(profile, min(planes, 3))[0] if kind == np.uint16 and not data else None
+
+    def decode() -> Float32[np.ndarray, "h w c"]:
+        values = tiff_values.values_of(file, planes)
+        return _floats(values, planes if data else planes == 4, decoding)
+
+    memory = height * width * planes * (2 * kind.itemsize + 8)
+    bits = 16 if kind == np.uint16 else 32
+    return Picture(height, width, tuple(names), bits, memory, decode, note=note)
+
+
 def _strokes_header(file: BinaryIO) -> Picture:
     try:
         drawn = strokes.parse(file.read())
     except ValueError as error:
         raise Refusal(f"is JSON, but not of strokes: {error}") from None
-    _check_size(drawn.height, drawn.width)
+    check_size(drawn.height, drawn.width)
     return Picture(drawn.height, drawn.width, ("Y",), 8, 9 * drawn.height * drawn.width, drawn.draw)
 
 
@@ -384,7 +509,7 @@ def _exr_parts(file: BinaryIO) -> tuple[list[Any], int]:
         if not exr.is_flat(header):
             raise Refusal("has deep pixels, which are not read")
         height, width = exr.data_size(header)
-        _check_size(height, width)
+        check_size(height, width)
         if len(header["channels"]) > _CHANNELS:
             raise Refusal(f"has {len(header['channels'])} channels, at most {_CHANNELS}")
         if any((channel.xSampling, channel.ySampling) != (1, 1) for channel in header["channels"]):
@@ -397,7 +522,7 @@ def _exr_parts(file: BinaryIO) -> tuple[list[Any], int]:
 
 def _exr_header(file: BinaryIO, data: bool) -> Picture:
     headers, values = _exr_parts(file)
-    index, names = _exr_channels([_channel_names(header) for header in headers])
+    index, names, note = _exr_channels([_channel_names(header) for header in headers])
     height, width = exr.data_size(headers[index])
     matrix = None if data else _exr_matrix(headers, index)
 
@@ -408,7 +533,7 @@ def _exr_header(file: BinaryIO, data: bool) -> Picture:
     part = headers[index].get("name", "")
     facts = codec.facts_in(headers[0], part, height, width)
     bits = codec.original_bits(headers[0])
-    return Picture(height, width, tuple(names.values()), 32, memory, decode, facts, original_bits=bits)
+    return Picture(height, width, tuple(names.values()), 32, memory, decode, facts, note, bits)
 
 
 def _exr_stack(file: BinaryIO) -> Picture:
@@ -434,6 +559,13 @@ def _exr_stack(file: BinaryIO) -> Picture:
     return Picture(height, width, channels, 32, memory, decode)
 
 
+def _exr_channels(parts: list[list[str]]) -> tuple[int, dict[str, str], str]:
+    try:
+        return exr_channels.chosen(parts)
+    except ValueError as error:
+        raise Refusal(str(error)) from None
+
+
 def _channel_names(header: Any) -> list[str]:
     return [channel.name for channel in header["channels"]]
 
@@ -455,40 +587,3 @@ def _exr_pixels(part: Any, size: tuple[int, int], names: Mapping[str, str], matr
     if matrix is not None and next(iter(names.values())) == "R":
         pixels[..., :3] = color_spaces.converted(pixels[..., :3], matrix)
     return pixels
-
-
-def _exr_channels(parts: list[list[str]]) -> tuple[int, dict[str, str]]:
-    """The index of the part to read, and the image's channels by those of the file, in the image's order.
-
-    Colour is the first plain ``R G B`` or ``Y``; where no part has it, that of the first layer (``layer.R`` ...).
-    """
-    for plain in (True, False):
-        for index, names in enumerate(parts):
-            layers = [""] if plain else list(dict.fromkeys(name[: name.rfind(".") + 1] for name in names))
-            for layer in layers:
-                color = _color(layer, names)
-                if color:
-                    return index, _renamed(layer, color, names)
-    shown = ", ".join(parts[0][:8]) + (", ..." if len(parts[0]) > 8 else "")
-    raise Refusal(f"has no colour: no channels R, G, B and no Y, but {shown}")
-
-
-def _color(layer: str, names: list[str]) -> str:
-    if all(layer + name in names for name in "RGB"):
-        return "RGB"
-    if layer + "Y" not in names or layer + "X" in names:  # X, Y, Z are positions or normals
-        return ""
-    if layer + "RY" in names or layer + "BY" in names:
-        raise Refusal("is stored as luminance and chroma, which is not read; save it as RGB")
-    return "Y"
-
-
-def _renamed(layer: str, color: str, names: list[str]) -> dict[str, str]:
-    renamed = {layer + name: name for name in color}
-    alpha = next((name for name in (layer + "A", "A") if name in names), None)
-    if alpha:
-        renamed[alpha] = "A"
-    renamed |= {name: name for name in names if name not in renamed}
-    if len(set(renamed.values())) < len(renamed):
-        raise Refusal(f"has both A and {layer}A; remove one")
-    return renamed

@@ -66,6 +66,16 @@ def of_profile(profile: bytes, planes: int) -> Decoding | None:
     return None if _is_srgb(decoding) else decoding
 
 
+def needs_tables(profile: bytes, planes: int) -> bool:
+    """Whether a profile has no matrix with curves, or no curve in grey, but tables; False where it is broken."""
+    try:
+        space, tags = _tags(profile)
+    except (struct.error, IndexError):
+        return False
+    wanted = (b"kTRC",) if planes == 1 else (b"rXYZ", b"gXYZ", b"bXYZ", b"rTRC", b"gTRC", b"bTRC")
+    return b"A2B0" in tags and space == (b"GRAY" if planes == 1 else b"RGB ") and not all(n in tags for n in wanted)
+
+
 def of_png(info: Mapping[str, Any]) -> Decoding | None:
     """The decoding by a PNG's gamma and chromaticities, where it has no profile and does not say sRGB.
 

@@ -6,6 +6,7 @@ import difflib
 import hashlib
 import importlib.util
 import io
+import json
 import os
 import re
 import stat
@@ -13,9 +14,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from texloom.pipelines.errors import one_of
 from texloom.pipelines.media import decode as pictures
-from texloom.pipelines.media import known_files
+from texloom.pipelines.media import known_files, udim
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.store.atomic import file_digest
@@ -49,6 +52,8 @@ def inspect(reference: str, data: bool = False, layered: bool = False) -> Inspec
 
     For ``data`` and ``layered`` see `texloom.pipelines.media.decode.read_header`.
     """
+    if udim.is_tiled(reference):
+        return _inspect_tiles(reference, data)[0]
     path, known, state = locate(reference), known_files.current(), ""
     if known is not None:
         found, state = known.find(path, f"{data} {layered}")
@@ -65,6 +70,8 @@ def inspect(reference: str, data: bool = False, layered: bool = False) -> Inspec
 
 def decode(reference: str, digest: str, data: bool = False, layered: bool = False) -> Image:
     """Decode a picture; `Refusal` where it is broken, not finite, or not the one of that digest."""
+    if udim.is_tiled(reference):
+        return _decode_tiles(reference, digest, data)
     with opened(locate(reference)) as file:
         before = os.fstat(file.fileno())
         if _digest(file) != digest:
@@ -76,6 +83,52 @@ def decode(reference: str, digest: str, data: bool = False, layered: bool = Fals
         if (before.st_mtime_ns, before.st_size) != (after.st_mtime_ns, after.st_size):
             raise Refusal("has changed while it was read")
     return Image(pixels, picture.channels, picture.facts)
+
+
+def _inspect_tiles(reference: str, data: bool) -> tuple[Inspected, udim.Tiles, list[str]]:
+    """What the headers of UDIM tiles tell of the whole picture, the tiles, and their digests."""
+    try:
+        tiles = udim.tiles_of(locate(reference))
+    except ValueError as error:
+        raise Refusal(str(error)) from None
+    seen = []
+    for file in tiles.files:
+        try:
+            seen.append(inspect(str(file), data))
+        except Refusal as error:
+            raise Refusal(f"{file.name} {error}") from None
+    first = seen[0]
+    for file, one in zip(tiles.files, seen, strict=True):
+        if (one.height, one.width, one.channels, one.bits) != (
+            first.height,
+            first.width,
+            first.channels,
+            first.bits,
+        ):
+            raise Refusal(f"{file.name} has another size, channels or bits than {tiles.files[0].name}")
+    height, width = tiles.rows * first.height, tiles.columns * first.width
+    pictures.check_size(height, width)
+    digests = [one.digest for one in seen]
+    digest = hashlib.sha256(json.dumps([tiles.rows, tiles.columns, digests]).encode()).hexdigest()
+    memory = height * width * 4 * len(first.channels) + max(one.memory for one in seen)
+    header = height, width, first.channels, first.bits, memory
+    return Inspected(*header, digest, first.note, first.original_bits), tiles, digests
+
+
+def _decode_tiles(reference: str, digest: str, data: bool) -> Image:
+    whole, tiles, digests = _inspect_tiles(reference, data)
+    if whole.digest != digest:
+        raise Refusal("has changed since the run began")
+    pixels = np.empty((whole.height, whole.width, len(whole.channels)), np.float32)
+    height, width = whole.height // tiles.rows, whole.width // tiles.columns
+    for number, (file, one) in enumerate(zip(tiles.files, digests, strict=True)):
+        down, across = divmod(number, tiles.columns)
+        try:
+            tile = decode(str(file), one, data)
+        except Refusal as error:
+            raise Refusal(f"{file.name} {error}") from None
+        pixels[down * height : (down + 1) * height, across * width : (across + 1) * width] = tile.pixels
+    return Image(pixels, whole.channels)
 
 
 def _digest(file: io.BufferedReader) -> str:

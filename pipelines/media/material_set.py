@@ -33,6 +33,7 @@ from jaxtyping import Float32
 from texloom.pipelines.errors import hint, shown
 from texloom.pipelines.media import locate as picture_files
 from texloom.pipelines.media.decode import Refusal
+from texloom.pipelines.media.formats import SUFFIXES
 from texloom.pipelines.yaml import read_document
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -65,7 +66,6 @@ HEIGHT_UNIT = "height_unit"
 """the key of a YAML file that says the unit of heights"""
 _KEYS = ("normal_convention", HEIGHT_UNIT, "resample")
 _NOT_A_ROLE = re.compile(r"\d+k?|map|maps|tex|texture|png|jpg|jpeg|tif|tiff|exr")
-_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".exr")
 _YAML = (".yaml", ".yml")
 _GREY = 16 / 255  # largest difference of channels in a grey picture of a lossy format
 
@@ -250,7 +250,7 @@ def pictures_in(folder: Path) -> list[Path]:
 
 def is_picture(path: Path) -> bool:
     """Whether a file's name is that of a picture."""
-    return path.suffix.lower() in _PICTURES
+    return path.suffix.lower() in SUFFIXES
 
 
 def _of_folder(folder: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]:

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from texloom.pipelines.errors import closest, one_line
-from texloom.pipelines.media import locate, material_set, meshes, stack
+from texloom.pipelines.media import locate, material_set, meshes, stack, udim
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.memory import check_memory
@@ -52,7 +52,11 @@ class Source:
     @property
     def picture(self) -> str:
         """Its file's or folder's name without suffix, or that in a collection; of an array, the source's name."""
-        return self.name if self._is_array else Path(re.sub(r"^[a-z][a-z0-9]+:", "", self.reference)).stem
+        return (
+            self.name
+            if self._is_array
+            else Path(udim.plain_name(re.sub(r"^[a-z][a-z0-9]+:", "", self.reference))).stem
+        )
 
     @cached_property
     def label(self) -> str:
@@ -90,9 +94,9 @@ def open_source(name: str, reference: str) -> Source:
     name : its name in the flow.
     reference : a file; a folder or YAML file of maps, see `texloom.pipelines.media.material_set`; or
         ``texloom:NAME`` or ``skimage:NAME`` for a picture that ships with texloom or scikit-image; after
-        ``stack:``, a frame stack, see `texloom.pipelines.media.stack`. Content decides
-        the format: PNG, JPEG, TIFF, WebP, BMP (8 and 16 bits are taken as sRGB), 32-bit float TIFF and EXR (linear
-        light), and JSON of strokes, see `texloom.pipelines.media.strokes`.
+        ``stack:``, a frame stack, see `texloom.pipelines.media.stack`; with ``<UDIM>`` in the file's name, all
+        tiles as one picture. Content decides the format, see `texloom.pipelines.media.formats`: integers are
+        taken as sRGB, floats (EXR, HDR, TIFF) as linear light; JSON of strokes is drawn.
 
     Raises
     ------

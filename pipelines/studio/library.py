@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from texloom.pipelines.errors import one_line
+from texloom.pipelines.media.formats import SUFFIXES as PICTURES
 from texloom.pipelines.media.locate import shipped_pictures
 from texloom.pipelines.media.material_set import is_map_set
 from texloom.pipelines.media.meshes import SUFFIXES
@@ -28,7 +29,6 @@ MOST_BYTES = 2**29
 _MOST_PICTURES = 200  # listed of a folder
 _DEPTH = 1  # of folders that are looked into
 _MOST_LOOKED_AT = 5000  # entries of a folder
-_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp", ".exr"}
 _MATERIAL = "maps"
 _PAINTED = "painted_"
 """begins the name of what the page paints, which is no exemplar"""
@@ -197,7 +197,7 @@ def _candidates(folder: Path, depth: int) -> Iterator[Path]:
     for path in _entries(folder):
         if path.name.startswith("."):
             continue
-        is_picture = path.suffix.lower() in _SUFFIXES and path.is_file()
+        is_picture = path.suffix.lower() in PICTURES and path.is_file()
         if is_picture or (path.is_dir() and is_map_set(str(path)) and _has_pictures(path)):
             yield path
         elif depth and path.is_dir():
@@ -205,7 +205,7 @@ def _candidates(folder: Path, depth: int) -> Iterator[Path]:
 
 
 def _has_pictures(folder: Path) -> bool:
-    return sum(path.suffix.lower() in _SUFFIXES for path in _entries(folder)) > 1
+    return sum(path.suffix.lower() in PICTURES for path in _entries(folder)) > 1
 
 
 def _entries(folder: Path) -> list[Path]:

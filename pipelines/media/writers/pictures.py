@@ -1,14 +1,18 @@
-"""JPEG, WebP and TIFF.
+"""JPEG, WebP, TGA, DDS, TIFF and Radiance HDR.
 
-JPEG (quality 95, no alpha) and WebP (lossless) hold the 8-bit picture that PNG does; of a frame stack, WebP is an
-animation of all frames. TIFF holds an image's colour
-and alpha as 16-bit sRGB, and other arrays of one, three or four planes as 32-bit floats.
+JPEG (quality 95, no alpha), WebP (lossless), TGA (run lengths) and DDS (uncompressed, without mipmaps) hold the
+8-bit picture that PNG does; of a frame stack, WebP is an animation of all frames. TIFF holds an image's colour
+and alpha as 16-bit sRGB, and other arrays of one, three or four planes as 32-bit floats. HDR holds linear colour
+of Rec.709 primaries without alpha, or other arrays of one or three planes, with 8 bits of precision.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
+import logging
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -24,16 +28,20 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.frame_stacks import frame_count, frames_of
 from texloom.stages.vocabulary.sizes import format_size
 
-_MAX_SIDE = {".jpg": 65500, ".webp": 16383}  # px
-_OPTIONS = {
+_LOG = logging.getLogger(__name__)
+_MAX_SIDE = {".jpg": 65500, ".webp": 16383, ".tga": 65535, ".dds": 65535}  # px
+_OPTIONS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     ".jpg": ("JPEG", {"quality": 95, "subsampling": 0}),
     ".webp": ("WebP", {"lossless": True, "quality": 50}),
+    ".tga": ("TGA", {"compression": "tga_rle"}),
+    ".dds": ("DDS", {}),
 }
+_HDR_LIMIT = 2.0**126
 
 
 def write(job: Job) -> dict[str, str]:
     """See `texloom.pipelines.media.writers.registry.write`."""
-    content = _tiff(job) if job.path.suffix == ".tif" else _eight_bits(job)
+    content = {".tif": _tiff, ".hdr": _hdr}.get(job.path.suffix, _eight_bits)(job)
     write_atomically(job.path, content)
     return {"": hashlib.sha256(content).hexdigest()}
 
@@ -63,8 +71,6 @@ def _eight_bits(job: Job) -> bytes:
 
 
 def _tiff(job: Job) -> bytes:
-    import cv2
-
     if isinstance(job.value, Image):
         names = channels_of("albedo", job.value.channels)
         names = ["Y"] if names == ["Y"] * 3 else names
@@ -77,7 +83,31 @@ def _tiff(job: Job) -> bytes:
                 f"{job.path}: TIFF holds 1, 3 or 4 planes, not {levels.shape[2]}; export it as .exr"
             )
     order = [0] if levels.shape[2] == 1 else [2, 1, 0, *range(3, levels.shape[2])]
-    done, content = cv2.imencode(".tif", np.ascontiguousarray(levels[..., order]))
+    return _encoded(job, np.ascontiguousarray(levels[..., order]))
+
+
+def _hdr(job: Job) -> bytes:
+    if isinstance(job.value, Image):
+        names = channels_of("albedo", job.value.channels)
+        planes = [job.value.pixels[..., job.value.channels.index(name)] for name in names if name != "A"]
+    else:
+        planes = list(prepared(job.value, Hint.of(job.hint)).planes())
+    if len(planes) not in (1, 3):
+        raise ArtifactError(f"{job.path}: HDR holds 1 or 3 planes, not {len(planes)}; export it as .exr")
+    light = np.stack([np.asarray(plane, np.float32) for plane in (planes * 3)[:3][::-1]], axis=2)
+    largest = float(np.abs(light).max(initial=0))
+    if not largest < _HDR_LIMIT:
+        raise ArtifactError(f"{job.path}: HDR holds values up to 2^126; export it as .exr")
+    if below := np.count_nonzero(light < 0):
+        share = max(100 * below / light.size, 0.1)
+        _LOG.warning("HDR: %.1f %% of the values are negative and were set to 0; use .exr, which holds them", share)
+    return _encoded(job, np.maximum(light, 0))
+
+
+def _encoded(job: Job, levels: np.ndarray) -> bytes:
+    import cv2
+
+    done, content = cv2.imencode(job.path.suffix, levels)
     if not done:
-        raise ArtifactError(f"{job.path}: a TIFF could not be made")
+        raise ArtifactError(f"{job.path}: the file could not be made")
     return bytes(content)

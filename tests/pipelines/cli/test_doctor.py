@@ -35,6 +35,16 @@ def test_the_report(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert list(folder.iterdir()) == [], "nothing is written"
 
 
+def test_formats_that_need_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    from texloom.pipelines.media import formats
+
+    monkeypatch.setattr(formats, "missing", lambda kind: "pillow_heif" if kind == "HEIC" else "")
+    found = json.loads(texloom("doctor", "--json").out)["formats"]
+    assert found["HEIC"] == {"missing": "pillow_heif"}
+    assert found["TGA"] == {"missing": None}
+    assert "; HEIC needs pillow_heif: pip install 'texloom[photos]'" in doctor._formats(found)
+
+
 def test_one_screen(folder: Path) -> None:
     (folder / "kernels" / "core").mkdir(parents=True)
     (folder / "kernels" / "core" / "resample.nbi").write_bytes(b"x" * 2_000_000)

@@ -118,3 +118,22 @@ def test_a_flow_without_sources(folder: Path) -> None:
     (folder / "flow.yaml").write_text("steps: {s: {stage: evaluation.tabulate}}")
     with pytest.raises(InputError, match=r"sources: the flow takes no picture, got 'a\.png'"):
         opened("a.png", flow="flow.yaml")
+
+
+def test_tiles_of_a_folder_are_one_item(folder: Path) -> None:
+    for number in (1001, 1002):
+        PIL.Image.new("L", (8, 8)).save(folder / f"wood.{number}.png")
+    assert names(".") == ["[x]", "a", "b", "moss", "wood"]
+    assert names("wood.<UDIM>.png", "a.png") == ["a", "wood"]
+
+
+def test_pictures_that_are_not_read_are_told(folder: Path) -> None:
+    (folder / "c.jxl").write_bytes(b"c")
+    (folder / "D.XCF").write_bytes(b"d")
+    (source,) = opened(".").sources.values()
+    assert source.notes == (
+        f"sources.exemplar: {folder}: 2 files are not read: D.XCF, c.jxl; save them as PNG, TIFF or EXR",
+    )
+    (folder / "empty" / "e.jxl").write_bytes(b"e")
+    with pytest.raises(InputError, match=r"is a folder without pictures; 1 file is not read: e\.jxl"):
+        opened("empty")

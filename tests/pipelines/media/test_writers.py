@@ -107,6 +107,29 @@ def test_alpha_of_pictures(tmp_path: Path, rng: np.random.Generator) -> None:
         np.testing.assert_array_equal(values[..., 3], codes(picture.pixels[..., 3], np.iinfo(values.dtype).max))
 
 
+@pytest.mark.parametrize("suffix", ["tga", "dds"])
+@pytest.mark.parametrize("channels", ["Y", "RGB", "RGBA"])
+def test_pictures_of_games(tmp_path: Path, rng: np.random.Generator, suffix: str, channels: str) -> None:
+    picture = Image(rng.random((8, 9, len(channels)), np.float32), tuple(channels))
+    as_png = png(made(tmp_path / "a.png", picture))
+    found = PIL.Image.open(made(tmp_path / f"a.{suffix}", picture))
+    np.testing.assert_array_equal(np.asarray(found), as_png)
+
+
+def test_radiance(tmp_path: Path, rng: np.random.Generator, caplog: pytest.LogCaptureFixture) -> None:
+    light = rng.random((8, 40, 3), np.float32) * 90
+    found = open_source("a", str(made(tmp_path / "a.hdr", Image(light, ("R", "G", "B"))))).read()
+    assert np.abs(found.pixels - light).max() <= light.max() / 128
+    assert found.pixels.max() > 80
+    assert not caplog.text
+    light[0, 0, 0] = -1
+    made(tmp_path / "a.hdr", Image(light, ("R", "G", "B")))
+    assert "0.1 % of the values are negative and were set to 0" in caplog.text
+    field = made(tmp_path / "b.hdr", light[..., 1], ScalarMap)
+    grey = open_source("b", str(field)).read()
+    assert np.abs(grey.pixels - light[..., 1:2]).max() <= light.max() / 128
+
+
 def test_sizes_are_bounded(tmp_path: Path) -> None:
     wide = Image(np.zeros((1, 17000, 1), np.float32), ("Y",))
     with pytest.raises(ArtifactError, match=r"17000 x 1 px, \.webp holds at most 16383 px a side"):

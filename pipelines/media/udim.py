@@ -1,0 +1,101 @@
+"""UDIM tiles: pictures ``name.1001.png`` ... as one picture, ``name.<UDIM>.png``, laid out as they are written.
+
+Tile 1001 is at the lower left, 1002 to its right, 1011 above it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+_FIRST, _COLUMNS, _LAST = 1001, 10, 1999
+_MARK = re.compile("<udim>", re.IGNORECASE)
+_TILE = re.compile(r"(.+)([._])(1\d{3})(\.[^.]+)")
+
+
+@dataclasses.dataclass(frozen=True)
+class Tiles:
+    """The files of a picture in tiles."""
+
+    rows: int
+    columns: int
+    files: tuple[Path, ...]
+    """row by row from the upper left"""
+
+
+def is_tiled(reference: str) -> bool:
+    """Whether the name of a file has ``<UDIM>`` in it."""
+    return "<" in reference and _MARK.search(os.path.basename(reference)) is not None  # noqa: PTH119
+
+
+def plain_name(reference: str) -> str:
+    """A file's name without the mark of tiles."""
+    return re.sub(rf"[._]?{_MARK.pattern}", "", Path(reference).name, flags=re.IGNORECASE)
+
+
+def tiles_of(path: Path) -> Tiles:
+    """The tiles of ``name.<UDIM>.png``, which fill a rectangle from 1001.
+
+    Raises
+    ------
+    ValueError
+        There is none, or some are missing; in words.
+    """
+    before, after = _MARK.split(path.name, maxsplit=1)
+    pattern = re.compile(rf"{re.escape(before)}(\d{{4}}){re.escape(after)}")
+    try:
+        names = [file.name for file in path.parent.iterdir()]
+    except FileNotFoundError:
+        names = []
+    found = {int(match[1]): path.parent / name for name in names if (match := pattern.fullmatch(name))}
+    found = {number: file for number, file in found.items() if _FIRST <= number <= _LAST}
+    if not found:
+        raise ValueError(f"there are no tiles, such as {before}{_FIRST}{after}")
+    rows, columns = _extent(found)
+    wanted = [_FIRST + across + _COLUMNS * up for up in reversed(range(rows)) for across in range(columns)]
+    if missing := sorted(set(wanted) - set(found)):
+        listed = ", ".join(map(str, missing[:8])) + (", ..." if len(missing) > 8 else "")
+        raise ValueError(f"tiles are missing: {listed}; they have to fill {columns} x {rows} from {_FIRST}")
+    return Tiles(rows, columns, tuple(found[number] for number in wanted))
+
+
+def joined(paths: Iterable[Path], is_map: Callable[[str], bool]) -> list[Path]:
+    """Paths with the tiles of each picture as one, ``name.<UDIM>.png``, in the order of the first of them.
+
+    Tiles are several files with 1001 among their numbers. As cameras number files so too, ``name_1001`` needs
+    to be named as a map, or a second row of tiles beside which numbers are not used.
+
+    Parameters
+    ----------
+    paths : of files.
+    is_map : whether a name without number and suffix is that of a map.
+    """
+    whole: dict[Path, list[tuple[int, Path]]] = {}
+    for path in paths:
+        match = _TILE.fullmatch(path.name)
+        name = path if match is None else path.with_name(f"{match[1]}{match[2]}<UDIM>{match[4]}")
+        whole.setdefault(name, []).append((int(match[3]) if match else 0, path))
+    result: list[Path] = []
+    for name, files in whole.items():
+        numbers = {number for number, _ in files}
+        stem, sign = Path(plain_name(str(name))).stem, name.stem[-len("<UDIM>") - 1 : -len("<UDIM>")]
+        is_one = len(files) > 1 and _FIRST in numbers
+        if is_one and (sign == "." or is_map(stem) or _has_rows(numbers)):
+            result.append(name)
+        else:
+            result += [path for _, path in files]
+    return result
+
+
+def _has_rows(numbers: set[int]) -> bool:
+    rows, columns = _extent(numbers)
+    return rows > 1 and columns < _COLUMNS and len(numbers) == rows * columns
+
+
+def _extent(numbers: Iterable[int]) -> tuple[int, int]:
+    """Rows and columns up to the last tile."""
+    places = [divmod(number - _FIRST, _COLUMNS) for number in numbers]
+    return 1 + max(up for up, _ in places), 1 + max(across for _, across in places)
