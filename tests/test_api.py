@@ -242,9 +242,9 @@ def test_wrong_requests_are_told(arguments: dict[str, Any], problem: str) -> Non
 
 def test_a_missing_source_is_named_as_an_argument(rgb: np.ndarray) -> None:
     with pytest.raises(
-        texloom.InputError, match=r"sources.holes: required, as in sources=\{'holes': 'picture.png'\}$"
+        texloom.InputError, match=r"sources.region: required, as in sources=\{'region': 'picture.png'\}$"
     ):
-        texloom.run("fill", {"picture": rgb})
+        texloom.run("revise", {"texture": rgb, "exemplar": rgb})
 
 
 def test_the_second_of_two_arrays_is_named_by_its_shape(rgb: np.ndarray) -> None:

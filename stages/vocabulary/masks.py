@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import logging
 
 import numpy as np
 from jaxtyping import Float32, Int32
@@ -39,6 +40,18 @@ def valid_pixels(image: Image) -> Mask | None:
     if not valid.any():
         raise InputError("image: its mask or alpha excludes every pixel")
     return None if valid.all() else valid
+
+
+def tell_holes(log: logging.Logger, made: Image) -> None:
+    """Tell that a result has holes: pixels whose alpha is below a half."""
+    if "A" in made.channels:
+        share = float((made.pixels[..., made.channels.index("A")] < HALF).mean())
+        if share > 0:
+            log.warning(
+                "the result has holes: %.2g %% of its pixels are transparent, as they were kept; the flow fill "
+                "fills the transparent pixels of a picture",
+                100 * share,
+            )
 
 
 def nearest_valid(valid: Mask) -> Int32[np.ndarray, "2 h w"]:

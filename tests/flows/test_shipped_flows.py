@@ -78,6 +78,14 @@ def test_filled_holes_do_not_tell_what_was_in_them(ran: Any, gravel: np.ndarray,
     np.testing.assert_array_equal(first["texture.png"][~holes], saved(tmp_path / "0.png")[~holes])
 
 
+def test_transparent_pixels_are_the_holes(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
+    hole = marks(np.s_[20:40, 30:50])
+    save(tmp_path / "cut.png", np.dstack([gravel, np.where(hole, 0, 255).astype(np.uint8)]))
+    filled = ran(tmp_path / "filled", "fill", {"picture": tmp_path / "cut.png"})
+    assert (filled["texture.png"][..., 3] == 255).all()
+    np.testing.assert_array_equal(filled["texture.png"][~hole], saved(tmp_path / "cut.png")[~hole])
+
+
 def test_masked_places_leave_no_trace(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
     logo = marks(np.s_[10:24, 12:40])
     save(tmp_path / "mask.png", 255 - logo.astype(np.uint8) * 255)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from texloom.stages.vocabulary.masks import (
     count_excluded,
     fill_excluded,
     nearest_valid,
+    tell_holes,
     valid_pixels,
     without_usable,
 )
@@ -71,3 +74,17 @@ def test_the_mark_does_not_go_along(rng: np.random.Generator) -> None:
     np.testing.assert_array_equal(plain.pixels[..., :3], pixels)
     image = picture(pixels)
     assert without_usable(image) is image
+
+
+def test_holes_of_a_result_are_told(rng: np.random.Generator, caplog: pytest.LogCaptureFixture) -> None:
+    pixels, alpha = rng.random((5, 8, 3), np.float32), np.ones((5, 8))
+    log = logging.getLogger("texloom.test")
+    tell_holes(log, picture(pixels))
+    tell_holes(log, marked(pixels, ("A", alpha)))
+    assert caplog.messages == []
+    alpha[1, 2:4] = 0.4
+    tell_holes(log, marked(pixels, ("A", alpha)))
+    assert caplog.messages == [
+        "the result has holes: 5 % of its pixels are transparent, as they were kept; the flow fill fills the "
+        "transparent pixels of a picture"
+    ]

@@ -39,11 +39,15 @@ class ExclusionMask:
 
 
 def check_mask(params: ExclusionMaskParams, known: Mapping[str, Any]) -> None:
-    """The mask must have the size of the image, and leave some of it."""
+    """The mask must have the size of the image, and leave some of it; without one, alpha must exclude some."""
     image, mask = known.get("image"), known.get("mask")
     check_same_size(mask, "mask", image, "image")
-    if isinstance(image, Image) and isinstance(mask, Image | None) and not _valid(image, mask, params).any():
-        raise InputError("mask: all pixels of the image are excluded")
+    if isinstance(image, Image) and isinstance(mask, Image | None):
+        valid = _valid(image, mask, params)
+        if not valid.any():
+            raise InputError("mask: all pixels of the image are excluded")
+        if mask is None and valid.all():
+            raise InputError("image: no pixel of it is transparent, and no mask is given; give one of the two")
 
 
 def outlines(params: ExclusionMaskParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
@@ -67,7 +71,7 @@ def exclusion_mask(image: Image, params: ExclusionMaskParams, mask: Image | None
     Raises
     ------
     InputError
-        the mask has another size, or all pixels are excluded.
+        the mask has another size, or all pixels are excluded; without a mask, none is.
 
     References
     ----------

@@ -62,7 +62,7 @@ def map_features(
     Parameters
     ----------
     spread : root of the summed variances of the colour's channels, CIELAB units.
-    weights : factor by name of map or channel; 1 if there is none, 0 leaves the map out.
+    weights : factor by name of map or channel; 1 if there is none, 0 leaves the map out, as if it did not exist.
     valid : pixels that count for means and variances; None counts all.
     max_components : maximum number of planes.
     """
@@ -72,13 +72,14 @@ def map_features(
         means = [plane.mean(dtype=np.float64) for plane in _counted(own, valid)]
         centred = [plane - np.float32(mean) for plane, mean in zip(own, means, strict=True)]
         deviation = np.sqrt(sum(_mean_product(plane, plane) for plane in _counted(centred, valid)))
-        if deviation > _MIN_VARIATION * max(float(np.abs(plane).max()) for plane in own):
-            maps[name] = (indices, centred, deviation)
+        factors = [weights.get(image.channels[index], weights.get(name, 1.0)) for index in indices]
+        varies = deviation > _MIN_VARIATION * max(float(np.abs(plane).max()) for plane in own)
+        if varies and any(factor > 0 for factor in factors):  # else it would change what the others count
+            maps[name] = (factors, centred, deviation)
     planes = []
-    for name, (indices, centred, deviation) in maps.items():
+    for factors, centred, deviation in maps.values():
         scale = max(spread, MIN_SPREAD) / np.sqrt(len(maps)) / deviation
-        for index, plane in zip(indices, centred, strict=True):
-            factor = weights.get(image.channels[index], weights.get(name, 1.0))
+        for factor, plane in zip(factors, centred, strict=True):
             if factor > 0:
                 planes.append(plane * np.float32(scale * factor))
     if not planes:

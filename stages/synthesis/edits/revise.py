@@ -29,6 +29,7 @@ from texloom.stages.vocabulary.masks import (
     count_excluded,
     fill_excluded,
     nearest_valid,
+    tell_holes,
     valid_pixels,
     without_usable,
 )
@@ -417,6 +418,7 @@ def revise(
         if sources is not None:
             sources[window.at] = origin
     made = texture.with_pixels(pixels).wrapping(wrap)
+    tell_holes(_LOG, made)
     box = _around([window for window, _ in found])
     detail = texture.elsewhere(np.ascontiguousarray(pixels[box]))
     return Revised(made, ~marked, detail, np.ascontiguousarray(~marked[box]), sources)

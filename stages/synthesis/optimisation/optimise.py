@@ -1,6 +1,7 @@
 """Self-tuning texture optimisation: patch search and voting alternate from coarse to fine."""
 
 import dataclasses
+import logging
 import math
 from functools import partial
 from typing import Annotated, Any, Literal
@@ -34,10 +35,12 @@ from texloom.stages.vocabulary.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.facts import NOWHERE
-from texloom.stages.vocabulary.masks import FilledExemplar, valid_pixels, without_usable
+from texloom.stages.vocabulary.masks import FilledExemplar, tell_holes, valid_pixels, without_usable
 from texloom.stages.vocabulary.scratch import bands
 from texloom.stages.vocabulary.sizes import Size, format_size
 from texloom.stages.vocabulary.tileable import Tileable
+
+_LOG = logging.getLogger(__name__)
 
 _MIN_CELL = 8  # px between lattice lines at the first scale; smaller cells would not be resolved
 _PHASE_SHARE = 0.8  # of the scales, coarsest first, at which the lattice is enforced; finer ones preserve it
@@ -482,6 +485,8 @@ def optimise(
     source = correspondence.to_pixels(match, params.patch_size, wrap, margin)
     if fixed is not None:
         fixed.put(made.pixels, source, without_usable(image))
+        if given is None:  # else it is a window of what the caller makes
+            tell_holes(_LOG, made)
     border.move_back(source)
     used_area = None if usable is None else int(usable.sum())
     occurrence = occurrence_map(match, (image.height, image.width), params.patch_size, used_area)

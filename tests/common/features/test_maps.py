@@ -69,6 +69,8 @@ def test_flat_maps_and_those_of_no_weight_are_left_out(rng: np.random.Generator)
     one = smooth_noise((30, 30), 2.0, rng)
     alone = map_features(many([one], ["height"]), 20.0, {}, None)
     np.testing.assert_array_equal(map_features(many([flat, one], ["metallic", "height"]), 20.0, {}, None), alone)
+    both = many([smooth_noise((30, 30), 1.0, rng), one], ["roughness", "height"])
+    np.testing.assert_array_equal(map_features(both, 20.0, {"roughness": 0.0}, None), alone)
     assert map_features(many([one], ["height"]), 20.0, {"height": 0.0}, None).shape == (30, 30, 0)
     assert map_features(many([0 * one], ["height"]), 20.0, {}, None).shape == (30, 30, 0)
 

@@ -194,7 +194,7 @@ def test_a_source_that_is_optional(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("flow", "sources"),
     [
-        ("fill", ("picture", "holes")),
+        ("fill", ("picture",)),
         ("inverse_reconstruct", ("texture", "control", "target")),
         ("resynthesise", ("texture", "control", "target")),
         ("per_pixel_control", ("texture", "control", "target")),

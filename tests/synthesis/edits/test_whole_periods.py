@@ -1,0 +1,69 @@
+"""Pictures cut to whole periods of their lattice."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.synthetic import blobs, tiled
+from tests.wraps import X
+from texloom.stages.synthesis.edits.whole_periods import WholePeriods, WholePeriodsParams, whole_periods
+from texloom.stages.vocabulary.arrays import Image
+
+RUNNING = [[16, 20], [16, -20]]
+"""bricks of 40 x 16 px, each course displaced by half a brick"""
+
+
+@pytest.fixture
+def wall(rng: np.random.Generator) -> Image:
+    return tiled(blobs((32, 40, 3), rng, 2.0), 0, (183, 213))[0]
+
+
+def run(image: Image, generators: list[list[float]], **params: Any) -> WholePeriods:
+    return whole_periods(image, np.array(generators, np.float32).reshape(-1, 2), WholePeriodsParams(**params))
+
+
+def test_the_middle_with_whole_periods_is_left(wall: Image, caplog: pytest.LogCaptureFixture) -> None:
+    result = run(wall, RUNNING)
+    assert (result.image.height, result.image.width) == (160, 200)  # of 11 courses 10, as a period has two
+    np.testing.assert_array_equal(result.image.pixels, wall.pixels[11:171, 6:206])
+    np.testing.assert_array_equal(result.image.pixels[0], wall.pixels[171, 6:206])
+    assert len(result.generators) == 2
+    assert caplog.messages == [
+        "the pattern has a period, and the picture was cut to whole ones: 200 x 160 px of 213 x 183 px, 6.1 % of "
+        "its width and 12.6 % of its height less; --set keep_size=true keeps all of it"
+    ]
+
+
+def test_only_what_is_asked_for_is_cut(wall: Image, caplog: pytest.LogCaptureFixture) -> None:
+    across = run(wall, RUNNING, tileable=X).image
+    assert (across.height, across.width) == (183, 200)
+    caplog.clear()
+    for generators, params in ((RUNNING, {"keep_size": True}), ([], {}), ([[0.0, 150.0]], {})):
+        kept = run(wall, generators, **params)
+        assert kept.image is wall
+        assert not len(kept.generators)
+    whole = run(wall.cropped(slice(0, 160), slice(0, 200)), RUNNING)
+    assert (whole.image.height, whole.image.width, len(whole.generators)) == (160, 200, 2)
+    assert caplog.messages == []
+
+
+def test_a_part_that_is_nearly_whole_is_not_enough(rng: np.random.Generator) -> None:
+    """Else one row of tiles would be higher than the others."""
+    tiles = tiled(blobs((64, 64, 3), rng, 2.0), 0, (230, 192))[0]
+    assert run(tiles, [[64, 0], [0, 64]]).image.height == 192
+    assert run(tiles, [[64, 0], [0, 64]], most=0.15).image is tiles
+
+
+def test_courses_have_a_period_across_them_alone(wall: Image) -> None:
+    cut = run(wall, [[16.0, 0.0]]).image
+    assert (cut.height, cut.width) == (176, 213)
+
+
+def test_too_much_is_not_cut_off(wall: Image, caplog: pytest.LogCaptureFixture) -> None:
+    kept = run(wall, RUNNING, most=0.05)
+    assert kept.image is wall
+    assert not len(kept.generators)
+    assert "no 174 px of the picture are whole periods down" in caplog.text
