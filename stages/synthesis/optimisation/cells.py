@@ -8,15 +8,16 @@ from jaxtyping import Bool, Float32, Float64, Int64
 
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
 from texloom.stages.synthesis.optimisation.allowed import Allowed
+from texloom.stages.synthesis.optimisation.cell_segments import segments_of, unlikeness
 from texloom.stages.synthesis.optimisation.correspondence import Patches
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
+from texloom.stages.synthesis.optimisation.whole_cells import WholeCells
 from texloom.stages.synthesis.stitching.seams import SeamCosts, pairs
 from texloom.stages.vocabulary.arrays import Vectors
 from texloom.stages.vocabulary.facts import Wraps
 
 _LEAST_SAVING = 0.5  # of the cost of a cell's joints; with less, lines across several cells break
 _WINDOW = 1024  # px of the result that are in memory at once
-_STEPS = ((1, 0), (0, 1), (1, 1), (1, -1))  # generators to the cells that are compared
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,11 @@ def complete_cells(
     phase: LatticePhase,
     allowed: Allowed | None,
 ) -> None:
-    """Give all of a cell the most frequent displacement in it where that halves the cost of its joints, in place.
+    """Make cells whole that show parts of several, in place.
+
+    Where joints surround the parts of a cell, such as bricks, mixed ones are searched in the whole exemplar, see
+    `WholeCells`. Elsewhere all of a cell gets the most frequent displacement in it where that halves the cost of its
+    joints.
 
     Where cells differ in tone alone, a joint costs the same wherever it crosses a cell, so the optimisation ends
     with cells of two tones. Costs of joints are those of graph cuts, squared: less along contours than in flat
@@ -67,6 +72,8 @@ def complete_cells(
         return
     outline = _outline(lab, generators)
     costs = SeamCosts(lab, gradients=True, squared=True)
+    segments = segments_of(lab, *unlikeness(lab, generators), generators)
+    search = None if segments is None else WholeCells(lab, costs, generators, segments, patch_size, allowed)
     for top in range(0, height, _WINDOW - reach):
         for left in range(0, width, _WINDOW - reach):
             place = np.s_[top : top + _WINDOW, left : left + _WINDOW]
@@ -77,12 +84,14 @@ def complete_cells(
             )
             down, across = phase.target[..., None, None]
             position = rows[:, None] * down + columns * across + phase.origin[:, None, None]
-            cell = np.floor(outline(position)).astype(np.int64)
             ends = np.zeros(part.shape[1:], bool)
             ends[0], ends[-1] = wrap.down or top > 0, wrap.down or top + _WINDOW < height
             ends[:, 0] |= wrap.across or left > 0
             ends[:, -1] |= wrap.across or left + _WINDOW < width
-            _complete(part, cell, ends, costs, patch_size, allowed)
+            if search is None:
+                _complete(part, np.floor(outline(position)).astype(np.int64), ends, costs, patch_size, allowed)
+            else:
+                search.complete(part, position, ends)
 
 
 def _complete(
@@ -177,23 +186,9 @@ def _joint_costs(
 
 def _outline(lab: Float32[np.ndarray, "h w 3"], generators: Vectors) -> _Outline:
     """The outline on which the cells of an exemplar differ least from each other."""
-    import cv2
-
     basis = generators.astype(np.float64)
-    smooth = cv2.blur(lab, (3, 3))
     height, width = lab.shape[:2]
-    total, pairs_of = np.zeros((height, width)), np.zeros((height, width))
-    for step in _STEPS:
-        down, across = (int(one) for one in np.rint(matrix_product(step, basis)))
-        if abs(down) >= height or abs(across) >= width:
-            continue
-        one = np.s_[max(0, -down) : height - max(0, down), max(0, -across) : width - max(0, across)]
-        other = np.s_[max(0, down) : height + min(0, down), max(0, across) : width + min(0, across)]
-        difference = ((smooth[one] - smooth[other]) ** 2).sum(axis=2)
-        for end in (one, other):
-            total[end] += difference
-            pairs_of[end] += 1
-    different = total / np.maximum(pairs_of, 1)
+    different, pairs_of = unlikeness(lab, generators)
     position = np.moveaxis(matrix_product(np.moveaxis(np.indices((height, width)), 0, 2), inverse_of(basis)), 2, 0)
     found = []
     for along in (0, 1):

@@ -1,0 +1,1 @@
+"""Search of whole cells in an exemplar."""
