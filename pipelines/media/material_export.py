@@ -12,6 +12,7 @@ import numpy as np
 from texloom.pipelines.media.delivery import AS_IS, Delivery
 from texloom.pipelines.media.material_set import COLORS, ROLES, Map, normal_codes
 from texloom.pipelines.media.materialx import BoundMap, document
+from texloom.pipelines.media.relief import Relief, relief_of
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.clipping import count_clipped, tell_clipped
@@ -39,8 +40,8 @@ def write_maps(
 
     ``material.exr`` holds all channels, normals with unit length; ``material.mtlx`` binds the PNGs. These have the
     names, bits (16 for floats) and direction of green of the files of ``like``; without such a file, they are named
-    by their role. Values beyond 0..1 are clipped in PNG only, with a warning. Pixels copied from files of ``like``
-    keep their bits.
+    by their role. In PNG only, heights are normalised, see `relief_of`, and other values beyond 0..1 clipped, both
+    with a warning. Pixels copied from files of ``like`` keep their bits.
 
     Parameters
     ----------
@@ -58,6 +59,9 @@ def write_maps(
     image = with_unit_normals(image, bits["normal"])
     attributes, shown = delivery.exr_attributes(is_color=True), delivery.encoded(image)
     written = {f"{_NAME}.exr": codec.export(shown, Image, folder / f"{_NAME}.exr", provenance, attributes)}
+    relief = relief_of(image)
+    relief.tell()
+    image = relief.normalised(image)
     stems = [one.stem for one in like]
     bound = []
 
@@ -70,20 +74,20 @@ def write_maps(
         if channels:
             one = alike.get(role)
             directx = one is not None and one.directx
-            said = {role: facts_of_file(image, role, directx)}
+            said = {role: facts_of_file(role, directx, relief)}
             explained = with_facts(provenance, image.facts, image.height, image.width, said)
             # Files of the same name may be in several folders.
             file = f"{role if one is None or stems.count(one.stem) > 1 else one.stem}.png"
             if image.height * image.width > LARGE:
                 strips = _code_strips(image, channels, role, bits[role], directx)
                 written[file] = write_png(folder / file, image.height, image.width, strips, explained)
-                bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx))
+                bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx, relief))
                 continue
             levels = codes_of(image, channels, role, bits[role], directx)
             if role == "normal" and one is not None:
                 _keep_codes(levels, image, one)
             write(file, png(levels, explained))
-            bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx))
+            bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx, relief))
     write(
         f"{_NAME}.mtlx",
         document(_NAME, bound, delivery.size(image.height, image.width), wraps=image.wraps).encode(),
@@ -117,10 +121,11 @@ def channels_of(role: str, known: Sequence[str]) -> list[str]:
     return [role] if role in known else []
 
 
-def facts_of_file(image: Image, role: str, directx: bool) -> MapFacts:
+def facts_of_file(role: str, directx: bool, relief: Relief) -> MapFacts:
     """What holds for the file of integers that a map is written to."""
-    green = GREENS[directx] if role == "normal" else ""
-    return MapFacts(green, image.facts.of_map(role).unit)
+    if role == "height":
+        return relief.facts()
+    return MapFacts(GREENS[directx] if role == "normal" else "")
 
 
 def _keep_codes(levels: np.ndarray, image: Image, one: Map) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import with_unit_normals
+from texloom.pipelines.media.relief import relief_of
 from texloom.pipelines.media.writers.layouts import GLTF, levels_of, material_name, parts_of
 from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store.atomic import write_atomically
@@ -77,7 +78,7 @@ def binary(name: str, image: Image, delivery: Delivery, mesh: np.ndarray | None 
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "name": name}],
         "meshes": [{"name": name, "primitives": [_primitive()]}],
-        "materials": [_material(name, image, [part.suffix for part in parts])],
+        "materials": [_material(name, image, [part.suffix for part in parts]) | _extras(image)],
         "textures": [{"sampler": 0, "source": index} for index in range(len(parts))],
         "images": [
             {"bufferView": len(arrays) + index, "mimeType": "image/png", "name": f"{name}_{part.suffix}"}
@@ -156,6 +157,12 @@ def _material(name: str, image: Image, parts: list[str]) -> dict[str, Any]:
     if "A" in image.channels and image.pixels[..., image.channels.index("A")].min() < _OPAQUE:
         material |= {"alphaMode": "MASK", "alphaCutoff": _CUTOFF}
     return material
+
+
+def _extras(image: Image) -> dict[str, Any]:
+    """What glTF has no place for: what the heights mean, which other files hold."""
+    relief = relief_of(image)
+    return {"extras": {"height": relief.record()}} if relief.is_normalised else {}
 
 
 def _chunks(document: bytes, content: bytes) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import json
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -15,6 +16,7 @@ from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import channels_of, codes_of, facts_of_file, with_unit_normals
 from texloom.pipelines.media.material_set import COLORS
 from texloom.pipelines.media.materialx import BoundMap, document
+from texloom.pipelines.media.relief import Relief, relief_of
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.png_file import png, with_facts
@@ -152,12 +154,14 @@ def levels_of(image: Image, part: Part, directx: bool) -> np.ndarray:
 
 def bound_maps(image: Image, layout: Layout, files: Mapping[str, str]) -> list[BoundMap]:
     """What a document binds, of ``files``: suffix of a part to a file's name."""
-    bound = []
+    bound, relief = [], relief_of(image)
+    if layout.kind == "tx" and relief.is_normalised:  # floats
+        relief = Relief(unit=relief.unit)
     for part in parts_of(image, layout):
         if part.role and part.suffix in files:
             planes = min(3, len(channels_of(part.role, image.channels)))
             encoded = part.role in COLORS and layout.kind == "png"
-            bound.append(BoundMap(part.role, files[part.suffix], planes, encoded, layout.directx))
+            bound.append(BoundMap(part.role, files[part.suffix], planes, encoded, layout.directx, relief))
     return bound
 
 
@@ -175,11 +179,15 @@ def write_maps_of(
     wraps = image.wraps if is_whole else Wraps()  # a tile alone does not
     files: dict[str, str] = {}
     written: dict[str, str] = {}
+    relief = relief_of(image)
+    if layout.kind == "png" and any(part.role == "height" for part in layout.parts):
+        relief.tell()
+        image = relief.normalised(image)
     for part in parts_of(image, layout):
         stem = f"{layout.prefix}{name}_{part.suffix}"
         files[part.suffix] = f"{stem}.<UDIM>.{layout.kind}" if delivery.udim else f"{stem}.{layout.kind}"
         is_tx = layout.kind == "tx"
-        said = {part.role: facts_of_file(image, part.role, layout.directx)} if part.role else {}
+        said = {part.role: facts_of_file(part.role, layout.directx, relief)} if part.role else {}
         values = _linear(image, part, layout, delivery) if is_tx else levels_of(image, part, layout.directx)
         for tile, area in tiles_of(image, delivery.udim, folder):
             file = files[part.suffix].replace("<UDIM>", tile)
@@ -194,6 +202,11 @@ def write_maps_of(
                 content = png(piece, with_facts(provenance, Facts(wraps), height, width, said))
                 write_atomically(folder / file, content)
                 written[file] = hashlib.sha256(content).hexdigest()
+    if relief.is_normalised and not layout.document and any(part.role == "height" for part in layout.parts):
+        file = f"{layout.prefix}{name}_height.json"
+        content = (json.dumps(relief.record(), indent=2) + "\n").encode()
+        write_atomically(folder / file, content)
+        written[file] = hashlib.sha256(content).hexdigest()
     return files, written
 
 
