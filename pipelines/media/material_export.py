@@ -25,7 +25,7 @@ from texloom.stages.vocabulary.scratch import bands, empty, release
 
 _NAME = "material"
 _BITS = {"height": 16}
-"""of maps without a file in ``like``, if not 8"""
+"""of maps made from files whose bits nobody knows, if not 8"""
 _STRIP = 2**22  # values converted at once
 
 
@@ -35,19 +35,22 @@ def write_maps(
     like: Sequence[Map],
     provenance: Mapping[str, Any],
     delivery: Delivery = AS_IS,
+    fed: Mapping[str, int] | None = None,
 ) -> dict[str, str]:
     """Write all maps of an image into a folder, made if need be.
 
     ``material.exr`` holds all channels, normals with unit length; ``material.mtlx`` binds the PNGs. These have the
-    names, bits (16 for floats) and direction of green of the files of ``like``; without such a file, they are named
-    by their role. In PNG only, heights are normalised, see `relief_of`, and other values beyond 0..1 clipped, both
-    with a warning. Pixels copied from files of ``like`` keep their bits.
+    names and direction of green of the files of ``like``; without such a file, they are named by their role. In PNG
+    only, heights are normalised, see `relief_of`, and other values beyond 0..1 clipped, both with a warning. Pixels
+    copied from files of ``like`` keep their bits.
 
     Parameters
     ----------
     like : maps of the exemplar.
     provenance : of the image, ready for JSON; stored in the EXR and, with the image's facts, in PNGs.
     delivery : colour space of the EXR and physical size.
+    fed : role to the bits of what the map is made from, 32 of floats; those of ``like`` where none are given. PNGs
+        have 16 for more than 8, also where the file that they are named like has 8.
 
     Returns
     -------
@@ -55,7 +58,8 @@ def write_maps(
     """
     folder.mkdir(parents=True, exist_ok=True)
     alike = {one.role: one for one in like}
-    bits = {role: min(16, alike[role].bits) if role in alike else _BITS.get(role, 8) for role in ROLES}
+    known = {**{one.role: one.bits for one in like}, **(fed or {})}
+    bits = {role: 16 if known.get(role, _BITS.get(role, 8)) > 8 else 8 for role in ROLES}
     image = with_unit_normals(image, bits["normal"])
     attributes, shown = delivery.exr_attributes(is_color=True), delivery.encoded(image)
     written = {f"{_NAME}.exr": codec.export(shown, Image, folder / f"{_NAME}.exr", provenance, attributes)}

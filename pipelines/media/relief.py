@@ -1,4 +1,4 @@
-"""What heights in files mean: integers hold 0..1, others are normalised and documents say what 0 and 1 stand for."""
+"""What heights in files mean: integers hold 0..1, others are normalised and documents say what 0 and 1 mean."""
 
 from __future__ import annotations
 

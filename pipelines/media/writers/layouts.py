@@ -137,18 +137,25 @@ def _has(image: Image, role: str) -> bool:
     return bool(role) and bool(channels_of(role, image.channels))
 
 
+def with_bits(part: Part, fed: Mapping[str, int]) -> Part:
+    """The part with 16 bits where a map in it is made from more than 8; ``fed``: role to bits."""
+    roles = ("roughness" if role == SMOOTHNESS else role for role in part.planes)
+    return dataclasses.replace(part, bits=16) if any(fed.get(role, 8) > 8 for role in roles) else part
+
+
 def levels_of(image: Image, part: Part, directx: bool) -> np.ndarray:
-    """The integers of a file, (h, w, c); packed ones have 8 bits."""
+    """The integers of a file, (h, w, c)."""
     if part.role:
         return codes_of(image, channels_of(part.role, image.channels), part.role, part.bits, directx)
+    most, dtype = 2**part.bits - 1, np.uint8 if part.bits == 8 else np.uint16
     planes = []
     for role in part.planes:
         source = "roughness" if role == SMOOTHNESS else role
         if _has(image, role):
             codes = codes_of(image, channels_of(source, image.channels)[:1], source, part.bits, directx)
-            planes.append(255 - codes if role == SMOOTHNESS else codes)
+            planes.append(most - codes if role == SMOOTHNESS else codes)
         else:
-            planes.append(np.full((image.height, image.width, 1), 255 * _WITHOUT[role], np.uint8))
+            planes.append(np.full((image.height, image.width, 1), most * _WITHOUT[role], dtype))
     return np.concatenate(planes, axis=2)
 
 
@@ -166,9 +173,15 @@ def bound_maps(image: Image, layout: Layout, files: Mapping[str, str]) -> list[B
 
 
 def write_maps_of(
-    image: Image, folder: Path, name: str, layout: Layout, delivery: Delivery, provenance: Mapping[str, Any]
+    image: Image,
+    folder: Path,
+    name: str,
+    layout: Layout,
+    delivery: Delivery,
+    provenance: Mapping[str, Any],
+    fed: Mapping[str, int],
 ) -> tuple[dict[str, str], dict[str, str]]:  # fmt: skip
-    """Write the maps of an image as a layout has them into a folder, made if need be.
+    """Write the maps of an image as a layout has them into a folder, made if need be; ``fed``: see `with_bits`.
 
     Returns
     -------
@@ -183,7 +196,7 @@ def write_maps_of(
     if layout.kind == "png" and any(part.role == "height" for part in layout.parts):
         relief.tell()
         image = relief.normalised(image)
-    for part in parts_of(image, layout):
+    for part in (with_bits(one, fed) for one in parts_of(image, layout)):
         stem = f"{layout.prefix}{name}_{part.suffix}"
         files[part.suffix] = f"{stem}.<UDIM>.{layout.kind}" if delivery.udim else f"{stem}.{layout.kind}"
         is_tx = layout.kind == "tx"
@@ -242,13 +255,19 @@ def _linear(image: Image, part: Part, layout: Layout, delivery: Delivery) -> np.
 
 
 def write_layout(
-    image: Image, folder: Path, name: str, delivery: Delivery, provenance: Mapping[str, Any]
+    image: Image,
+    folder: Path,
+    name: str,
+    delivery: Delivery,
+    provenance: Mapping[str, Any],
+    fed: Mapping[str, int] | None = None,
 ) -> dict[str, str]:
     """Write a material set in the delivery's layout into a folder, with the document that binds it, if any.
 
     Parameters
     ----------
     name : of the material, see `material_name`; file names begin with it.
+    fed : role to the bits of what the map is made from; PNGs have 16 for more than 8, else those of the layout.
 
     Returns
     -------
@@ -261,7 +280,7 @@ def write_layout(
     """
     layout = LAYOUTS[delivery.layout or ""]
     image = with_unit_normals(image, 16)
-    files, written = write_maps_of(image, folder, name, layout, delivery, provenance)
+    files, written = write_maps_of(image, folder, name, layout, delivery, provenance, fed or {})
     if layout.document:
         from texloom.pipelines.media.writers import glb, usda
 
@@ -273,7 +292,7 @@ def write_layout(
         elif layout.document == "usda":
             content = usda.stage(name, maps, image, delivery, "").encode()
         else:
-            content = glb.binary(name, image, delivery)
+            content = glb.binary(name, image, delivery, fed=fed)
         file = f"{name}.{layout.document}"
         write_atomically(folder / file, content)
         written[file] = hashlib.sha256(content).hexdigest()
