@@ -192,9 +192,9 @@ class Texture:
             raise InputError(f"{target}: no writer for '{target.suffix}'; {kinds} and a folder can be written")
         target.parent.mkdir(parents=True, exist_ok=True)
         if is_folder:
-            write_maps(self._linear, target, self._source.maps, provenance)
+            write_maps(self._linear, target, self._source.maps, provenance, fed=self._source.map_bits)
         elif target.suffix != ".png":
-            write(Job(target, self._linear, Image, provenance))
+            write(Job(target, self._linear, Image, provenance, bits=self._source.map_bits))
         else:
             names = channels_of("albedo", self._linear.channels)
             names = ["Y", *names[3:]] if names[0] == "Y" else names

@@ -60,8 +60,8 @@ class Export:
     delivery: Delivery = AS_IS
     material: str = ""
     """the material's name, with which files of a layout begin"""
-    bits: int = 8
-    """of the picture that a PNG is to be like, or is made from; 32 of floats"""
+    bits: Mapping[str, int] = dataclasses.field(default_factory=dict)
+    """of what each map, by its role, is made from, the most: 8 or 16, 32 of floats"""
     mesh: str = ""
     """digest of what the mesh of a model comes from"""
 
@@ -106,8 +106,8 @@ class Export:
             "delivery": _fields_of(self.delivery),
             "material": self.material if self.delivery.layout else "",
         }
-        if self.is_deep:
-            parts["bits"] = 16
+        if deep := sorted(role for role, bits in self.bits.items() if bits > 8):
+            parts["deep"] = deep
         if self.mesh:
             parts["mesh"] = self.mesh
         return hashlib.sha256(canonical_json(parts).encode()).hexdigest()
@@ -115,7 +115,7 @@ class Export:
     @property
     def is_deep(self) -> bool:
         """Whether it is a PNG of 16 bits, if it is an image: what it is made from has as many, or floats."""
-        return not self.is_folder and self.path.suffix == ".png" and self.bits > 8
+        return not self.is_folder and self.path.suffix == ".png" and self.bits.get("albedo", 8) > 8
 
     def current(self, store: Store, known: States | None = None) -> States | None:
         """The states of its files, if they are there and would come out as they are; ``known``: the last run's."""
@@ -169,7 +169,7 @@ class Export:
         if self.is_folder and self.delivery.layout:
             from texloom.pipelines.media.writers.layouts import write_layout
 
-            files = write_layout(value, self.path, self.material, self.delivery, provenance)
+            files = write_layout(value, self.path, self.material, self.delivery, provenance, self.bits)
         elif self.is_folder and isinstance(value, Image) and frame_count(value.channels) > 1:
             from texloom.pipelines.media.frame_export import write_frames
 
@@ -177,13 +177,13 @@ class Export:
         elif self.is_folder:
             from texloom.pipelines.media.material_export import write_maps
 
-            files = write_maps(value, self.path, self.like, provenance, self.delivery)
+            files = write_maps(value, self.path, self.like, provenance, self.delivery, self.bits)
         elif self.is_deep and isinstance(value, Image):
             from texloom.pipelines.media.material_export import write_deep_png
 
             files = {"": write_deep_png(value, self.path, provenance)}
         else:
-            files = registry.write(Job(self.path, value, hint, provenance, self.delivery, mesh))
+            files = registry.write(Job(self.path, value, hint, provenance, self.delivery, mesh, self.bits))
         self._note_below(store.root / "runs", files, store)
         # Without a note it is written again next time, no more. The temporary file is in a small folder, which the
         # end of each run looks through.

@@ -25,6 +25,7 @@ from texloom.pipelines.engine.stage_log import logging_to
 from texloom.pipelines.engine.task import Given, Output, TaskSpec, Upstream
 from texloom.pipelines.errors import closest, format_error, one_line
 from texloom.pipelines.flow.command import command_of
+from texloom.pipelines.flow.feeding import feeding
 from texloom.pipelines.flow.items import Item, items_of
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
 from texloom.pipelines.flow.runner import check_environment, require_installed
@@ -457,7 +458,7 @@ class Run:
                 like=() if source is None else source.maps,
                 delivery=self.flow.delivery,
                 material=self._material(like, scope) if self.flow.delivery.layout else "",
-                bits=self._bits(reference, scope) if source is None else source.bits,
+                bits=self._bits(file, reference, scope),
                 mesh="" if surface is None else self._origin(surface, scope),
             )
             place = str(export.path)
@@ -494,8 +495,7 @@ class Run:
             if value is None and Hint.of(hint).optional:
                 return None
             state = export.write(self.store, value, hint, provenance, mesh)
-        # what shows a result, as a preview does, may clip
-        shows = hint is Image and self._is_shown(reference) and not export.path.name.startswith("texture.")
+        shows = self._shows(export.path.name, reference)  # what shows a result, as a preview does, may clip
         self.told += [] if shows else [f"{export.path.name}: {note}" for note in told]
         if export.path.is_relative_to(self.store.root):
             usage.add(self.store, export.path)
@@ -508,22 +508,23 @@ class Run:
         name = like if like is not None else next((one for one in self.flow.sources if scope.has_source(one)), None)
         return material_name(self.flow.name if name is None else scope.source(name).picture)
 
-    def _is_shown(self, reference: Reference) -> bool:
-        """Whether a result is made to be looked at."""
+    def _shows(self, file: str, reference: Reference) -> bool:
+        """Whether an export is a picture that is made to be looked at."""
         step = self.flow.steps.get(reference.name) if reference.output is not None else None
-        return step is not None and step.stage.name.startswith("evaluation.")
+        if step is None or not step.stage.name.startswith("evaluation.") or file.startswith("texture."):
+            return False
+        return step.stage.outputs[reference.output or ""] is Image
 
-    def _bits(self, reference: Reference, scope: Scope) -> int:
-        """Bits of the first picture of the flow that a result is made from; 8 where there is none here."""
-        made_from = {reference.name} if reference.output is None else set()
-        steps = set() if reference.output is None else {reference.name}
-        for step in reversed(list(self.flow.steps.values())):  # each comes after what it takes
-            if step.name in steps:
-                steps.update(step.needs)
-                made_from.update(given.name for given in step.references if given.output is None)
-        pictures = (name for name in self.flow.sources if name in made_from - set(self.flow.meshes))
-        first = next(pictures, None)
-        return scope.source(first).bits if first is not None and scope.has_source(first) else 8
+    def _bits(self, file: str, reference: Reference, scope: Scope) -> dict[str, int]:
+        """For each map the most bits of the sources that feed it; none of what is made to be looked at."""
+        if self._shows(file, reference):
+            return {}
+        bits: dict[str, int] = {}
+        for name in feeding(self.flow, reference):
+            scopes = [scope] if scope.has_source(name) else self.known_scopes  # of what is gathered, all
+            for one in (one.source(name) for one in scopes if one.has_source(name)):
+                bits |= {role: max(own, bits.get(role, 8)) for role, own in one.map_bits.items()}
+        return bits
 
     def _about(self, file: str, reference: Reference, scope: Scope) -> dict[str, Any]:
         """What this run adds to the provenance of an export."""
@@ -531,8 +532,8 @@ class Run:
         if reference.output is not None:
             step = self.flow.steps[reference.name]
             about["from"] = {name: self._given(given, scope).label for name, given in step.inputs.items()}
-        if file.endswith(".exr"):
-            about["bits"] = self._bits(reference, scope)  # so that a PNG made from it one day has as many
+        if file.endswith((".exr", "/")):
+            about["bits"] = self._bits(file, reference, scope)  # so that PNGs made from it one day have as many
         if file.endswith(".html"):
             about["run"] = self._facts(scope)
         return about

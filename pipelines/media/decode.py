@@ -82,8 +82,8 @@ class Picture(Header):
     """what texloom has written into it; other files say nothing"""
     note: str = ""
     """what was assumed of its colour, for the user"""
-    original_bits: int = 0
-    """as ``bits``, of what texloom made a file of floats from; 0 where that is not known"""
+    original_bits: Mapping[str, int] = dataclasses.field(default_factory=dict)
+    """as ``bits``, of what texloom made each map, by its role, in a file of floats from, where that is known"""
 
 
 def read_header(file: BinaryIO, data: bool = False, layered: bool = False) -> Picture:

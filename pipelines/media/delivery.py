@@ -18,7 +18,8 @@ LAYOUTS = ("unreal", "unity", "blender", "gltf", "arnold", "substance")
 """programs whose file names, channel packing, direction of green and bits a material set can have"""
 COLOR_SPACES: Mapping[str, str] = {"rec709": REC709, "acescg": ACESCG}
 """name on the command line to that in files"""
-_UNITS = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
+METRES: Mapping[str, float] = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
+"""of units of length"""
 _INCH = 0.0254  # m
 _MAX_COLUMNS = 10  # of UDIM tiles
 _MAX_ROWS = 100
@@ -99,7 +100,7 @@ def parse_delivery(options: Mapping[str, str], fail: Fail = _of_option) -> Deliv
 
 def _length(text: str, fail: Fail) -> float:
     found = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?|\.\d{1,9})\s*(um|mm|cm|m|in)", text.strip())
-    metres = float(found[1]) * _UNITS[found[2]] if found else 0.0
+    metres = float(found[1]) * METRES[found[2]] if found else 0.0
     if not 1e-9 <= metres <= 1e3 or not math.isfinite(metres):
         raise fail("texel_size", f"must be a length as 0.5mm, in um, mm, cm, m or in, got {shown(text)}")
     return metres

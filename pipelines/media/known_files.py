@@ -30,8 +30,8 @@ class Inspected(Header):
     """SHA-256 of the content and of the version of the decoding, 64 hexadecimal digits"""
     note: str = ""
     """what was assumed of its colour, for the user"""
-    original_bits: int = 0
-    """as ``bits``, of what texloom made a file of floats from; 0 where that is not known"""
+    original_bits: Mapping[str, int] = dataclasses.field(default_factory=dict)
+    """as ``bits``, of what texloom made each map, by its role, in a file of floats from, where that is known"""
     facts: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     """what texloom has written into it, see `Facts.record`"""
 

@@ -12,6 +12,7 @@ import numpy as np
 from texloom.pipelines.media.delivery import AS_IS, Delivery
 from texloom.pipelines.media.material_set import COLORS, ROLES, Map, normal_codes
 from texloom.pipelines.media.materialx import BoundMap, document
+from texloom.pipelines.media.relief import Relief, relief_of
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.clipping import count_clipped, tell_clipped
@@ -24,7 +25,7 @@ from texloom.stages.vocabulary.scratch import bands, empty, release
 
 _NAME = "material"
 _BITS = {"height": 16}
-"""of maps without a file in ``like``, if not 8"""
+"""of maps made from files whose bits nobody knows, if not 8"""
 _STRIP = 2**22  # values converted at once
 
 
@@ -34,19 +35,22 @@ def write_maps(
     like: Sequence[Map],
     provenance: Mapping[str, Any],
     delivery: Delivery = AS_IS,
+    fed: Mapping[str, int] | None = None,
 ) -> dict[str, str]:
     """Write all maps of an image into a folder, made if need be.
 
     ``material.exr`` holds all channels, normals with unit length; ``material.mtlx`` binds the PNGs. These have the
-    names, bits (16 for floats) and direction of green of the files of ``like``; without such a file, they are named
-    by their role. Values beyond 0..1 are clipped in PNG only, with a warning. Pixels copied from files of ``like``
-    keep their bits.
+    names and direction of green of the files of ``like``; without such a file, they are named by their role. In PNG
+    only, heights are normalised, see `relief_of`, and other values beyond 0..1 clipped, both with a warning. Pixels
+    copied from files of ``like`` keep their bits.
 
     Parameters
     ----------
     like : maps of the exemplar.
     provenance : of the image, ready for JSON; stored in the EXR and, with the image's facts, in PNGs.
     delivery : colour space of the EXR and physical size.
+    fed : role to the bits of what the map is made from, 32 of floats; those of ``like`` where none are given. PNGs
+        have 16 for more than 8, also where the file that they are named like has 8.
 
     Returns
     -------
@@ -54,10 +58,14 @@ def write_maps(
     """
     folder.mkdir(parents=True, exist_ok=True)
     alike = {one.role: one for one in like}
-    bits = {role: min(16, alike[role].bits) if role in alike else _BITS.get(role, 8) for role in ROLES}
+    known = {**{one.role: one.bits for one in like}, **(fed or {})}
+    bits = {role: 16 if known.get(role, _BITS.get(role, 8)) > 8 else 8 for role in ROLES}
     image = with_unit_normals(image, bits["normal"])
     attributes, shown = delivery.exr_attributes(is_color=True), delivery.encoded(image)
     written = {f"{_NAME}.exr": codec.export(shown, Image, folder / f"{_NAME}.exr", provenance, attributes)}
+    relief = relief_of(image)
+    relief.tell()
+    image = relief.normalised(image)
     stems = [one.stem for one in like]
     bound = []
 
@@ -70,20 +78,20 @@ def write_maps(
         if channels:
             one = alike.get(role)
             directx = one is not None and one.directx
-            said = {role: facts_of_file(image, role, directx)}
+            said = {role: facts_of_file(role, directx, relief)}
             explained = with_facts(provenance, image.facts, image.height, image.width, said)
             # Files of the same name may be in several folders.
             file = f"{role if one is None or stems.count(one.stem) > 1 else one.stem}.png"
             if image.height * image.width > LARGE:
                 strips = _code_strips(image, channels, role, bits[role], directx)
                 written[file] = write_png(folder / file, image.height, image.width, strips, explained)
-                bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx))
+                bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx, relief))
                 continue
             levels = codes_of(image, channels, role, bits[role], directx)
             if role == "normal" and one is not None:
                 _keep_codes(levels, image, one)
             write(file, png(levels, explained))
-            bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx))
+            bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx, relief))
     write(
         f"{_NAME}.mtlx",
         document(_NAME, bound, delivery.size(image.height, image.width), wraps=image.wraps).encode(),
@@ -117,10 +125,11 @@ def channels_of(role: str, known: Sequence[str]) -> list[str]:
     return [role] if role in known else []
 
 
-def facts_of_file(image: Image, role: str, directx: bool) -> MapFacts:
+def facts_of_file(role: str, directx: bool, relief: Relief) -> MapFacts:
     """What holds for the file of integers that a map is written to."""
-    green = GREENS[directx] if role == "normal" else ""
-    return MapFacts(green, image.facts.of_map(role).unit)
+    if role == "height":
+        return relief.facts()
+    return MapFacts(GREENS[directx] if role == "normal" else "")
 
 
 def _keep_codes(levels: np.ndarray, image: Image, one: Map) -> None:

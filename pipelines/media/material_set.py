@@ -352,6 +352,8 @@ def _planes(one: Map, height: int, width: int) -> Image:
         pixels = unit(_vectors(one, pixels), rounding(min(one.bits, 16)))
     elif len(one.channels) == 1:
         pixels = _grey(pixels[..., : 1 if image.channels[0] == "Y" else 3])
+        if one.bits != 32 and one.facts.range is not None:  # heights that texloom has normalised
+            pixels = one.facts.range[0] + np.float32(one.facts.range[1] - one.facts.range[0]) * pixels
     else:
         pixels = pixels[..., :3]
     facts = Facts(image.wraps, _known(one, pixels))

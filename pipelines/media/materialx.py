@@ -8,10 +8,9 @@ from typing import Any
 
 from texloom.pipelines.media.color_spaces import ACESCG
 from texloom.pipelines.media.material_set import COLORS
+from texloom.pipelines.media.relief import UNIT_RELIEF, Relief
 from texloom.stages.vocabulary.facts import TORUS, Wraps
 
-DISPLACEMENT = 0.05
-"""height of white over black, as a share of the texture's width; no map tells it"""
 _INPUTS: Mapping[str, Mapping[str, str]] = {
     "gltf_pbr": {
         "albedo": "base_color",
@@ -48,6 +47,8 @@ class BoundMap:
     """whether it is in sRGB"""
     directx: bool = False
     """whether green points down in a normal map"""
+    relief: Relief = UNIT_RELIEF
+    """what the values of a height map mean"""
 
 
 def document(
@@ -95,8 +96,14 @@ def document(
             node.setConnectedNode("normal", normal)
         elif one.role == "height":
             displacement = made.addNode("displacement", f"{name}_displacement", "displacementshader")
+            scale, offset = one.relief.displacement(width or (size[1] if size else 1.0))
+            if offset:
+                shifted = made.addNode("add", f"{name}_height_offset", "float")
+                shifted.setConnectedNode("in1", image)
+                shifted.setInputValue("in2", offset / scale)
+                image = shifted
             displacement.setConnectedNode("displacement", image)
-            displacement.setInputValue("scale", DISPLACEMENT * (width or (size[1] if size else 1.0)))
+            displacement.setInputValue("scale", scale)
             material.setConnectedNode("displacementshader", displacement)
         else:
             _connect(made, name, node, one, image, shader)

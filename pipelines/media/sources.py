@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -47,6 +47,8 @@ class Source:
     """files of a folder that are not used, and what was assumed of colours, for the user"""
     bits: int = 8
     """8 or 16 of integers, 32 where the values are floats; of a map set those of its albedo"""
+    map_bits: Mapping[str, int] = dataclasses.field(default_factory=dict)
+    """of each map, by its role, of one picture as of an albedo; see ``bits``"""
     kind: Literal["picture", "mesh"] = "picture"
 
     @property
@@ -110,18 +112,20 @@ def open_source(name: str, reference: str) -> Source:
             channels, digest = stack.channels_of(frames), material_set.digest_of(frames)
             height, width, bits = frames[0].height, frames[0].width, frames[0].bits
             notes = _notes(name, reference, *dict.fromkeys(frame.note for frame in frames))
-            return Source(name, reference, height, width, channels, digest, frames, notes, bits)
+            return Source(name, reference, height, width, channels, digest, frames, notes, bits, {"albedo": bits})
         if material_set.is_map_set(reference):
             maps, told = material_set.open_set(reference)
             _check_memory(material_set.memory_of(maps))
             channels, digest = material_set.channels_of(maps), material_set.digest_of(maps)
             notes = _notes(name, reference, *told)
-            return Source(
-                name, reference, maps[0].height, maps[0].width, channels, digest, maps, notes, maps[0].bits
-            )
+            bits_of = {one.role: one.bits for one in maps}
+            height, width = maps[0].height, maps[0].width
+            return Source(name, reference, height, width, channels, digest, maps, notes, maps[0].bits, bits_of)
         seen = locate.inspect(reference)
         _check_memory(seen.memory)
     notes = _notes(name, reference, seen.note)
+    roles = dict.fromkeys("albedo" if one in [*"RGBYA"] else one.partition(".")[0] for one in seen.channels)
+    bits_of = {role: seen.original_bits.get(role, seen.bits) for role in roles}
     return Source(
         name,
         reference,
@@ -131,7 +135,8 @@ def open_source(name: str, reference: str) -> Source:
         seen.digest,
         (),
         notes,
-        seen.original_bits or seen.bits,
+        bits_of["albedo"],
+        bits_of,
     )
 
 

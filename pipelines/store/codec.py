@@ -414,13 +414,13 @@ def facts_in(header: Mapping[str, Any], part: str, height: int, width: int) -> F
         return Facts()
 
 
-def original_bits(header: Mapping[str, Any]) -> int:
-    """Bits of the picture that an exported EXR was made from, 8, 16 or 32; 0 where it does not say so."""
+def original_bits(header: Mapping[str, Any]) -> dict[str, int]:
+    """Bits of what each map in an exported EXR was made from, by its role, 8, 16 or 32, where it says so."""
     try:
         bits = json.loads(header["texloom.provenance"])["bits"]
     except (KeyError, TypeError, ValueError, RecursionError):
-        return 0
-    return bits if bits in (8, 16, 32) else 0
+        return {}
+    return {role: own for role, own in bits.items() if own in (8, 16, 32)} if isinstance(bits, dict) else {}
 
 
 def layer_of(part: str, channel: str) -> str:

@@ -78,7 +78,7 @@ class MapFacts:
     unit: str = ""
     """of heights, one of `UNITS`"""
     range: tuple[float, float] | None = None
-    """lowest and highest value of floats; integers are 0..1"""
+    """lowest and highest value of floats; of integers, which are 0..1 else, the heights that 0 and 1 stand for"""
 
     @classmethod
     def of(cls, record: Any) -> MapFacts:

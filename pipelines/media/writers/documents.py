@@ -22,7 +22,7 @@ def write(job: Job) -> dict[str, str]:
     room = f"{stem}{writer.companions if writer else ''}"
     image = with_unit_normals(job.value, 16)
     whole = dataclasses.replace(job.delivery, udim=None)
-    files, written = write_maps_of(image, job.path.parent / room, name, SEPARATE, whole, job.provenance)
+    files, written = write_maps_of(image, job.path.parent / room, name, SEPARATE, whole, job.provenance, job.bits)
     maps = bound_maps(image, SEPARATE, {part: f"{room}/{file}" for part, file in files.items()})
     size = whole.size(image.height, image.width)
     if job.path.name.endswith(HEX_TILED):

@@ -5,13 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import struct
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import with_unit_normals
-from texloom.pipelines.media.writers.layouts import GLTF, levels_of, material_name, parts_of
+from texloom.pipelines.media.relief import relief_of
+from texloom.pipelines.media.writers.layouts import GLTF, levels_of, material_name, parts_of, with_bits
 from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
@@ -33,14 +35,20 @@ def write(job: Job) -> dict[str, str]:
     """See `texloom.pipelines.media.writers.registry.write`."""
     image = with_unit_normals(job.value, 8)
     try:
-        content = binary(material_name(job.path.stem), image, job.delivery, job.mesh)
+        content = binary(material_name(job.path.stem), image, job.delivery, job.mesh, job.bits)
     except ValueError as error:
         raise ArtifactError(f"{job.path}: {error}") from None
     write_atomically(job.path, content)
     return {"": hashlib.sha256(content).hexdigest()}
 
 
-def binary(name: str, image: Image, delivery: Delivery, mesh: np.ndarray | None = None) -> bytes:
+def binary(
+    name: str,
+    image: Image,
+    delivery: Delivery,
+    mesh: np.ndarray | None = None,
+    fed: Mapping[str, int] | None = None,
+) -> bytes:
     """The bytes of a file; `ValueError` where they would be too many.
 
     Parameters
@@ -48,10 +56,11 @@ def binary(name: str, image: Image, delivery: Delivery, mesh: np.ndarray | None 
     image : normals of unit length, green up.
     delivery : its texel size gives the plane's, m; without one the longer side is 1.
     mesh : what the image lies on, see `texloom.stages.vocabulary.arrays.Mesh`; None: the plane.
+    fed : role to the bits of what the map is made from; PNGs have 16 for more than 8.
     """
     arrays = _plane(image, delivery) if mesh is None else _indexed(mesh)
     blobs = [array.astype(array.dtype.newbyteorder("<")).tobytes() for array in arrays]
-    parts = parts_of(image, GLTF)
+    parts = [with_bits(part, fed or {}) for part in parts_of(image, GLTF)]
     blobs += [png(levels_of(image, part, directx=False)) for part in parts]
     views, content = [], b""
     for blob in blobs:
@@ -77,7 +86,7 @@ def binary(name: str, image: Image, delivery: Delivery, mesh: np.ndarray | None 
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "name": name}],
         "meshes": [{"name": name, "primitives": [_primitive()]}],
-        "materials": [_material(name, image, [part.suffix for part in parts])],
+        "materials": [_material(name, image, [part.suffix for part in parts]) | _extras(image)],
         "textures": [{"sampler": 0, "source": index} for index in range(len(parts))],
         "images": [
             {"bufferView": len(arrays) + index, "mimeType": "image/png", "name": f"{name}_{part.suffix}"}
@@ -156,6 +165,12 @@ def _material(name: str, image: Image, parts: list[str]) -> dict[str, Any]:
     if "A" in image.channels and image.pixels[..., image.channels.index("A")].min() < _OPAQUE:
         material |= {"alphaMode": "MASK", "alphaCutoff": _CUTOFF}
     return material
+
+
+def _extras(image: Image) -> dict[str, Any]:
+    """What glTF has no place for: what the heights mean, which other files hold."""
+    relief = relief_of(image)
+    return {"extras": {"height": relief.record()}} if relief.is_normalised else {}
 
 
 def _chunks(document: bytes, content: bytes) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import json
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -15,6 +16,7 @@ from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import channels_of, codes_of, facts_of_file, with_unit_normals
 from texloom.pipelines.media.material_set import COLORS
 from texloom.pipelines.media.materialx import BoundMap, document
+from texloom.pipelines.media.relief import Relief, relief_of
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.png_file import png, with_facts
@@ -135,36 +137,51 @@ def _has(image: Image, role: str) -> bool:
     return bool(role) and bool(channels_of(role, image.channels))
 
 
+def with_bits(part: Part, fed: Mapping[str, int]) -> Part:
+    """The part with 16 bits where a map in it is made from more than 8; ``fed``: role to bits."""
+    roles = ("roughness" if role == SMOOTHNESS else role for role in part.planes)
+    return dataclasses.replace(part, bits=16) if any(fed.get(role, 8) > 8 for role in roles) else part
+
+
 def levels_of(image: Image, part: Part, directx: bool) -> np.ndarray:
-    """The integers of a file, (h, w, c); packed ones have 8 bits."""
+    """The integers of a file, (h, w, c)."""
     if part.role:
         return codes_of(image, channels_of(part.role, image.channels), part.role, part.bits, directx)
+    most, dtype = 2**part.bits - 1, np.uint8 if part.bits == 8 else np.uint16
     planes = []
     for role in part.planes:
         source = "roughness" if role == SMOOTHNESS else role
         if _has(image, role):
             codes = codes_of(image, channels_of(source, image.channels)[:1], source, part.bits, directx)
-            planes.append(255 - codes if role == SMOOTHNESS else codes)
+            planes.append(most - codes if role == SMOOTHNESS else codes)
         else:
-            planes.append(np.full((image.height, image.width, 1), 255 * _WITHOUT[role], np.uint8))
+            planes.append(np.full((image.height, image.width, 1), most * _WITHOUT[role], dtype))
     return np.concatenate(planes, axis=2)
 
 
 def bound_maps(image: Image, layout: Layout, files: Mapping[str, str]) -> list[BoundMap]:
     """What a document binds, of ``files``: suffix of a part to a file's name."""
-    bound = []
+    bound, relief = [], relief_of(image)
+    if layout.kind == "tx" and relief.is_normalised:  # floats
+        relief = Relief(unit=relief.unit)
     for part in parts_of(image, layout):
         if part.role and part.suffix in files:
             planes = min(3, len(channels_of(part.role, image.channels)))
             encoded = part.role in COLORS and layout.kind == "png"
-            bound.append(BoundMap(part.role, files[part.suffix], planes, encoded, layout.directx))
+            bound.append(BoundMap(part.role, files[part.suffix], planes, encoded, layout.directx, relief))
     return bound
 
 
 def write_maps_of(
-    image: Image, folder: Path, name: str, layout: Layout, delivery: Delivery, provenance: Mapping[str, Any]
+    image: Image,
+    folder: Path,
+    name: str,
+    layout: Layout,
+    delivery: Delivery,
+    provenance: Mapping[str, Any],
+    fed: Mapping[str, int],
 ) -> tuple[dict[str, str], dict[str, str]]:  # fmt: skip
-    """Write the maps of an image as a layout has them into a folder, made if need be.
+    """Write the maps of an image as a layout has them into a folder, made if need be; ``fed``: see `with_bits`.
 
     Returns
     -------
@@ -175,11 +192,15 @@ def write_maps_of(
     wraps = image.wraps if is_whole else Wraps()  # a tile alone does not
     files: dict[str, str] = {}
     written: dict[str, str] = {}
-    for part in parts_of(image, layout):
+    relief = relief_of(image)
+    if layout.kind == "png" and any(part.role == "height" for part in layout.parts):
+        relief.tell()
+        image = relief.normalised(image)
+    for part in (with_bits(one, fed) for one in parts_of(image, layout)):
         stem = f"{layout.prefix}{name}_{part.suffix}"
         files[part.suffix] = f"{stem}.<UDIM>.{layout.kind}" if delivery.udim else f"{stem}.{layout.kind}"
         is_tx = layout.kind == "tx"
-        said = {part.role: facts_of_file(image, part.role, layout.directx)} if part.role else {}
+        said = {part.role: facts_of_file(part.role, layout.directx, relief)} if part.role else {}
         values = _linear(image, part, layout, delivery) if is_tx else levels_of(image, part, layout.directx)
         for tile, area in tiles_of(image, delivery.udim, folder):
             file = files[part.suffix].replace("<UDIM>", tile)
@@ -194,6 +215,11 @@ def write_maps_of(
                 content = png(piece, with_facts(provenance, Facts(wraps), height, width, said))
                 write_atomically(folder / file, content)
                 written[file] = hashlib.sha256(content).hexdigest()
+    if relief.is_normalised and not layout.document and any(part.role == "height" for part in layout.parts):
+        file = f"{layout.prefix}{name}_height.json"
+        content = (json.dumps(relief.record(), indent=2) + "\n").encode()
+        write_atomically(folder / file, content)
+        written[file] = hashlib.sha256(content).hexdigest()
     return files, written
 
 
@@ -229,13 +255,19 @@ def _linear(image: Image, part: Part, layout: Layout, delivery: Delivery) -> np.
 
 
 def write_layout(
-    image: Image, folder: Path, name: str, delivery: Delivery, provenance: Mapping[str, Any]
+    image: Image,
+    folder: Path,
+    name: str,
+    delivery: Delivery,
+    provenance: Mapping[str, Any],
+    fed: Mapping[str, int] | None = None,
 ) -> dict[str, str]:
     """Write a material set in the delivery's layout into a folder, with the document that binds it, if any.
 
     Parameters
     ----------
     name : of the material, see `material_name`; file names begin with it.
+    fed : role to the bits of what the map is made from; PNGs have 16 for more than 8, else those of the layout.
 
     Returns
     -------
@@ -248,7 +280,7 @@ def write_layout(
     """
     layout = LAYOUTS[delivery.layout or ""]
     image = with_unit_normals(image, 16)
-    files, written = write_maps_of(image, folder, name, layout, delivery, provenance)
+    files, written = write_maps_of(image, folder, name, layout, delivery, provenance, fed or {})
     if layout.document:
         from texloom.pipelines.media.writers import glb, usda
 
@@ -260,7 +292,7 @@ def write_layout(
         elif layout.document == "usda":
             content = usda.stage(name, maps, image, delivery, "").encode()
         else:
-            content = glb.binary(name, image, delivery)
+            content = glb.binary(name, image, delivery, fed=fed)
         file = f"{name}.{layout.document}"
         write_atomically(folder / file, content)
         written[file] = hashlib.sha256(content).hexdigest()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import importlib.util
+import logging
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -20,6 +21,8 @@ from texloom.stages.vocabulary.facts import Wraps
 Takes = Literal["array", "picture", "image", "value", "html", "csv", "glsl", "mtlx"]
 
 _ROOM = "texloom.pipelines.media.writers"
+_LOG = logging.getLogger(__name__)
+_EIGHT_BITS = (".jpg", ".webp", ".dzi")
 _MODULES = {"OpenImageIO": ("openimageio", "tx")}
 """module to its distribution and the extra of texloom that has it"""
 
@@ -62,6 +65,8 @@ class Job:
     delivery: Delivery = AS_IS
     mesh: np.ndarray | None = None
     """a `texloom.stages.vocabulary.arrays.Mesh` on which the image lies; None: a plane"""
+    bits: Mapping[str, int] = dataclasses.field(default_factory=dict)
+    """role to the bits of what the map is made from, where they are known; 32 of floats"""
 
     @property
     def wraps(self) -> Wraps:
@@ -124,5 +129,7 @@ def write(job: Job) -> dict[str, str]:
     if writer is None:
         raise refused(f"{job.path}: no writer for '{job.path.suffix}'; {', '.join(SUFFIXES)} can be written")
     writer.check_installed(str(job.path))
+    if writer.suffix in _EIGHT_BITS and (bits := job.bits.get("albedo", 8)) > 8:
+        _LOG.warning("colour of %d bits has 8 in %s; .png, .tif and .exr hold more", bits, writer.suffix)
     written: dict[str, str] = importlib.import_module(writer.full_module).write(job)
     return written

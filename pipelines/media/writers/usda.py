@@ -12,7 +12,7 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from texloom.pipelines.media.delivery import Delivery
-from texloom.pipelines.media.materialx import DISPLACEMENT, BoundMap
+from texloom.pipelines.media.materialx import BoundMap
 from texloom.stages.common.surface.mesh import indexed, width_of
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.facts import TORUS, Wraps
@@ -87,7 +87,7 @@ def stage(
         lines.append(f"        token outputs:displacement.connect = </{name}/material/shader.outputs:displacement>")
     lines += [*_shader(name, bound), *_coordinates()]
     for one in bound:
-        lines += _texture(name, one, DISPLACEMENT * width, up, wraps)
+        lines += _texture(name, one, one.relief.displacement(width), up, wraps)
     return "\n".join([*lines, "    }", "}", ""])
 
 
@@ -155,7 +155,9 @@ def _coordinates() -> list[str]:
     ]
 
 
-def _texture(name: str, one: BoundMap, displacement: float, up: str, wraps: Wraps) -> list[str]:
+def _texture(name: str, one: BoundMap, displacement: tuple[float, float], up: str, wraps: Wraps) -> list[str]:
+    """``displacement``: scale and bias of heights, m."""
+    scale, bias = displacement
     kind = _INPUTS[one.role][1]
     space = "sRGB" if one.encoded else "raw"
     lines = [
@@ -174,7 +176,9 @@ def _texture(name: str, one: BoundMap, displacement: float, up: str, wraps: Wrap
         lines.append(f"            float4 inputs:scale = (2, {green[0]}, 2, 1)")
         lines.append(f"            float4 inputs:bias = (-1, {green[1]}, -1, 0)")
     elif one.role == "height":
-        lines.append(f"            float4 inputs:scale = ({displacement:.9g}, 1, 1, 1)")
+        # in all channels, although one is read: Blender takes the mean of red, green and blue
+        lines.append(f"            float4 inputs:scale = ({', '.join([f'{scale:.9g}'] * 3)}, 1)")
+        lines.append(f"            float4 inputs:bias = ({', '.join([f'{bias:.9g}'] * 3)}, 0)")
     output = "            float3 outputs:rgb" if kind.endswith("3f") else "            float outputs:r"
     return [*lines, output, "        }"]
 

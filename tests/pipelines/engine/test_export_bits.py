@@ -74,3 +74,55 @@ def test_maps_and_8_bits_tell_too(tmp_path: Path, caplog: pytest.LogCaptureFixtu
     with caplog.at_level(logging.WARNING):
         codec.export(image, Image, tmp_path / "a.png", {})
     assert caplog.records[-1].getMessage().startswith("colour: 0.5 % of the values")
+
+
+MAPS = """
+flow: maps
+sources: {exemplar: EXEMPLAR}
+steps:
+  part: {stage: analysis.crop, inputs: {image: exemplar}, params: {size: 16}}
+exports:
+  maps/: part.image
+  texture.png: part.image
+  bound.usda: part.image
+  all.exr: part.image
+"""
+
+
+@pytest.mark.parametrize("layout", [None, "unreal", "substance"])
+@pytest.mark.parametrize("deep", ["albedo", "roughness", "normal"])
+def test_each_map_has_the_bits_of_what_feeds_it(tmp_path: Path, deep: str, layout: str | None) -> None:
+    """Also in layouts, in documents, and where an EXR of texloom is the exemplar."""
+    for role, codes in (("albedo", CODES), ("roughness", CODES[..., 0]), ("normal", CODES)):
+        (tmp_path / "moss").mkdir(exist_ok=True)
+        values = codes * np.uint16(257) if role == deep else codes
+        assert cv2.imwrite(str(tmp_path / "moss" / f"{role}.png"), values)
+    delivery = "" if layout is None else f"delivery: {{layout: {layout}}}\n"
+    (tmp_path / "flow.yaml").write_text(MAPS.replace("EXEMPLAR", "moss") + delivery)
+    run_local(open_run(tmp_path / "flow.yaml"), tmp_path / "out")
+    (tmp_path / "again.yaml").write_text(MAPS.replace("EXEMPLAR", "out/all.exr") + delivery)
+    run_local(open_run(tmp_path / "again.yaml"), tmp_path / "again")
+    suffixes = {"unreal": ("BC", "ORM", "N"), "substance": ("basecolor", "roughness", "normal")}
+    names = dict(zip(("albedo", "roughness", "normal"), suffixes.get(layout or "", ()), strict=False))
+    for out in (tmp_path / "out", tmp_path / "again"):
+        for role in ("albedo", "roughness", "normal"):
+            found = list((out / "maps").glob(f"*{names.get(role, role)}.png"))
+            assert len(found) == 1
+            picture = cv2.imread(str(found[0]), cv2.IMREAD_UNCHANGED)
+            assert picture is not None
+            always = layout == "substance" and role == "normal"
+            assert picture.dtype == (np.uint16 if role == deep or always else np.uint8), found[0]
+        texture = cv2.imread(str(out / "texture.png"), cv2.IMREAD_UNCHANGED)
+        assert texture is not None
+        assert texture.dtype == (np.uint16 if deep == "albedo" else np.uint8)
+    rough = cv2.imread(str(tmp_path / "out" / "bound_maps" / "bound_roughness.png"), cv2.IMREAD_UNCHANGED)
+    assert rough is not None
+    assert rough.dtype == (np.uint16 if deep == "roughness" else np.uint8)
+
+
+def test_files_of_8_bits_tell_that_levels_are_lost(tmp_path: Path) -> None:
+    source = file_source(CODES * np.uint16(257), tmp_path)
+    text = MAPS.replace("EXEMPLAR", source).partition("exports:")[0]
+    (tmp_path / "flow.yaml").write_text(f"{text}exports: {{a.jpg: part.image, a.tif: part.image}}\n")
+    told = run_local(open_run(tmp_path / "flow.yaml"), tmp_path / "out")
+    assert told.notes == ["a.jpg: colour of 16 bits has 8 in .jpg; .png, .tif and .exr hold more"]
