@@ -22,6 +22,11 @@ def parse_tileable(value: Any) -> Wraps:
     return Wraps.of(value)
 
 
+def wraps_after(asked: Wraps | None, before: Wraps) -> Wraps:
+    """Where an edited picture wraps: where it did, and where it is asked to; nowhere if that is ``off``."""
+    return before if asked is None else (asked | before if asked else asked)
+
+
 def tileable_value(wraps: Wraps) -> bool | str:
     """The shortest value that asks for it: a truth value, ``x`` or ``y``."""
     return wraps.both if wraps.both or not wraps else str(wraps)

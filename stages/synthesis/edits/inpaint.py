@@ -15,7 +15,7 @@ from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.masks import count_excluded, fill_excluded, valid_pixels, without_usable
 from texloom.stages.vocabulary.sizes import format_size
-from texloom.stages.vocabulary.tileable import Tileable
+from texloom.stages.vocabulary.tileable import Tileable, wraps_after
 
 _LOG = logging.getLogger(__name__)
 
@@ -28,7 +28,8 @@ class InpaintParams(Params):
     block: int | None = Field(None, ge=_MIN_BLOCK, le=1024)
     """side of a block, px; null: an eighth of the image's shorter side, between 32 and 128"""
     tileable: Tileable | None = None
-    """borders across which the result continues: x left to right, y top to bottom, both, off; null: as the image"""
+    """borders across which the result continues: x left to right, y top to bottom, both, off; null: as the image,
+    which also stays so along the axis that is not named"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,7 +90,7 @@ def inpaint(image: Image, keep: Mask, params: InpaintParams) -> Inpainted:
     unmasked_pixels = valid_pixels(image)
     usable = np.ones(shape, bool) if unmasked_pixels is None else unmasked_pixels
     filled_pixels = usable | keep
-    wrap = image.wraps if params.tileable is None else params.tileable
+    wrap = wraps_after(params.tileable, image.wraps)
     if params.tileable is None and wrap:
         _LOG.warning("keeps tiling (%s), as the image wraps; --set tileable=off does not", wrap)
     if params.tileable is None and not wrap:

@@ -18,7 +18,7 @@ from texloom.stages.common.source_maps.source_joints import (
     worst_of_cells,
 )
 from texloom.stages.synthesis.edits.region_windows import windows
-from texloom.stages.synthesis.edits.revise import ReviseParams, Revision, exemplar_like, wraps_after
+from texloom.stages.synthesis.edits.revise import ReviseParams, Revision, exemplar_like
 from texloom.stages.synthesis.stitching.cuts import Strips, enclosed
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
@@ -27,6 +27,7 @@ from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.masks import FilledExemplar
 from texloom.stages.vocabulary.progress import Progress, part, report
 from texloom.stages.vocabulary.sizes import format_size
+from texloom.stages.vocabulary.tileable import wraps_after
 
 _WORST = 0.1  # share of the joints whose mean is their measure, as in `metrics`
 _UNALIKE = 1.0  # ratio of a joint that is as unlike the exemplar as the exemplar's patches are to each other
@@ -326,7 +327,7 @@ def refine(
     source = exemplar_like(exemplar, image)
     if (match >= (source.height, source.width)).any():
         raise ValueError(f"match points beyond the exemplar of {format_size(source)}")
-    wrap = wraps_after(params.tileable, image)
+    wrap = wraps_after(params.tileable, image.wraps)
     image = image.wrapping(wrap)
     table: dict[str, Any] = {"before": 0.0, "after": 0.0, "places": []}
     unchanged = Refined(image, match, np.zeros(match.shape[:2], bool), table)

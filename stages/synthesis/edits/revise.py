@@ -35,6 +35,7 @@ from texloom.stages.vocabulary.masks import (
 )
 from texloom.stages.vocabulary.progress import part
 from texloom.stages.vocabulary.sizes import format_size
+from texloom.stages.vocabulary.tileable import wraps_after
 
 _LOG = logging.getLogger(__name__)
 
@@ -97,11 +98,6 @@ def outlines(params: ReviseParams, known: Mapping[str, Any]) -> dict[str, Outlin
     """The image is as the texture."""
     texture = known.get("texture")
     return {} if texture is None else {"image": Outline(texture.height, texture.width, texture.channels)}
-
-
-def wraps_after(tileable: Wraps | None, texture: Image) -> Wraps:
-    """Where an edited texture wraps: as asked for, else as it did before."""
-    return texture.wraps if tileable is None else tileable
 
 
 def marked_pixels(region: Image) -> Mask:
@@ -403,7 +399,7 @@ def revise(
     revision = Revision(source, guidance, weight, generators, params)
     pixels = texture.pixels.copy()
     sources = None if match is None else match.copy()
-    wrap = wraps_after(params.tileable, texture)
+    wrap = wraps_after(params.tileable, texture.wraps)
     if params.tileable is None and wrap:
         _LOG.warning("keeps tiling (%s), as the texture wraps; --set tileable=off does not", wrap)
     if params.tileable is None and not wrap:

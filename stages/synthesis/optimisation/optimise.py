@@ -38,7 +38,7 @@ from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.masks import FilledExemplar, tell_holes, valid_pixels, without_usable
 from texloom.stages.vocabulary.scratch import bands
 from texloom.stages.vocabulary.sizes import Size, format_size
-from texloom.stages.vocabulary.tileable import Tileable
+from texloom.stages.vocabulary.tileable import Tileable, wraps_after
 
 _LOG = logging.getLogger(__name__)
 
@@ -454,9 +454,7 @@ def optimise(
     """
     _check_inputs(image, start, guidance, keep, given, guiding)
     kept = image if given is None else given
-    wrap = params.tileable
-    if wrap is None:
-        wrap = NOWHERE if keep is None else kept.wraps
+    wrap = wraps_after(params.tileable, NOWHERE if keep is None else kept.wraps)
     params = params.model_copy(update={"tileable": wrap})
     border = Border(params.patch_size if params.border else 1)
     guides = _guides(image, start, exemplar_guide, target_guide, border)

@@ -142,6 +142,17 @@ def test_a_picture_is_made_to_continue_along_one_axis(wrap: Wraps) -> None:
     assert after[wrap.across] < 1.6 < before[wrap.across]
 
 
+def test_a_picture_that_wraps_along_one_axis_gets_the_other(pattern: Image) -> None:
+    """`make_tileable --tileable=x` of a tile along y is a tile along both."""
+    keep = border_band(pattern, BorderBandParams(width=20, tileable=X)).keep
+    start = run(pattern.wrapping(Y), keep, tileable=X)
+    assert start.image.wraps == TORUS
+    params = OptimiseParams(preset="fast", tileable=X, coarsest=100)
+    made = optimise(pattern.wrapping(Y), start.match, params, np.random.default_rng(0), keep=keep)
+    assert made.image.wraps == TORUS
+    assert not run(pattern.wrapping(Y), keep, tileable=False).image.wraps
+
+
 @pytest.mark.parametrize("wrap", [X, Y])
 def test_a_picture_that_wraps_along_one_axis_stays_so(
     pattern: Image, wrap: Wraps, caplog: pytest.LogCaptureFixture
