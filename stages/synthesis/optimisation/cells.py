@@ -51,7 +51,7 @@ def complete_cells(
     """Make cells whole that show parts of several, in place.
 
     Where joints surround the parts of a cell, such as bricks, mixed ones are searched in the whole exemplar, see
-    `WholeCells`. Elsewhere all of a cell gets the most frequent displacement in it where that halves the cost of its
+    `WholeCells`. Elsewhere a cell gets its most frequent displacement where that halves the cost of its
     joints.
 
     Where cells differ in tone alone, a joint costs the same wherever it crosses a cell, so the optimisation ends
