@@ -11,7 +11,7 @@ import dataclasses
 import os
 import stat
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
@@ -58,6 +58,16 @@ class KnownFiles:
             return None, state
         height, width, channels, *others = entry[1:]
         return Inspected(height, width, tuple(channels), *others), state
+
+    def told(self, digest: str) -> tuple[str, ...] | None:
+        """What was told of the material of this digest; None where it is not known."""
+        entry = self.entries.get(digest)
+        return tuple(entry[1:]) if entry is not None and entry[0] == self._code else None
+
+    def tell(self, digest: str, notes: Iterable[str]) -> None:
+        """Keep what is told of a material."""
+        self.entries[digest] = [self._code, *notes]
+        self.is_new = True
 
     def add(self, path: Path, state: str, inspected: Inspected) -> None:
         """Keep what was read of a file, unless it has changed since `find`."""

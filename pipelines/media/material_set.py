@@ -39,10 +39,10 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.facts import GREENS, UNITS, Facts, MapFacts
 from texloom.stages.vocabulary.masks import HALF, USABLE
-from texloom.stages.vocabulary.normals import NORMAL, rounding, unit
+from texloom.stages.vocabulary.normals import NORMAL, rebuilt, rounding, unit
 from texloom.stages.vocabulary.sizes import format_size
 
-_VERSION = 2  # raised when the same files are read to other values
+_VERSION = 3  # raised when the same files are read to other values
 ROLES: Mapping[str, tuple[str, ...]] = {
     "albedo": ("albedo", "basecolor", "basecolour", "diffuse", "diff", "color", "colour", "col"),
     "normal": ("normal", "normals", "nor", "nrm", "norm"),
@@ -377,6 +377,7 @@ def _vectors(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarr
     """Vectors of a normal map; floats with negative values are vectors already."""
     colors = pixels[..., :3]
     vectors = colors.copy() if one.bits == 32 and colors.min() < 0 else colors * 2 - 1
+    vectors, _ = rebuilt(vectors)
     if one.directx:
         vectors[..., 1] *= -1
     return vectors

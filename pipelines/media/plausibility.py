@@ -23,6 +23,8 @@ _LEAST_STEP = 1e-3  # of sRGB levels, 0..1
 _LEAST_SPREAD = 0.05
 _FREEDOM = 4.0  # of Student's distribution: outliers, such as joints of bricks, are common
 _FITS = 0.3  # correlation
+_LEAST_SLOPE_Z = 0.1
+_CLEARLY = 1.3  # ratio of the curls of both directions
 
 _Lines: TypeAlias = Float32[np.ndarray, "n w 3"]
 
@@ -95,7 +97,7 @@ def plausible_green(image: Image) -> dict[str, Any] | None:
     if not {*NORMAL, "height"} <= set(image.channels):
         return None
     height, x, y = (image.pixels[..., image.channels.index(name)] for name in ("height", *NORMAL[:2]))
-    if min(height.shape) < 2 or min(plane.std() for plane in (height, x, y)) == 0:
+    if min(height.shape) < 2 or min(plane.std() for plane in (height, x, y)) < _LEAST_STEP:
         return None
     down, across = np.gradient(height)
     if image.facts.of_map("normal").green == "down":
@@ -107,3 +109,21 @@ def plausible_green(image: Image) -> dict[str, Any] | None:
         **({"height": "depth" if found[0] < 0 else "height"} if fits else {}),
         "correlation": [round(value, 2) for value in found],
     }
+
+
+def plausible_integrable_green(image: Image) -> str | None:
+    """Where green of normals points in their file by whether slopes are those of a surface, ``up`` or ``down``.
+
+    The slopes of heights have no curl; with green the wrong way they have. None where it is unclear.
+    """
+    if not {*NORMAL} <= set(image.channels) or min(image.height, image.width) < _LEAST_LINES:
+        return None
+    x, y, z = (image.pixels[..., image.channels.index(name)].astype(np.float64) for name in NORMAL)
+    if image.facts.of_map("normal").green == "down":
+        y = -y
+    z = np.maximum(z, _LEAST_SLOPE_Z)
+    first, second = np.gradient(-x / z, axis=0), np.gradient(y / z, axis=1)
+    up, down = (float(((first - sign * second) ** 2).mean()) for sign in (1, -1))
+    if max(up, down) < _CLEARLY * min(up, down) or max(up, down) == 0:
+        return None
+    return GREENS[down < up]

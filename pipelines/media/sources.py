@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from texloom.pipelines.errors import closest, one_line
-from texloom.pipelines.media import locate, material_set, meshes, stack, udim
+from texloom.pipelines.media import contradictions, locate, material_set, meshes, stack, udim
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.memory import check_memory
@@ -116,6 +116,7 @@ def open_source(name: str, reference: str) -> Source:
         if material_set.is_map_set(reference):
             maps, told = material_set.open_set(reference)
             _check_memory(material_set.memory_of(maps))
+            told = (*told, *contradictions.told_of(maps))
             channels, digest = material_set.channels_of(maps), material_set.digest_of(maps)
             notes = _notes(name, reference, *told)
             bits_of = {one.role: one.bits for one in maps}

@@ -11,6 +11,9 @@ NORMAL = ("normal.X", "normal.Y", "normal.Z")
 """the channels of a normal in the convention of MaterialX and OpenGL: a surface that rises to the right has X < 0,
 one that rises downwards has Y > 0"""
 
+_CONSTANT = 2 / 255
+_OFF = 0.1
+
 
 def unit(vectors: Float32[np.ndarray, "h w 3"], tolerance: float = 0.0) -> Float32[np.ndarray, "h w 3"]:
     """``vectors`` normalised to length 1; those whose length is within ``tolerance`` of it are unchanged.
@@ -24,6 +27,22 @@ def unit(vectors: Float32[np.ndarray, "h w 3"], tolerance: float = 0.0) -> Float
     normals[wrong] /= np.where(flat, np.float32(1), lengths)[wrong, None]
     normals[flat] = (0, 0, 1)
     return normals
+
+
+def rebuilt(vectors: Float32[np.ndarray, "h w 3"]) -> tuple[Float32[np.ndarray, "h w 3"], bool]:
+    """Vectors with z from x and y where the file has none, as with two channels (BC5), and whether that is so.
+
+    Blue is constant then, and far from what x and y leave of unit length.
+    """
+    z = vectors[..., 2]
+    if float(np.ptp(z)) > _CONSTANT:
+        return vectors, False
+    left = np.sqrt(np.maximum(0, 1 - vectors[..., 0] ** 2 - vectors[..., 1] ** 2))
+    if float(np.abs(left - z).max()) <= _OFF:
+        return vectors, False
+    whole = vectors.copy()
+    whole[..., 2] = left
+    return whole, True
 
 
 def rounding(bits: int) -> float:

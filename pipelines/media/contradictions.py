@@ -1,0 +1,128 @@
+"""Conventions of a material's maps that its content contradicts, as one line each with the option that corrects it.
+
+Nothing is decided by them. Normals without a third channel, which are rebuilt, are told too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from jaxtyping import Float32
+
+from texloom.pipelines.media import known_files, locate, material_set
+from texloom.pipelines.media.material_set import Map
+from texloom.pipelines.media.plausibility import plausible_green, plausible_integrable_green
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.normals import rebuilt
+
+_OFF = 0.1  # of unit length
+_MANY = 0.1  # share of pixels
+_FAR = 0.25  # of unit length; lossy files of normals have up to 0.13
+_AGREES = 0.6  # correlation
+_NAMES = {"up": "opengl", "down": "directx"}
+
+
+def told_of(maps: Sequence[Map]) -> tuple[str, ...]:
+    """What is told of the maps of a material, see `contradictions`; decodes them."""
+    known = known_files.current()
+    digest = material_set.digest_of(maps)
+    found = None if known is None else known.told(digest)
+    if found is None:
+        image = material_set.read(tuple(maps), maps[0].height, maps[0].width)
+        normal = next((one for one in maps if one.role == "normal"), None)
+        found = tuple(contradictions(image, None if normal is None else _vectors(normal)))
+        if known is not None:
+            known.tell(digest, found)
+    return found
+
+
+def _vectors(normal: Map) -> Float32[np.ndarray, "h w 3"]:
+    """As the file has them; floats with negative values are vectors already."""
+    colors = locate.decode(normal.reference, normal.digest, data=True).pixels[..., :3]
+    return colors if normal.bits == 32 and colors.min() < 0 else colors * 2 - 1
+
+
+def contradictions(image: Image, raw: Float32[np.ndarray, "h w 3"] | None) -> Iterator[str]:
+    """What is told of a material.
+
+    Parameters
+    ----------
+    image : as it is read.
+    raw : vectors of the file of normals, -1..1, before they are normalised; None without such a file.
+    """
+    if raw is not None:
+        yield from _of_vectors(raw)
+    yield from _of_green(image)
+    yield from _of_roughness(image)
+
+
+def _of_vectors(raw: Float32[np.ndarray, "h w 3"]) -> Iterator[str]:
+    vectors, is_rebuilt = rebuilt(raw)
+    if is_rebuilt:
+        yield "normal: the third channel is empty; z was rebuilt from x and y, sqrt(1 - x2 - y2)"
+        return
+    error = _length_error(vectors)
+    if error > _OFF:
+        codes = (vectors.astype(np.float64) + 1) / 2
+        curves = {
+            "an sRGB curve is taken off": _linear(codes),
+            "an sRGB curve is put on": srgb_from_linear(codes),
+        }
+        for what, values in curves.items():
+            if _length_error(values * 2 - 1) < min(error / 2, _OFF) and np.median(values[..., 2]) > 0.5:
+                yield f"normal: lengths are wrong by {error:.2f}, and right if {what}; save it again as raw data"
+                return
+    if error > _FAR:
+        yield f"normal: the vectors' lengths, 1 in a normal map, are wrong by {error:.2f}; is this file one?"
+    if (below := float((vectors[..., 2] <= 0).mean())) > _MANY:
+        yield f"normal: z is not positive in {100 * below:.0f} % of the pixels; save it in tangent space, blue up"
+
+
+def _linear(codes: np.ndarray) -> np.ndarray:
+    return np.where(codes <= 0.04045, codes / 12.92, ((np.maximum(codes, 0.04045) + 0.055) / 1.055) ** 2.4)
+
+
+def _length_error(vectors: np.ndarray) -> float:
+    return float(np.median(np.abs(np.linalg.norm(vectors, axis=2) - 1)))
+
+
+def _of_green(image: Image) -> Iterator[str]:
+    read = image.facts.of_map("normal").green or "up"
+    found = plausible_green(image)
+    if found is not None and found["green"] in _NAMES:
+        across, down = found["correlation"]
+        if found["green"] != read:
+            measure = f"correlation with the slopes of height {across:.2f} across, {down:.2f} down"
+            yield _wrong_green(found["green"], measure)
+        if found["height"] == "depth":
+            yield (
+                f"height: seems to be a depth, white where the surface is low (correlation {across:.2f} with the "
+                "normals); in a YAML file of maps 'height: {file: NAME, invert: true}' corrects it"
+            )
+    elif found is None and (green := plausible_integrable_green(image)) not in (None, read):
+        yield _wrong_green(str(green), "its slopes are integrable so")
+
+
+def _wrong_green(green: str, measure: str) -> str:
+    end = "gl" if green == "up" else "dx"
+    return (
+        f"normal: green seems to point {green} ({measure}), but is read the other way; a name that ends in {end}, "
+        f"or 'normal_convention: {_NAMES[green]}' in a YAML file of maps, corrects it"
+    )
+
+
+def _of_roughness(image: Image) -> Iterator[str]:
+    """Smooth parts reflect more in a specular map; gloss rises with it."""
+    if not {"roughness", "specular"} <= set(image.channels):
+        return
+    rough, specular = (image.pixels[..., image.channels.index(name)] for name in ("roughness", "specular"))
+    if min(rough.std(), specular.std()) < 1e-3:
+        return
+    agreement = float(np.corrcoef(rough.ravel(), specular.ravel())[0, 1])
+    if agreement > _AGREES:
+        yield (
+            f"roughness: seems to be gloss, white where the surface is smooth (correlation {agreement:.2f} with "
+            "specular); in a YAML file of maps 'roughness: {file: NAME, invert: true}' corrects it"
+        )
