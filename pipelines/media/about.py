@@ -9,8 +9,9 @@ import numpy as np
 
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.media import locate, material_set
+from texloom.pipelines.media.conventions import COLORS
 from texloom.pipelines.media.decode import Refusal
-from texloom.pipelines.media.material_set import COLORS, recognised
+from texloom.pipelines.media.map_names import recognised
 from texloom.pipelines.media.plausibility import plausible_green, plausible_wraps
 from texloom.pipelines.memory import check_memory
 from texloom.stages.vocabulary.arrays import Image

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from texloom.pipelines.media.conventions import COLORS, ROLES
 from texloom.pipelines.media.delivery import AS_IS, Delivery
-from texloom.pipelines.media.material_set import COLORS, ROLES, Map, normal_codes
+from texloom.pipelines.media.material_set import Map, normal_codes
 from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
