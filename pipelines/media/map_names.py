@@ -83,6 +83,17 @@ class Named:
     """UDIM tiles that are missing"""
 
     @property
+    def packed(self) -> dict[Path, list[str]]:
+        """Files with several or inverted maps, and what is in them: channel and plane."""
+        found: dict[Path, list[str]] = {}
+        for role, claims in self.claims.items():
+            one = claims[0]
+            if one.plane or one.inverted:
+                held = f"1-{role}" if one.inverted else role
+                found.setdefault(one.path, []).append(f"{one.plane} {held}".strip())
+        return found
+
+    @property
     def green(self) -> str:
         """Where it points in normals, if all those layouts agree on it."""
         greens = {LAYOUTS[name].green for name in self.layouts}
@@ -182,6 +193,7 @@ def read_names(paths: Sequence[Path], is_grey: Callable[[Path], bool | None]) ->
     found = {path: _readings(one) for path, one in words.items()}
     _read_beginnings(words, found)
     shared = _shared(list(words.values()))
+    found |= {path: None for path, one in found.items() if one and len(one[0]) == 1 and words[path] == shared}
     options = {path: one for path, one in found.items() if one is not None}
     if not any(one.roles == ("normal",) or len(key) > 2 for key, some, _ in options.values() for one in some):
         options = {path: one for path, one in options.items() if len(one[0]) > 1}
@@ -220,7 +232,9 @@ def _is_preview(words: Sequence[str]) -> bool:
 
 def _read_beginnings(words: Mapping[Path, list[str]], found: dict[Path, tuple | None]) -> None:
     """Names that end in the same words and begin with what they hold, as ``normal_moss``."""
-    open_ = [path for path, one in found.items() if one is None and not _is_preview(words[path])]
+    open_ = [
+        path for path, one in found.items() if (one is None or len(one[0]) == 1) and not _is_preview(words[path])
+    ]
     ends = _shared([words[path][::-1] for path in open_])
     if len(open_) > 1 and ends:
         for path in open_:

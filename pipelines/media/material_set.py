@@ -141,6 +141,16 @@ def looks_like_one(folder: Path) -> bool:
     return len(sizes) == 1
 
 
+def same_material(references: Sequence[str]) -> Path | None:
+    """The folder of which all files are maps of one material; nothing if they are not."""
+    paths = list(map(Path, references))
+    if len(paths) < 2 or len({path.parent for path in paths}) > 1 or not all(map(is_picture, paths)):
+        return None
+    named = read_names(sorted(paths), _is_grey)
+    is_one = "albedo" in named.claims and "albedo" not in named.several and len(named.claims) > 1
+    return paths[0].parent if is_one and not named.unknown else None
+
+
 def names_in(folder: Path) -> Named:
     """What the names of a folder's pictures say."""
     return read_names(pictures_in(folder), _is_grey)
@@ -319,6 +329,8 @@ def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
             place = f" in {other.plane}" if other.plane else ""
             held = f"{Path(other.reference).name} not read{place}"
             notes.append(f"{held}: {role} is that of {Path(files[0].reference).name}")
+    for path, planes in named.packed.items():
+        notes.append(f"{path.name} read as {', '.join(planes)}")
     green = named.green
     if green and "normal" in found and not found["normal"][0].green:
         names = ", ".join(LAYOUTS[name].title for name in named.layouts)
@@ -339,7 +351,7 @@ def _proposal(path: Path, named: _Roles) -> str:
     """What a YAML file would say, for the user to correct."""
     if not path.is_dir():
         return "the YAML file has to name one, as albedo: color.png"
-    files = {role: _yaml_of(some[0]) for role, some in named.items()}
+    files = {role: _yaml_of(named[role][0]) for role in ROLES if role in named}
     taken = {Path(some[0].reference).name for some in named.values()}
     for role, one in zip((role for role in ROLES if role not in files), pictures_in(path), strict=False):
         if role == "albedo" and one.name not in taken:
