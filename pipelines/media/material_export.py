@@ -82,7 +82,7 @@ def write_maps(
                 continue
             levels = codes_of(image, channels, role, bits[role], directx)
             if role == "normal" and one is not None:
-                _keep_codes(levels, image, one)
+                keep_codes(levels, image, one)
             write(file, png(levels, explained))
             bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx))
     write(
@@ -124,7 +124,7 @@ def facts_of_file(image: Image, role: str, directx: bool) -> MapFacts:
     return MapFacts(green, image.facts.of_map(role).unit)
 
 
-def _keep_codes(levels: np.ndarray, image: Image, one: Map) -> None:
+def keep_codes(levels: np.ndarray, image: Image, one: Map) -> None:
     """Take the integers of a normal map where the image has what was read from them.
 
     Vectors that are not of unit length are normalised on reading, which other integers would stand for.

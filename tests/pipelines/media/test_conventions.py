@@ -15,6 +15,7 @@ from texloom.pipelines.media.material_export import channels_of
 from texloom.pipelines.media.material_set import looks_like_one
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.media.writers.layouts import write_layout
+from texloom.pipelines.media.writers.same import write_same
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import srgb_from_linear
 from texloom.stages.vocabulary.declare import InputError
@@ -98,7 +99,7 @@ def roles(folder: Path) -> dict[str, str]:
         ("s_d s_n s_r s_m", "s_d s_n", {"albedo": "d", "normal": "n", "roughness": "r", "metallic": "m"}),
         ("T_S_D T_S_N T_S_M", "T_S_D T_S_N", {"albedo": "D", "normal": "N", "metallic": "M"}),
         ("s s_n s_s", "s s_n", {"albedo": "s", "normal": "n", "specular": "s"}),
-        ("normal_s albedo_s", "normal_s albedo_s", {"albedo": "s", "normal": "s"}),
+        ("normal_moss albedo_moss", "normal_moss albedo_moss", {"albedo": "moss", "normal": "moss"}),
         (
             "s_COL_VAR1_3K s_COL_VAR2_3K s_NRM_3K",
             "s_COL_VAR1_3K s_COL_VAR2_3K s_NRM_3K",
@@ -153,3 +154,31 @@ def test_udim_tiles_are_read_as_one(material: Image, tmp_path: Path) -> None:
     (tmp_path / "tiles" / "T_moss_H.1012.png").unlink()
     with pytest.raises(InputError, match=r"lacks UDIM tiles: T_moss_H\.1012\.png"):
         open_source("exemplar", str(tmp_path / "tiles"))
+
+
+@pytest.mark.parametrize("name", [name for name, one in LAYOUTS.items() if one.kind == "png"])
+def test_the_layout_of_the_exemplar_is_written_back(material: Image, tmp_path: Path, name: str) -> None:
+    folder, out = tmp_path / "moss", tmp_path / "out"
+    write_layout(material, folder, "moss", Delivery(name), {})
+    source = open_source("exemplar", str(folder))
+    write_same(source.read(), out, source.maps, Delivery("same"), {})
+    pictures = [path for path in folder.iterdir() if path.suffix == ".png"]
+    assert {path.name for path in out.iterdir()} == {path.name for path in pictures}
+    for path in pictures:
+        before, after = (cv2.imread(str(one), cv2.IMREAD_UNCHANGED) for one in (path, out / path.name))
+        np.testing.assert_array_equal(before, after, err_msg=path.name)
+
+
+def test_gloss_beside_roughness_and_both_normals_are_written_back(tmp_path: Path) -> None:
+    names = ("m_Albedo", "m_Normal", "m_Roughness", "m_Gloss", "m_NormalDX")
+    folder = folder_of(tmp_path, *names, colored="m_Albedo m_Normal m_NormalDX")
+    (folder / "m_NormalDX.png").unlink()
+    normal = cv2.imread(str(folder / "m_Normal.png"))
+    assert cv2.imwrite(str(folder / "m_NormalDX.png"), normal * [1, -1, 1] + [0, 255, 0])
+    rough = cv2.imread(str(folder / "m_Roughness.png"), cv2.IMREAD_UNCHANGED)
+    source = open_source("exemplar", str(folder))
+    out = tmp_path / "out"
+    assert set(write_same(source.read(), out, source.maps, Delivery("same"), {})) == {
+        f"{name}.png" for name in names
+    }
+    np.testing.assert_array_equal(cv2.imread(str(out / "m_Gloss.png"), cv2.IMREAD_UNCHANGED), 255 - rough)
