@@ -19,6 +19,7 @@ from texloom.pipelines.cli import describe
 from texloom.pipelines.cli.main import texloom
 from texloom.pipelines.flow.shipped import GROUPS as FLOW_GROUPS
 from texloom.pipelines.flow.shipped import FlowEntry, flow_catalogue
+from texloom.pipelines.media.conventions import LAYOUTS
 
 ROOT = Path(__file__).parents[1]
 BIBLIOGRAPHY = ROOT / "stages" / "references.bib"
@@ -53,6 +54,7 @@ def reference_pages() -> Iterator[tuple[str, str]]:
     yield "flows.md", flow_index(flows)
     yield "command_line.md", command_line()
     yield "papers.md", papers()
+    yield "conventions.md", conventions()
     for source, name in COPIES.items():
         yield name, (ROOT / source).read_text(encoding="utf-8").replace("](docs/", "](../")
     for name in stages:
@@ -165,6 +167,34 @@ def flow_page(flow: dict[str, Any]) -> str:
     parts += ["## Sources", "\n".join(sources), "## Steps"]
     parts += ["\n".join(["| step | stage | what it does |", "|---|---|---|", *steps])]
     return "\n\n".join([*parts, "## Exports", "\n".join(exports)]) + "\n"
+
+
+# -- conventions of materials
+
+
+def conventions() -> str:
+    """The table by which materials are read and written."""
+    parts = [
+        "# Conventions of materials",
+        "The names by which folders of maps are read and, with `--layout`, written; from `pipelines/media/conventions.py`. "
+        "Case and separators do not count on reading. Packed files list their channels R, G, B, A; `1-roughness` is gloss.",
+    ]
+    for name, layout in LAYOUTS.items():
+        green = (
+            f"Green of normals points {layout.green}."
+            if layout.green
+            else "Green may point up or down; written up."
+        )
+        head = f"## {layout.title}\n\n`{name}`, files `{layout.prefix}NAME_SUFFIX.{layout.kind}`. {green}"
+        rows = ["| suffix | read as well | maps | bits |", "|---|---|---|---|"]
+        for part in layout.parts:
+            planes = ", ".join(plane or "white" for plane in part.planes)
+            bits = (
+                str(part.bits) if part.written else "only read, if others exclude it" if part.rare else "only read"
+            )
+            rows.append(f"| `{part.suffix}` | {', '.join(f'`{one}`' for one in part.also)} | {planes} | {bits} |")
+        parts += [head, "\n".join(rows)]
+    return "\n\n".join(parts) + "\n"
 
 
 # -- command line and papers

@@ -63,7 +63,9 @@ def show(files: tuple[Path, ...], folder: Path | None, as_json: bool) -> int:
         if not as_json:
             if several:
                 say(f"{file}:")
-            click.echo(textwrap.indent(_described(found), "  " if several else ""))
+            if is_material:
+                click.echo(textwrap.indent(_table(found["facts"]), "  " if several else ""))
+            click.echo(textwrap.indent(_described(_without_files(found)), "  " if several else ""))
             for path in written:
                 say(path)
     if as_json:
@@ -89,6 +91,23 @@ def _folders_of_pictures(files: Sequence[Path], folder: Path) -> dict[Path, Path
         file: folder / (short[path] if taken[short[path]] == 1 else path).relative_to(common)
         for file, path in whole.items()
     }
+
+
+def _table(facts: dict[str, Any]) -> str:
+    """The maps of a material: role, file, channel, bits, and what is said and plausible of normals."""
+    plausible = facts.get("plausible_green", {}).get("green", "")
+    rows = [("role", "file", "channel", "bits", "green", "plausible")]
+    for role, one in facts["files"].items():
+        channel = f"{'1-' if one.get('inverted') else ''}{one.get('channel', 'all')}"
+        green = one.get("green", "up, assumed") if role == "normal" else ""
+        rows.append((role, one["file"], channel, str(one["bits"]), green, plausible if role == "normal" else ""))
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
+
+
+def _without_files(found: dict[str, Any]) -> dict[str, Any]:
+    facts = found.get("facts", {})
+    return {**found, "facts": {name: value for name, value in facts.items() if name != "files"}} if facts else found
 
 
 def _described(found: dict[str, Any]) -> str:

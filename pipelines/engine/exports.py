@@ -21,7 +21,7 @@ from typing import Any
 
 from texloom.pipelines.engine.code_digest import code_digest
 from texloom.pipelines.engine.keys import canonical_json
-from texloom.pipelines.media.delivery import AS_IS, Delivery
+from texloom.pipelines.media.delivery import AS_IS, SAME, Delivery
 from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.media.stack import ROLE
 from texloom.pipelines.media.writers import registry
@@ -37,6 +37,7 @@ States = dict[str, Any]
 """the key of an export, and the `file_state` of each of its files"""
 _FRAMES = "texloom.pipelines.media.frame_export"
 _MAPS = "texloom.pipelines.media.material_export"
+_SAME = "texloom.pipelines.media.writers.same"
 _LAYOUTS = "texloom.pipelines.media.writers.layouts"
 
 
@@ -66,10 +67,17 @@ class Export:
     """digest of what the mesh of a model comes from"""
 
     @property
+    def _is_same(self) -> bool:
+        """Whether it is a folder of files as the exemplar's."""
+        return self.is_folder and self.delivery.layout == SAME
+
+    @property
     def _module(self) -> str:
         """The module that writes it."""
         if self.is_folder:
             is_stack = bool(self.like) and self.like[0].role == ROLE
+            if self._is_same:
+                return _SAME
             return _LAYOUTS if self.delivery.layout else _FRAMES if is_stack else _MAPS
         if self.is_deep:
             return _MAPS
@@ -102,7 +110,11 @@ class Export:
             "form": self._form,
             "origin": self.origin,
             "about": self.about,
-            "like": [[one.role, one.stem, one.bits, one.directx] for one in self.like],
+            "like": [
+                [one.role, one.stem, one.bits, one.directx, one.plane, one.inverted, Path(one.reference).name]
+                for first in self.like
+                for one in (first, *first.twins)
+            ],
             "delivery": _fields_of(self.delivery),
             "material": self.material if self.delivery.layout else "",
         }
@@ -166,7 +178,11 @@ class Export:
         texloom.pipelines.store.codec.ArtifactError : the value cannot be written in this form.
         """
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        if self.is_folder and self.delivery.layout:
+        if self._is_same:
+            from texloom.pipelines.media.writers.same import write_same
+
+            files = write_same(value, self.path, self.like, self.delivery, provenance)
+        elif self.is_folder and self.delivery.layout:
             from texloom.pipelines.media.writers.layouts import write_layout
 
             files = write_layout(value, self.path, self.material, self.delivery, provenance, self.bits)

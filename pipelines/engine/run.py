@@ -23,12 +23,13 @@ from texloom.pipelines.engine.keys import KeyParts, canonical_json, fixed_parts,
 from texloom.pipelines.engine.scope import Scope, ScopeInputs, used_sources
 from texloom.pipelines.engine.stage_log import logging_to
 from texloom.pipelines.engine.task import Given, Output, TaskSpec, Upstream
-from texloom.pipelines.errors import closest, format_error, one_line
+from texloom.pipelines.errors import closest, format_error, one_line, refused
 from texloom.pipelines.flow.command import command_of
 from texloom.pipelines.flow.feeding import feeding
 from texloom.pipelines.flow.items import Item, items_of
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
 from texloom.pipelines.flow.runner import check_environment, require_installed
+from texloom.pipelines.media.delivery import SAME
 from texloom.pipelines.media.known_files import KnownFiles
 from texloom.pipelines.media.writers.registry import writer_of
 from texloom.pipelines.store import run_log, usage
@@ -449,6 +450,8 @@ class Run:
             source = None if like is None else scope.source(like)
             if file in self.flow.of_maps and (source is None or not source.maps):
                 continue
+            if file.endswith("/") and self.flow.delivery.layout == SAME and (source is None or not source.maps):
+                raise refused("--layout: same needs an exemplar that is a folder or YAML file of maps")
             surface = self.flow.surfaces.get(file)
             export = Export(
                 path=self._ready_out(out, reference, scope) / (prefix + file),

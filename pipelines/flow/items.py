@@ -30,7 +30,7 @@ class Item:
     """A combination of files and a seed, for which the steps of scope ``item`` run."""
 
     name: str
-    """what the wildcards match, and the seed if there are several; valid as a folder's name"""
+    """of its file or folder, and the seed if there are several; valid as a folder's name, whatever case counts"""
     seed: int
     sources: Mapping[str, str]
     """name to file, for the sources that stand for sets"""
@@ -64,11 +64,12 @@ def items_of(flow: Flow) -> list[Item]:
     if count > _MAX_ITEMS:
         raise refused(f"{flow.where('sources')}: {count} items, at most {_MAX_ITEMS}")
 
+    own = {name: _own_names([*files[name].values()]) for name in leaders}
     items = []
     for words in itertools.product(*(sorted(files[name]) for name in leaders)):
         chosen = dict(zip(leaders, words, strict=True))
         paths = {name: files[name][chosen[source.pair or name]] for name, source in sets.items()}
-        stem = "-".join(words)
+        stem = "-".join(own[name][files[name][word]] for name, word in chosen.items())
         for seed in flow.seeds:
             parts = [part for part in (stem, str(seed) if len(flow.seeds) > 1 else "") if part]
             items.append(Item("-".join(parts) or flow.name, seed, paths))
@@ -88,7 +89,7 @@ def _check_names(flow: Flow, names: Sequence[str]) -> None:
 
 
 def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
-    """The files and map sets of a set by name: what the wildcards match, or the file's own name."""
+    """The files and map sets of a set by what the wildcards match, or the file's own name."""
     words: dict[str, str] = {}
     for pattern in source.patterns:
         found = _matching_pattern(pattern) if is_pattern(pattern) else {pattern: ""}
@@ -96,14 +97,8 @@ def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
             problem = f"no file or map set matches {pattern}{_own_sets(flow, name)}"
             raise refused(f"{flow.where('sources', name)}: {problem}")
         words |= found
-    words |= _own_names([path for path, word in words.items() if not word])
-    without_suffix = {
-        path: word.removesuffix(Path(path).suffix) if _is_file(path) or udim.is_tiled(path) else word
-        for path, word in words.items()
-    }
-    if len(set(without_suffix.values())) == len(words):
-        words = without_suffix
-    words = {path: _safe(word) for path, word in words.items()}
+    words |= _unlike([path for path, word in words.items() if not word])
+    words = {path: _safe(word) for path, word in _without_suffix(words).items()}
     files: dict[str, str] = {}
     for path, word in words.items():
         if word in files:
@@ -111,6 +106,29 @@ def _matching(flow: Flow, name: str, source: Each) -> dict[str, str]:
             raise refused(f"{flow.where('sources', name)}: {problem}")
         files[word] = path
     return files
+
+
+def _without_suffix(words: Mapping[str, str]) -> Mapping[str, str]:
+    """Words of files without their suffixes, unless these tell files apart."""
+    shorter = {
+        path: word.removesuffix(Path(path).suffix) if _is_file(path) or udim.is_tiled(path) else word
+        for path, word in words.items()
+    }
+    return shorter if len(set(shorter.values())) == len(words) else words
+
+
+def _own_names(paths: Sequence[str]) -> dict[str, str]:
+    """The name of each file's folder of results, whatever pattern has found it."""
+    names: dict[str, str] = {}
+    taken: set[str] = set()
+    for path, word in _without_suffix(_unlike(paths)).items():
+        safe = _safe(word)
+        numbers = (f"{safe}-{number}" for number in itertools.count(2))
+        # where case does not count, Moss and moss would be one folder
+        is_alike = safe not in names.values() and safe.lower() in taken
+        names[path] = next(one for one in numbers if one.lower() not in taken) if is_alike else safe
+        taken.add(names[path].lower())
+    return names
 
 
 def _is_file(path: str) -> bool:
@@ -139,7 +157,7 @@ def _matching_pattern(pattern: str) -> dict[str, str]:
     return words
 
 
-def _own_names(paths: Sequence[str]) -> dict[str, str]:
+def _unlike(paths: Sequence[str]) -> dict[str, str]:
     """Names of files: their own; those of their folders if all have the same; else both."""
     names = {path: udim.plain_name(path) for path in paths}
     stems = {Path(name).stem for name in names.values()}

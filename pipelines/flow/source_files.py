@@ -8,7 +8,14 @@ from pathlib import Path
 from texloom.pipelines.errors import one_line, refused
 from texloom.pipelines.flow.model import Each
 from texloom.pipelines.media import formats
-from texloom.pipelines.media.material_set import holds_maps, holds_one_material, pictures_in, recognised
+from texloom.pipelines.media.map_names import recognised
+from texloom.pipelines.media.material_set import (
+    holds_maps,
+    holds_one_material,
+    looks_like_one,
+    pictures_in,
+    same_material,
+)
 from texloom.pipelines.media.stack import SCHEME, path_of
 from texloom.pipelines.media.udim import joined
 from texloom.stages.vocabulary.declare import InputError
@@ -25,16 +32,18 @@ def source_of(name: str, references: Sequence[str], pair: str | None, takes_maps
     name : of the source, for errors.
     references : files, folders and patterns; absolute.
     pair : of the set.
-    takes_maps : whether any folder that holds an albedo is one material; else it has to hold several maps and
-        not several albedos.
+    takes_maps : whether any folder that holds an albedo, or pictures of one name and size, is one material; else
+        it has to hold several maps and not several albedos.
 
     Raises
     ------
-    InputError : a folder holds no picture.
+    InputError : a folder holds no picture, or the files are maps of one material.
     """
     first = references[0]
     if len(references) == 1 and not is_pattern(first) and not _is_library(first, takes_maps):
         return first
+    if takes_maps and (folder := same_material(references)) is not None:
+        raise refused(f"sources.{name}: these files are maps of one material; give their folder, {folder}")
     try:
         files = [file for reference in references for file in _files(reference, takes_maps)]
     except InputError as error:
@@ -65,7 +74,7 @@ def _is_library(reference: str, takes_maps: bool) -> bool:
 
 
 def _is_material(folder: Path, takes_maps: bool) -> bool:
-    return holds_one_material(folder) or (takes_maps and holds_maps(folder))
+    return holds_one_material(folder) or (takes_maps and (holds_maps(folder) or looks_like_one(folder)))
 
 
 def _files(reference: str, takes_maps: bool) -> list[str]:

@@ -9,8 +9,10 @@ import numpy as np
 
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.media import locate, material_set
+from texloom.pipelines.media.conventions import COLORS
 from texloom.pipelines.media.decode import Refusal
-from texloom.pipelines.media.material_set import COLORS, recognised
+from texloom.pipelines.media.map_names import recognised
+from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.media.plausibility import plausible_green, plausible_wraps
 from texloom.pipelines.memory import check_memory
 from texloom.stages.vocabulary.arrays import Image
@@ -41,7 +43,8 @@ def about_material(reference: Path) -> dict[str, Any]:
 
     Returns
     -------
-    as of `_known`, with ``files``: file, ``bits`` and what is said of it, by role; and ``notes`` on the others.
+    as of `_known`, with ``files``: file, ``bits``, and ``channel``, ``inverted`` and ``green`` where they apply, by
+    role; and ``notes`` on the others.
     """
     try:
         opened, notes = material_set.open_set(str(reference))
@@ -52,8 +55,14 @@ def about_material(reference: Path) -> dict[str, Any]:
         raise InputError(one_line(f"{reference}: {error}")) from None
     except OSError as error:
         raise InputError(f"{reference}: {error.strerror or error}") from None
-    files = {one.role: {"file": Path(one.reference).name, "bits": one.bits} for one in opened}
+    files = {one.role: _about_map(one) for one in opened}
     return {**_known(image), "files": files, **({"notes": list(notes)} if notes else {})}
+
+
+def _about_map(one: Map) -> dict[str, Any]:
+    said = {"channel": one.plane, "inverted": one.inverted, "green": one.facts.green}
+    file = {"file": Path(one.reference).name, "bits": one.bits}
+    return {**file, **{name: value for name, value in said.items() if value}}
 
 
 def _known(image: Image) -> dict[str, Any]:

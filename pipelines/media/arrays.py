@@ -16,7 +16,8 @@ import numpy as np
 
 from texloom.pipelines.media import locate, material_set
 from texloom.pipelines.media.decode import Refusal
-from texloom.pipelines.media.material_set import HEIGHT_UNIT, recognised
+from texloom.pipelines.media.map_names import recognised, recognised_plane
+from texloom.pipelines.media.material_set import HEIGHT_UNIT
 from texloom.pipelines.media.sources import Source
 from texloom.pipelines.media.stack import ROLE
 from texloom.pipelines.store.atomic import file_digest, write_atomically
@@ -67,6 +68,8 @@ def _file_maps(maps: Mapping[str, PathOrArray], folder: Path) -> Path:
         if name == HEIGHT_UNIT:
             files[name] = str(given)
             continue
+        if isinstance(name, str) and (plane := recognised_plane(name)) is not None and plane[1]:
+            raise InputError(f"{name}: give {plane[0]}, which is 1 minus it")
         if isinstance(given, str | os.PathLike):
             reference = os.fspath(given)
             files[name] = os.path.abspath(reference) if locate.is_path(reference) else reference  # noqa: PTH100 (keeps links)
@@ -202,6 +205,7 @@ def kinds_of(source: Source, given: Picture) -> list[MapKind]:
         if name == HEIGHT_UNIT:
             continue
         role = (recognised(name) or (name, None))[0]
+        role = "height" if role == "bump" and "bump" not in known else role
         kinds.append(dataclasses.replace(_kind_of(name, role, one, known[role]), directx=known[role].directx))
     return kinds
 

@@ -9,13 +9,17 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from texloom.pipelines.errors import hint, refused, shown
+from texloom.pipelines.media import conventions
 from texloom.pipelines.media.color_spaces import ACESCG, PRIMARIES, REC709, conversion, converted
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.frame_stacks import name_in_frame
 
-LAYOUTS = ("unreal", "unity", "blender", "gltf", "arnold", "substance")
-"""programs whose file names, channel packing, direction of green and bits a material set can have"""
+_ONLY_READ = ("short_specular",)
+SAME = "same"
+"""layout of the exemplar: its names, packing, formats and bits"""
+LAYOUTS = (*(name for name in conventions.LAYOUTS if name not in _ONLY_READ), SAME)
+"""file names, channel packing, direction of green and bits that a material set can have"""
 COLOR_SPACES: Mapping[str, str] = {"rec709": REC709, "acescg": ACESCG}
 """name on the command line to that in files"""
 METRES: Mapping[str, float] = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
@@ -23,7 +27,7 @@ METRES: Mapping[str, float] = {"um": 1e-6, "mm": 1e-3, "cm": 1e-2, "m": 1.0, "in
 _INCH = 0.0254  # m
 _MAX_COLUMNS = 10  # of UDIM tiles
 _MAX_ROWS = 100
-_EMITTED = "emissive."
+_EMITTED = ("emissive.", "translucency.")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +50,7 @@ class Delivery:
         matrix = conversion(PRIMARIES[REC709], PRIMARIES[self.color_space])
         pixels = image.pixels.copy()
         reds = [name for name in image.channels if name_in_frame(name) == "R"]
-        for prefix in (_EMITTED, *(name.removesuffix("R") for name in reds)):
+        for prefix in (*_EMITTED, *(name.removesuffix("R") for name in reds)):
             names = tuple(f"{prefix}{letter}" for letter in "RGB")
             if set(names) <= set(image.channels):
                 places = [image.channels.index(name) for name in names]

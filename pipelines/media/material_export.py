@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from texloom.pipelines.media.conventions import COLORS, ROLES
 from texloom.pipelines.media.delivery import AS_IS, Delivery
-from texloom.pipelines.media.material_set import COLORS, ROLES, Map, normal_codes
+from texloom.pipelines.media.material_set import Map, normal_codes
 from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.media.relief import Relief, relief_of
 from texloom.pipelines.store import codec
@@ -89,7 +90,7 @@ def write_maps(
                 continue
             levels = codes_of(image, channels, role, bits[role], directx)
             if role == "normal" and one is not None:
-                _keep_codes(levels, image, one)
+                keep_codes(levels, image, one)
             write(file, png(levels, explained))
             bound.append(BoundMap(role, file, min(3, len(channels)), role in COLORS, directx, relief))
     write(
@@ -132,7 +133,7 @@ def facts_of_file(role: str, directx: bool, relief: Relief) -> MapFacts:
     return MapFacts(GREENS[directx] if role == "normal" else "")
 
 
-def _keep_codes(levels: np.ndarray, image: Image, one: Map) -> None:
+def keep_codes(levels: np.ndarray, image: Image, one: Map) -> None:
     """Take the integers of a normal map where the image has what was read from them.
 
     Vectors that are not of unit length are normalised on reading, which other integers would stand for.

@@ -1,9 +1,12 @@
 """Map sets: the pictures of one material as one image of many channels.
 
-A folder holds one picture a map, whose name ends in its role: ``albedo.png``, ``Bricks_1K_Roughness.jpg``,
-``moss_nor_gl_2k.png``. A YAML file names the roles, with paths relative to its own folder:
+A folder holds pictures whose names say which maps they are, see `texloom.pipelines.media.map_names`:
+``albedo.png``, ``Bricks_1K_Roughness.jpg``, ``moss_nor_gl_2k.png``, ``T_Moss_ORM.png``. A YAML file names the
+roles, with paths relative to its own folder:
 
     albedo: moss/color.png
+    roughness: {file: moss/arm.jpg, channel: G}
+    metallic: {file: moss/arm.jpg, channel: B, invert: false}
     normal: moss/n.png
     height: moss/bump16.tif
     normal_convention: directx   # green points down; else the file name says it, or texloom's header
@@ -22,51 +25,44 @@ import dataclasses
 import hashlib
 import json
 import os
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Float32
 
 from texloom.pipelines.errors import hint, shown
 from texloom.pipelines.media import locate as picture_files
+from texloom.pipelines.media.conventions import COLORS, LAYOUTS, ROLES
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.formats import SUFFIXES
+from texloom.pipelines.media.known_files import Inspected
+from texloom.pipelines.media.map_names import (
+    Claim,
+    Named,
+    read_names,
+    recognised_plane,
+    shared_words,
+    stem_of,
+    words_of,
+)
 from texloom.pipelines.yaml import read_document
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
-from texloom.stages.vocabulary.facts import GREENS, UNITS, Facts, MapFacts
+from texloom.stages.vocabulary.facts import GREENS, NOWHERE, UNITS, Facts, MapFacts
 from texloom.stages.vocabulary.masks import HALF, USABLE
 from texloom.stages.vocabulary.normals import NORMAL, rebuilt, rounding, unit
 from texloom.stages.vocabulary.sizes import format_size
 
 _VERSION = 3  # raised when the same files are read to other values
-ROLES: Mapping[str, tuple[str, ...]] = {
-    "albedo": ("albedo", "basecolor", "basecolour", "diffuse", "diff", "color", "colour", "col"),
-    "normal": ("normal", "normals", "nor", "nrm", "norm"),
-    "roughness": ("roughness", "rough"),
-    "metallic": ("metallic", "metalness", "metal"),
-    "ao": ("ao", "ambientocclusion", "occlusion"),
-    "height": ("height", "displacement", "disp", "bump"),
-    "specular": ("specular", "spec"),
-    "opacity": ("opacity",),
-    "emissive": ("emissive", "emission"),
-    "mask": ("mask", "usable"),
-}
-"""role to the words that name it at the end of a file's name, without separators"""
-COLORS = ("albedo", "emissive")
-"""roles of maps in sRGB"""
 _IN_COLOR = (*COLORS, "specular")
-_CONVENTIONS = {"gl": "opengl", "opengl": "opengl", "ogl": "opengl", "dx": "directx", "directx": "directx"}
 _GREENS = dict(zip(("opengl", "directx"), GREENS, strict=True))
-_PREFERENCE = ("opengl", None, "directx")
 HEIGHT_UNIT = "height_unit"
 """the key of a YAML file that says the unit of heights"""
 _KEYS = ("normal_convention", HEIGHT_UNIT, "resample")
-_NOT_A_ROLE = re.compile(r"\d+k?|map|maps|tex|texture|png|jpg|jpeg|tif|tiff|exr")
 _YAML = (".yaml", ".yml")
+_LISTED = 4  # files in a note
 _GREY = 16 / 255  # largest difference of channels in a grey picture of a lossy format
 
 
@@ -75,10 +71,10 @@ class Map:
     """One file of a map set."""
 
     role: str
-    """one of `ROLES`, or ``frame`` of a frame stack's files"""
+    """one of `texloom.pipelines.media.conventions.ROLES`, or ``frame`` of a frame stack's files"""
     reference: str
     stem: str
-    """the file's name without its suffix"""
+    """the file's name without its suffix, and without the number of a UDIM tile"""
     height: int
     width: int
     channels: tuple[str, ...]
@@ -93,6 +89,21 @@ class Map:
     """bytes that decoding takes at most"""
     note: str = ""
     """what was assumed of its colour, for the user"""
+    plane: str = ""
+    """the channel of the file that holds it: ``R``, ``G``, ``B`` or ``A``; empty: it is the file's only map"""
+    inverted: bool = False
+    """whether the file holds 1 minus it, as gloss is of roughness"""
+    file_channels: tuple[str, ...] = ()
+    """channels of the file"""
+    tiles: tuple[tuple[tuple[str, str], ...], ...] = ()
+    """rows of references and digests of UDIM tiles, from the top; none of a single file"""
+    twins: tuple[Map, ...] = ()
+    """other files that hold the same map and are not read, as normals of DirectX beside those of OpenGL"""
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether its file holds it alone and as it is."""
+        return not self.plane and not self.inverted
 
     @property
     def directx(self) -> bool:
@@ -110,38 +121,52 @@ def is_map_set(reference: str) -> bool:
 
 def holds_maps(folder: Path) -> bool:
     """Whether a folder can be a map set: one of its pictures is named as an albedo."""
-    roles = (recognised(path.stem) for path in pictures_in(folder))
-    return any(role is not None and role[0] == "albedo" for role in roles)
+    return "albedo" in names_in(folder).claims
 
 
 def holds_one_material(folder: Path) -> bool:
     """Whether a folder's pictures are the maps of one material: several roles, and not several albedos."""
-    roles = [role[0] for path in pictures_in(folder) if (role := recognised(path.stem)) is not None]
-    return roles.count("albedo") < 2 and len(set(roles)) > 1
+    named = names_in(folder)
+    return "albedo" not in named.several and len(named.claims) > 1
 
 
-def recognised(name: str) -> tuple[str, str | None] | None:
-    """The role in a name, and the convention of a normal map if it is there; None without a role."""
-    parted = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name)
-    words = [word.lower() for word in re.split(r"[^A-Za-z0-9]+", parted) if word]
-    while words and _NOT_A_ROLE.fullmatch(words[-1]):
-        words.pop()
-    convention = _CONVENTIONS.get(words[-1]) if words else None
-    if convention:
-        words.pop()
-    elif words:
-        # As in normalgl, without a separator.
-        last = re.fullmatch(r"(normal|nor|nrm)_?(opengl|ogl|gl|directx|dx)", words[-1])
-        if last:
-            words[-1], convention = last[1], _CONVENTIONS[last[2]]
-    while words and words[-1] in ("map", "maps"):
-        words.pop()
-    for count in (2, 1):
-        word = "".join(words[-count:]) if len(words) >= count else ""
-        role = next((role for role, known in ROLES.items() if word in known), None)
-        if role is not None:
-            return (role, convention) if role == "normal" or convention is None else None
-    return None
+def looks_like_one(folder: Path) -> bool:
+    """Whether a folder's pictures have words of their names and a size in common, and are not numbered."""
+    pictures = pictures_in(folder)
+    shared = len(shared_words(pictures))
+    if len(pictures) < 2 or not shared or all("".join(words_of(one.stem)[shared:]).isdecimal() for one in pictures):
+        return False
+    try:
+        sizes = {(seen.height, seen.width) for one in pictures if (seen := picture_files.inspect(str(one)))}
+    except (Refusal, OSError):
+        return False
+    return len(sizes) == 1
+
+
+def same_material(references: Sequence[str]) -> Path | None:
+    """The folder of which all files are maps of one material; nothing if they are not."""
+    paths = list(map(Path, references))
+    if len(paths) < 2 or len({path.parent for path in paths}) > 1 or not all(map(is_picture, paths)):
+        return None
+    named = read_names(sorted(paths), _is_grey)
+    is_one = "albedo" in named.claims and "albedo" not in named.several and len(named.claims) > 1
+    return paths[0].parent if is_one and not named.unknown else None
+
+
+def names_in(folder: Path) -> Named:
+    """What the names of a folder's pictures say."""
+    return read_names(pictures_in(folder), _is_grey)
+
+
+def _is_grey(path: Path) -> bool | None:
+    try:
+        pixels = picture_files.decode(
+            str(path), picture_files.inspect(str(path), data=True).digest, data=True
+        ).pixels
+    except (Refusal, OSError):
+        return None
+    colors = pixels[..., :3]
+    return pixels.shape[2] < 3 or bool((colors.max(axis=2) - colors.min(axis=2)).max() <= _GREY)
 
 
 def open_set(reference: str) -> tuple[tuple[Map, ...], tuple[str, ...]]:
@@ -154,18 +179,24 @@ def open_set(reference: str) -> tuple[tuple[Map, ...], tuple[str, ...]]:
 
     Raises
     ------
-    Refusal : there is no albedo, a role has several files, a file cannot be read, sizes differ.
+    Refusal : there is no albedo, a role has several files, names leave doubt, a file cannot be read, sizes differ.
     """
     path = Path(reference)
     named, settings, notes = _of_folder(path) if path.is_dir() else _of_yaml(path)
     if "albedo" not in named:
         listed = f", which are {', '.join(named)}" if named else ""
-        raise Refusal(
-            f"has no albedo among its maps{listed}; its name has to end in one of {', '.join(ROLES['albedo'])}"
-        )
-    maps = tuple(_opened(role, named[role], settings) for role in ROLES if role in named)
-    first = maps[0]
-    for one in maps:
+        raise Refusal(f"has no albedo among its maps{listed}; {_proposal(path, named)}")
+    opened = []
+    for role in ROLES:
+        files = [_opened(role, one, settings) for one in named.get(role, ())]
+        lacking = [one for one in files if one.plane and one.plane not in one.file_channels]
+        if lacking and not path.is_dir():
+            raise Refusal(f"{role}: {_file_name(lacking[0])} has no channel {lacking[0].plane}")
+        notes += [f"{_file_name(one)} has no channel {one.plane}, which would be {role}" for one in lacking]
+        if used := [one for one in files if one not in lacking]:
+            opened.append(dataclasses.replace(used[0], twins=tuple(used[1:])))
+    first = opened[0]
+    for one in opened:
         if (one.height, one.width) == (first.height, first.width):
             continue
         sizes = f"{_file_name(one)} has {format_size(one)}, {_file_name(first)} {format_size(first)}"
@@ -174,8 +205,8 @@ def open_set(reference: str) -> tuple[tuple[Map, ...], tuple[str, ...]]:
         sides = (first.height, first.width, one.height, one.width)
         if abs(one.height * first.width - one.width * first.height) > max(sides):
             raise Refusal(f"{sizes}; they cannot be resampled, as their sides are in other proportions")
-    notes += [f"{_file_name(one)}: {one.note}" for one in maps if one.note]
-    return maps, tuple(notes)
+    notes += [f"{_file_name(one)}: {one.note}" for one in opened if one.note]
+    return tuple(opened), tuple(notes)
 
 
 def files_of(reference: str) -> list[Path]:
@@ -187,9 +218,9 @@ def files_of(reference: str) -> list[Path]:
     """
     path = Path(reference)
     if path.is_dir():
-        return [picture for picture in pictures_in(path) if recognised(picture.stem) is not None]
+        return pictures_in(path)
     named, _, _ = _of_yaml(path)
-    return [picture_files.locate(picture) for picture in named.values()]
+    return [picture_files.locate(given.reference) for files in named.values() for given in files]
 
 
 def read(maps: tuple[Map, ...], height: int, width: int) -> Image:
@@ -218,8 +249,10 @@ def normal_codes(one: Map, height: int, width: int) -> tuple[np.ndarray, np.ndar
     """
     if (one.height, one.width) != (height, width) or one.bits not in (8, 16):
         return None
+    if not one.is_plain:
+        return None
     try:
-        pixels = picture_files.decode(one.reference, one.digest, one.role not in COLORS).pixels[..., :3]
+        pixels = _decoded(one).pixels[..., :3]
     except (Refusal, OSError):
         return None
     codes = np.rint(pixels.astype(np.float64) * (2**one.bits - 1))
@@ -239,13 +272,15 @@ def memory_of(maps: Sequence[Map]) -> int:
 
 def digest_of(maps: Sequence[Map]) -> str:
     """SHA-256 of the roles and contents of the maps, without their files' names."""
-    parts = [[one.role, one.channels, one.facts.record(), one.digest] for one in maps]
+    parts = [[one.role, one.channels, one.facts.record(), one.digest, one.plane, one.inverted] for one in maps]
     return hashlib.sha256(json.dumps([_VERSION, parts]).encode()).hexdigest()
 
 
 def pictures_in(folder: Path) -> list[Path]:
-    """The pictures of a folder by name; those of its folders are not among them."""
-    return sorted(path for path in folder.iterdir() if is_picture(path) and path.is_file())
+    """The pictures of a folder by name, without those of its folders and hidden ones, such as ``._a.png``."""
+    return sorted(
+        path for path in folder.iterdir() if is_picture(path) and path.is_file() and not path.name.startswith(".")
+    )
 
 
 def is_picture(path: Path) -> bool:
@@ -253,53 +288,119 @@ def is_picture(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES
 
 
-def _of_folder(folder: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]:
-    """Role to file, settings, notes; of normals in both conventions, those of OpenGL."""
-    by_role: dict[str, list[tuple[Path, str | None]]] = {}
-    unknown = []
+@dataclasses.dataclass(frozen=True)
+class _Given:
+    """A file that is given for a role."""
+
+    reference: str
+    plane: str = ""
+    inverted: bool = False
+    green: str = ""
+    tiles: tuple[tuple[str, ...], ...] = ()
+
+
+_Roles: TypeAlias = dict[str, list[_Given]]
+
+
+def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
+    """Role to files, of which the first is the one to use; settings, notes."""
     pictures = pictures_in(folder)
     if not pictures:
         raise Refusal("is a folder without pictures; a folder has to hold a map set")
-    for path in pictures:
-        recognition = recognised(path.stem)
-        if recognition is None:
-            unknown.append(path.name)
-        else:
-            by_role.setdefault(recognition[0], []).append((path, recognition[1]))
-    for role, files in by_role.items():
-        if role == "normal" and len({convention for _, convention in files}) == len(files):
-            files.sort(key=lambda file: _PREFERENCE.index(file[1]))
-        elif len(files) > 1:
-            names = " and ".join(path.name for path, _ in files)
-            raise Refusal(f"has several files for {role}: {names}; remove one, or list those that count in YAML")
-    notes = [f"{', '.join(unknown)} ignored: the name is that of no map"] if unknown else []
-    return {role: str(files[0][0]) for role, files in by_role.items()}, {}, notes
+    named = read_names(pictures, _is_grey)
+    found = {role: [_given(claim) for claim in claims] for role, claims in named.claims.items()}
+    if named.gaps:
+        raise Refusal(f"lacks UDIM tiles: {', '.join(named.gaps[:3])}; texloom reads rectangles of tiles")
+    if named.doubts:
+        doubts = ", ".join(f"{path.name} ({' or '.join(some)})" for path, some in named.doubts.items())
+        raise Refusal(f"has names that leave doubt: {doubts}; {_proposal(folder, found)}")
+    for role, files in named.several.items():
+        names = " and ".join(path.name for path in files)
+        raise Refusal(f"has several files for {role}: {names}; remove one, or list those that count in YAML")
+    notes = []
+    if named.unknown:
+        notes.append(f"{', '.join(path.name for path in named.unknown)} ignored: the name is that of no map")
+    companions = [path.name for path in named.previews]
+    companions += sorted(path.name for path in folder.iterdir() if path.is_file() and path not in pictures)
+    if companions:
+        listed = ", ".join(companions[:_LISTED]) + (", ..." if len(companions) > _LISTED else "")
+        count = "1 file" if len(companions) == 1 else f"{len(companions)} files"
+        notes.append(f"{count} beside the maps ignored: {listed}")
+    for role, given in found.items():
+        for other in given[1:]:
+            place = f" in {other.plane}" if other.plane else ""
+            held = f"{Path(other.reference).name} not read{place}"
+            notes.append(f"{held}: {role} is that of {Path(given[0].reference).name}")
+    for path, planes in named.packed.items():
+        notes.append(f"{path.name} read as {', '.join(planes)}")
+    green = named.green
+    if green and "normal" in found and not found["normal"][0].green:
+        names = ", ".join(LAYOUTS[name].title for name in named.layouts)
+        return (
+            found,
+            {"green": green, "green_note": f"green of normals points {green} in names as of {names}"},
+            notes,
+        )
+    return found, {}, notes
 
 
-def _of_yaml(path: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]:
+def _given(claim: Claim) -> _Given:
+    tiles = tuple(tuple(map(str, row)) for row in claim.tiles)
+    return _Given(str(claim.path), claim.plane, claim.inverted, claim.green, tiles)
+
+
+def _proposal(path: Path, named: _Roles) -> str:
+    """What a YAML file would say, for the user to correct."""
+    if not path.is_dir():
+        return "the YAML file has to name one, as albedo: color.png"
+    files = {role: _yaml_of(named[role][0]) for role in ROLES if role in named}
+    taken = {Path(some[0].reference).name for some in named.values()}
+    for role, one in zip((role for role in ROLES if role not in files), pictures_in(path), strict=False):
+        if role == "albedo" and one.name not in taken:
+            files = {role: one.name, **files}
+    left = [one.name for one in pictures_in(path) if one.name not in {*taken, *map(str, files.values())}]
+    listed = ", ".join(f"{role}: {file}" for role, file in files.items())
+    others = f", and what {', '.join(left)} are" if left else ""
+    return (
+        f"if these are one material, write {path.name}/{path.name}.yaml with its maps, as {{{listed}}}{others}; "
+        f"if each is a texture of its own, give '{path.name}/*{pictures_in(path)[0].suffix}'"
+    )
+
+
+def _yaml_of(given: _Given) -> str:
+    name = Path(given.reference).name
+    if not (given.plane or given.inverted):
+        return name
+    channel = f", channel: {given.plane}" if given.plane else ""
+    return f"{{file: {name}{channel}, invert: {str(given.inverted).lower()}}}"
+
+
+def _of_yaml(path: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
     try:
         document = read_document(path)
     except InputError as error:
         raise Refusal(str(error).removeprefix(f"{path}: ")) from None
     if not isinstance(document, dict):
         raise Refusal(f"must map the names of maps to files, got {shown(document)}")
-    named: dict[str, str] = {}
+    named: _Roles = {}
     settings: dict[str, Any] = {}
     for key, value in document.items():
         if key in _KEYS:
             settings[key] = value
             continue
-        role = recognised(key) if isinstance(key, str) else None
-        if role is None:
+        plane = recognised_plane(key) if isinstance(key, str) else None
+        if plane is None:
             known = [*ROLES, *_KEYS]
             raise Refusal(f"{shown(key)} is no map{hint(str(key), known)}")
-        if not isinstance(value, str) or not value:
-            raise Refusal(f"{key}: must be a file, got {shown(value)}")
-        if role[0] in named:
-            raise Refusal(f"{key}: there is a file for {role[0]} already")
-        named[role[0]] = str(path.parent / value) if picture_files.is_path(value) else value
-        if role[1] is not None:
-            settings.setdefault("normal_convention", role[1])
+        role, inverted, green = plane
+        given = _of_entry(key, value, path.parent)
+        if role in named:
+            raise Refusal(f"{key}: there is a file for {role} already")
+        named[role] = [dataclasses.replace(given, inverted=given.inverted != inverted)]
+        if green:
+            settings.setdefault("normal_convention", "opengl" if green == "up" else "directx")
+    if "bump" in named and "height" not in named:
+        named["height"] = named.pop("bump")
     convention, resample = settings.get("normal_convention"), settings.get("resample", False)
     if convention not in (None, "opengl", "directx"):
         raise Refusal(f"normal_convention: must be opengl or directx, got {shown(convention)}")
@@ -310,43 +411,95 @@ def _of_yaml(path: Path) -> tuple[dict[str, str], dict[str, Any], list[str]]:
     return named, settings, []
 
 
-def _opened(role: str, reference: str, settings: Mapping[str, Any]) -> Map:
-    path = Path(reference)
+def _of_entry(key: str, value: Any, folder: Path) -> _Given:
+    """A file, or ``{file: x.png, channel: G, invert: true}``, of a YAML file in ``folder``."""
+    entry = value if isinstance(value, dict) and "file" in value else {"file": value}
+    if other := next((one for one in entry if one not in ("file", "channel", "invert")), None):
+        raise Refusal(f"{key}: {shown(other)} unknown; there are file, channel and invert")
+    file, channel, invert = entry.get("file"), entry.get("channel", ""), entry.get("invert", False)
+    if not isinstance(file, str) or not file:
+        raise Refusal(f"{key}: must be a file, got {shown(value)}")
+    if channel not in ("", "R", "G", "B", "A"):
+        raise Refusal(f"{key}.channel: must be R, G, B or A, got {shown(channel)}")
+    if not isinstance(invert, bool):
+        raise Refusal(f"{key}.invert: must be true or false, got {shown(invert)}")
+    return _Given(str(folder / file) if picture_files.is_path(file) else file, channel, invert)
+
+
+def _inspected(reference: str, role: str) -> Inspected:
+    name = Path(reference).name
     try:
-        seen = picture_files.inspect(reference, role not in COLORS)
+        return picture_files.inspect(reference, role not in COLORS)
     except Refusal as error:
-        raise Refusal(f"{path.name}: {error}") from None
+        raise Refusal(f"{name}: {error}") from None
     except FileNotFoundError:
-        raise Refusal(f"{path.name}: no such file") from None
+        raise Refusal(f"{name}: no such file") from None
+
+
+def _opened(role: str, given: _Given, settings: Mapping[str, Any]) -> Map:
+    reference = given.reference
+    path = Path(reference)
+    seen = _inspected(reference, role)
+    tiles: tuple[tuple[tuple[str, str], ...], ...] = ()
+    height, width, memory, digest = seen.height, seen.width, seen.memory, seen.digest
+    if given.tiles:
+        found = [[(tile, _inspected(tile, role)) for tile in row] for row in given.tiles]
+        for tile, one in (pair for row in found for pair in row):
+            if (one.height, one.width, one.channels, one.bits) != (height, width, seen.channels, seen.bits):
+                raise Refusal(f"{Path(tile).name} differs from {path.name} in size, channels or bits")
+        tiles = tuple(tuple((tile, one.digest) for tile, one in row) for row in found)
+        digest = hashlib.sha256(json.dumps([[one for _, one in row] for row in tiles]).encode()).hexdigest()
+        height, width, memory = height * len(tiles), width * len(tiles[0]), memory * 2 * len(tiles) * len(tiles[0])
     color = seen.channels[0] == "R"
     if role == "normal" and not color:
         raise Refusal(f"{path.name}: is grey, but a normal map has three channels")
     channels: tuple[str, ...] = (role,)
+    if given.plane and role in ("albedo", "normal"):
+        raise Refusal(f"{path.name}: {role} cannot be one channel of a file")
     if role == "albedo":
         channels = tuple(name for name in seen.channels if name in ("R", "G", "B", "Y", "A"))
     elif role == "normal":
         channels = NORMAL
     elif role == "mask":
         channels = (USABLE,)
-    elif role in _IN_COLOR and color:
+    elif role in _IN_COLOR and color and not given.plane:
         channels = (f"{role}.R", f"{role}.G", f"{role}.B")
-    stem = path.stem if picture_files.is_path(reference) else role
-    named = recognised(stem)
-    convention = settings.get("normal_convention") or (named[1] if named and named[0] == "normal" else None)
+    stem = stem_of(path, bool(tiles)) if picture_files.is_path(reference) else role
     facts = Facts.of(seen.facts).of_map(role)
-    if role == "normal" and convention is not None:
-        facts = dataclasses.replace(facts, green=_GREENS[convention])
+    note = seen.note
+    if role == "normal":
+        said = recognised_plane(stem)
+        green = given.green or (said[2] if said and said[0] == "normal" else "")
+        if (convention := settings.get("normal_convention")) is not None:
+            green = _GREENS[convention]
+        if not (green or facts.green) and "green" in settings:
+            green, note = settings["green"], f"{note}; {settings['green_note']}".removeprefix("; ")
+        facts = dataclasses.replace(facts, green=green or facts.green)
     if role == "height" and (height_unit := settings.get(HEIGHT_UNIT)) is not None:
         facts = dataclasses.replace(facts, unit=height_unit)
-    size = seen.height, seen.width
-    return Map(role, reference, stem, *size, channels, seen.bits, facts, seen.digest, seen.memory, seen.note)
+    size = height, width
+    how = given.plane, given.inverted, seen.channels, tiles
+    return Map(role, reference, stem, *size, channels, seen.bits, facts, digest, memory, note, *how)
+
+
+def _decoded(one: Map) -> Image:
+    """A map's file; UDIM tiles joined."""
+    is_data = one.role not in COLORS
+    if not one.tiles:
+        return picture_files.decode(one.reference, one.digest, is_data)
+    rows = [[picture_files.decode(tile, digest, is_data) for tile, digest in row] for row in one.tiles]
+    pixels = np.concatenate([np.concatenate([tile.pixels for tile in row], axis=1) for row in rows])
+    facts = dataclasses.replace(rows[0][0].facts, wraps=NOWHERE)
+    return Image(pixels, rows[0][0].channels, facts)
 
 
 def _planes(one: Map, height: int, width: int) -> Image:
     """The channels of a map, resampled to the image's size."""
-    image = picture_files.decode(one.reference, one.digest, one.role not in COLORS)
+    image = _decoded(one)
     pixels = image.pixels
-    if one.role == "albedo":
+    if one.plane:
+        pixels = np.ascontiguousarray(pixels[..., [image.channels.index(one.plane)]])
+    elif one.role == "albedo":
         pixels = pixels[..., [image.channels.index(name) for name in one.channels]]
     elif one.role == "normal":
         pixels = unit(_vectors(one, pixels), rounding(min(one.bits, 16)))
@@ -356,6 +509,8 @@ def _planes(one: Map, height: int, width: int) -> Image:
             pixels = one.facts.range[0] + np.float32(one.facts.range[1] - one.facts.range[0]) * pixels
     else:
         pixels = pixels[..., :3]
+    if one.inverted:
+        pixels = 1 - pixels
     facts = Facts(image.wraps, _known(one, pixels))
     if (one.height, one.width) != (height, width):
         pixels = _resampled(pixels, height, width)

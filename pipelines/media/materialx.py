@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from texloom.pipelines.media.color_spaces import ACESCG
-from texloom.pipelines.media.material_set import COLORS
+from texloom.pipelines.media.conventions import COLORS
 from texloom.pipelines.media.relief import UNIT_RELIEF, Relief
 from texloom.stages.vocabulary.facts import TORUS, Wraps
 

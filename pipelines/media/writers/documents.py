@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 
+from texloom.pipelines.media.conventions import SEPARATE
 from texloom.pipelines.media.material_export import with_unit_normals
 from texloom.pipelines.media.materialx import document
 from texloom.pipelines.media.writers import usda
-from texloom.pipelines.media.writers.layouts import SEPARATE, bound_maps, material_name, write_maps_of
+from texloom.pipelines.media.writers.layouts import bound_maps, material_name, write_maps_of
 from texloom.pipelines.media.writers.registry import HEX_TILED, Job, writer_of
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.stages.common.surface.mesh import width_of

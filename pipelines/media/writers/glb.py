@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from texloom.pipelines.media.conventions import GLTF
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import with_unit_normals
 from texloom.pipelines.media.relief import relief_of
-from texloom.pipelines.media.writers.layouts import GLTF, levels_of, material_name, parts_of, with_bits
+from texloom.pipelines.media.writers.layouts import levels_of, material_name, parts_of, with_bits
 from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from texloom.pipelines.media.conventions import COLORS, LAYOUTS, Layout, Part, role_of
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import channels_of, codes_of, facts_of_file, with_unit_normals
-from texloom.pipelines.media.material_set import COLORS
 from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.media.relief import Relief, relief_of
 from texloom.pipelines.store.atomic import write_atomically
@@ -24,101 +24,9 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.facts import TORUS, Facts, Wraps
 from texloom.stages.vocabulary.sizes import format_size, size_value
 
-SMOOTHNESS = "smoothness"
-"""plane of 1 - roughness"""
-_WITHOUT = {"ao": 1.0, "roughness": 1.0, SMOOTHNESS: 0.0, "metallic": 0.0, "": 1.0}
-"""value of a packed plane whose map the material does not have"""
+_WITHOUT = {"ao": 1.0, "roughness": 1.0, "1-roughness": 0.0, "metallic": 0.0, "": 1.0, "height": 0.5}
+"""value of a packed plane whose map the material does not have; 1 of others"""
 _MAX_NAME = 64
-
-
-@dataclasses.dataclass(frozen=True)
-class Part:
-    """A file of a layout."""
-
-    suffix: str
-    """of its name"""
-    planes: tuple[str, ...]
-    """one role, or the roles that its channels hold; an empty one is white"""
-    bits: int = 8
-
-    @property
-    def role(self) -> str:
-        """The role of a file with one map; empty where several are packed."""
-        return self.planes[0] if len(self.planes) == 1 else ""
-
-
-@dataclasses.dataclass(frozen=True)
-class Layout:
-    """How a program names and packs the files of a material."""
-
-    parts: tuple[Part, ...]
-    prefix: str = ""
-    directx: bool = False
-    """whether green of normals points down"""
-    kind: str = "png"
-    """``png`` or ``tx``"""
-    document: str = ""
-    """what binds the files: ``mtlx``, ``usda``, ``glb`` or nothing"""
-    shader: str = "gltf_pbr"
-    """of MaterialX"""
-
-
-_ORM = ("ao", "roughness", "metallic")
-SEPARATE = Layout(
-    (
-        *(Part("base_color", ("albedo",)), Part("roughness", ("roughness",)), Part("metallic", ("metallic",))),
-        *(Part("normal", ("normal",), 16), Part("height", ("height",), 16), Part("ao", ("ao",))),
-        *(Part("specular", ("specular",)), Part("opacity", ("opacity",)), Part("emissive", ("emissive",))),
-    ),
-    document="usda",
-)
-"""a file a map, normals as in OpenGL"""
-GLTF = Layout(
-    (
-        *(Part("baseColor", ("albedo",)), Part("occlusionRoughnessMetallic", _ORM)),
-        *(Part("normal", ("normal",)), Part("emissive", ("emissive",))),
-    ),
-    document="glb",
-)
-LAYOUTS: Mapping[str, Layout] = {
-    "unreal": Layout(
-        (
-            *(Part("BC", ("albedo",)), Part("ORM", _ORM), Part("N", ("normal",)), Part("H", ("height",), 16)),
-            *(Part("S", ("specular",)), Part("O", ("opacity",)), Part("E", ("emissive",))),
-        ),
-        prefix="T_",
-        directx=True,
-    ),
-    "unity": Layout(
-        (
-            *(Part("BaseMap", ("albedo",)), Part("MaskMap", ("metallic", "ao", "", SMOOTHNESS))),
-            *(Part("Normal", ("normal",)), Part("HeightMap", ("height",), 16)),
-            *(Part("Opacity", ("opacity",)), Part("Emissive", ("emissive",))),
-        )
-    ),
-    "blender": SEPARATE,
-    "gltf": GLTF,
-    "arnold": Layout(
-        (
-            *(Part("baseColor", ("albedo",)), Part("specularRoughness", ("roughness",))),
-            *(Part("metalness", ("metallic",)), Part("normal", ("normal",)), Part("height", ("height",))),
-            *(Part("occlusion", ("ao",)), Part("specular", ("specular",)), Part("opacity", ("opacity",))),
-            Part("emission", ("emissive",)),
-        ),
-        kind="tx",
-        document="mtlx",
-        shader="standard_surface",
-    ),
-    "substance": Layout(
-        (
-            *(Part("basecolor", ("albedo",)), Part("normal", ("normal",), 16), Part("roughness", ("roughness",))),
-            *(Part("metallic", ("metallic",)), Part("ambientocclusion", ("ao",)), Part("height", ("height",), 16)),
-            *(Part("specularlevel", ("specular",)), Part("opacity", ("opacity",)), Part("emissive", ("emissive",))),
-        ),
-        directx=True,
-    ),
-}
-"""by the names of `texloom.pipelines.media.delivery.LAYOUTS`"""
 
 
 def material_name(text: str) -> str:
@@ -129,17 +37,16 @@ def material_name(text: str) -> str:
 
 def parts_of(image: Image, layout: Layout) -> list[Part]:
     """The files that an image has maps for."""
-    return [part for part in layout.parts if any(_has(image, role) for role in part.planes)]
+    return [part for part in layout.written if any(_has(image, role) for role in part.planes)]
 
 
 def _has(image: Image, role: str) -> bool:
-    role = "roughness" if role == SMOOTHNESS else role
-    return bool(role) and bool(channels_of(role, image.channels))
+    return bool(role) and bool(channels_of(role_of(role)[0], image.channels))
 
 
 def with_bits(part: Part, fed: Mapping[str, int]) -> Part:
     """The part with 16 bits where a map in it is made from more than 8; ``fed``: role to bits."""
-    roles = ("roughness" if role == SMOOTHNESS else role for role in part.planes)
+    roles = (role_of(plane)[0] for plane in part.planes)
     return dataclasses.replace(part, bits=16) if any(fed.get(role, 8) > 8 for role in roles) else part
 
 
@@ -147,15 +54,15 @@ def levels_of(image: Image, part: Part, directx: bool) -> np.ndarray:
     """The integers of a file, (h, w, c)."""
     if part.role:
         return codes_of(image, channels_of(part.role, image.channels), part.role, part.bits, directx)
-    most, dtype = 2**part.bits - 1, np.uint8 if part.bits == 8 else np.uint16
-    planes = []
-    for role in part.planes:
-        source = "roughness" if role == SMOOTHNESS else role
-        if _has(image, role):
-            codes = codes_of(image, channels_of(source, image.channels)[:1], source, part.bits, directx)
-            planes.append(most - codes if role == SMOOTHNESS else codes)
+    planes, most = [], 2**part.bits - 1
+    for plane in part.planes:
+        role, inverted = role_of(plane)
+        if _has(image, plane):
+            codes = codes_of(image, channels_of(role, image.channels)[:1], role, part.bits, directx)
+            planes.append(most - codes if inverted else codes)
         else:
-            planes.append(np.full((image.height, image.width, 1), most * _WITHOUT[role], dtype))
+            white = np.full((image.height, image.width, 1), most, np.uint8 if part.bits == 8 else np.uint16)
+            planes.append((white * _WITHOUT.get(plane, 1.0)).astype(white.dtype))
     return np.concatenate(planes, axis=2)
 
 

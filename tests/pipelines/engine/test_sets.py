@@ -324,11 +324,19 @@ def test_sets_that_are_no_pair_are_combined(tmp_path: Path) -> None:
     assert [name for name, _ in items(tmp_path, both, "[5, 6]")][:3] == ["1-x-5", "1-x-6", "1-y-5"]
 
 
-def test_names_come_from_the_wildcards(tmp_path: Path) -> None:
+def test_names_do_not_depend_on_the_pattern(tmp_path: Path) -> None:
     for name in ("x/y/wall_1.png", "x/wall_2.png", "x/wall_22.png"):
         paint(tmp_path / name)
-    assert [name for name, _ in items(tmp_path, "  texture: {each: 'x/**/wall_?.png'}")] == ["2", "y-1"]
-    assert [name for name, _ in items(tmp_path, "  texture: {each: 'x/wall_[0-2]*.png'}")] == ["2", "2-2"]
+    assert [name for name, _ in items(tmp_path, "  texture: {each: 'x/**/wall_?.png'}")] == ["wall_2", "wall_1"]
+    assert [name for name, _ in items(tmp_path, "  texture: {each: 'x/wall_[0-2]*.png'}")] == ["wall_2", "wall_22"]
+    assert [name for name, _ in items(tmp_path, "  texture: {each: x/wall_*.png}")] == ["wall_2", "wall_22"]
+
+
+def test_names_that_differ_by_case_get_folders_of_their_own(tmp_path: Path) -> None:
+    for name in ("x/Tex.png", "x/tex.png"):
+        paint(tmp_path / name)
+    if len([*(tmp_path / "x").iterdir()]) == 2:
+        assert [name for name, _ in items(tmp_path, "  texture: {each: x/*.png}")] == ["Tex", "tex-2"]
 
 
 def test_a_suffix_is_no_part_of_a_name_unless_it_tells_files_apart(tmp_path: Path) -> None:
@@ -352,8 +360,8 @@ def test_patterns_without_files_and_names_that_clash(tmp_path: Path) -> None:
     ("file", "pattern", "name"),
     [
         (".....png", "....*.png", "____"),
-        ("....png", ".*.png", "__"),
-        ("...png", ".*.png", "_"),
+        ("....png", ".*.png", "___"),
+        ("...png", ".*.png", "__"),
         ("a\nb\x1b[31m.png", "*.png", "a_b_[31m"),
         ("a\\..\\b.png", "*.png", "a_.._b"),
         ("a\u2028b.png", "*.png", "a_b"),

@@ -40,7 +40,7 @@ def test_materials_tell_what_their_files_say(tmp_path: Path) -> None:
     PIL.Image.fromarray(level).save(tmp_path / "other.png")
     known = about_material(tmp_path)
     assert known["maps"] == {"normal": {"green": "down"}}
-    assert known["files"]["normal"] == {"file": "normal_dx.png", "bits": 8}
+    assert known["files"]["normal"] == {"file": "normal_dx.png", "bits": 8, "green": "down"}
     assert known["notes"] == ["other.png ignored: the name is that of no map"]
     assert known["plausible_green"]["green"] in ("up", "down", "does not fit the height")
     (tmp_path / "albedo.png").unlink()

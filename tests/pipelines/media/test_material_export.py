@@ -170,7 +170,7 @@ def test_a_flow_exports_a_folder_of_aligned_maps(folder: Path, tmp_path: Path) -
     listener = Events()
     exports = execute(opened, listener, tmp_path / "out")
     assert exports == {"maps/": tmp_path / "out" / "maps"}
-    assert listener.notes == [f"sources.exemplar: {folder}: sphere.png ignored: the name is that of no map"]
+    assert listener.notes == [f"sources.exemplar: {folder}: 1 file beside the maps ignored: sphere.png"]
     row, column = np.divmod(saved(tmp_path / "out" / "maps" / "moss_disp.png"), SIDES[1])
     assert row.shape == (16, 20)
     for path in files:

@@ -13,7 +13,7 @@ from tests.conftest import ROOT
 from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.media.arrays import file_source, kinds_of, masked
-from texloom.pipelines.media.material_set import recognised
+from texloom.pipelines.media.map_names import recognised
 from texloom.pipelines.media.sources import Source, open_source
 from texloom.stages.vocabulary.color import linear_from_srgb
 from texloom.stages.vocabulary.declare import InputError
@@ -76,8 +76,11 @@ def problem(reference: Path) -> str:
         ("Metal012_2K_Metalness", ("metallic", None)),
         ("moss AmbientOcclusion", ("ao", None)),
         ("moss_ao_map", ("ao", None)),
-        ("disp16", None),
-        ("wall_bump", ("height", None)),
+        ("wall_DISP16_3K", ("height", None)),
+        ("wall_bump", ("bump", None)),
+        ("stones_gloss", None),
+        ("stones_n", None),
+        ("stones_MaskMap", None),
         ("emission", ("emissive", None)),
         ("preview", None),
         ("roughness_gl", None),
@@ -209,12 +212,17 @@ def test_colors_beside_data(folder: Path, rng: np.random.Generator) -> None:
 def test_unknown_files_are_left_out_with_a_note(folder: Path, rng: np.random.Generator) -> None:
     before = open_source("exemplar", str(folder))
     assert before.notes == ()
+    save(folder / "other.png", colors(rng))
     save(folder / "preview.png", colors(rng))
-    (folder / "readme.txt").write_text("moss")
+    for name in ("readme.txt", "Thumbs.db", "._moss_BaseColor.png", "moss.blend"):
+        (folder / name).write_text("moss")
     source = open_source("exemplar", str(folder))
     assert source.digest == before.digest
     place = f"sources.exemplar: {folder}"
-    assert source.notes == (f"{place}: preview.png ignored: the name is that of no map",)
+    assert source.notes == (
+        f"{place}: other.png ignored: the name is that of no map",
+        f"{place}: 5 files beside the maps ignored: preview.png, ._moss_BaseColor.png, Thumbs.db, moss.blend, ...",
+    )
 
 
 def test_the_digest_covers_files_and_roles(folder: Path, rng: np.random.Generator) -> None:

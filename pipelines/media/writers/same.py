@@ -1,0 +1,155 @@
+"""Maps of a material as its exemplar has them: the same file names, packing, inversion, green, bits and formats."""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from texloom.pipelines.media.conventions import COLORS
+from texloom.pipelines.media.delivery import Delivery
+from texloom.pipelines.media.material_export import (
+    channels_of,
+    codes_of,
+    facts_of_file,
+    keep_codes,
+    with_unit_normals,
+)
+from texloom.pipelines.media.material_set import Map
+from texloom.pipelines.media.relief import relief_of
+from texloom.pipelines.store import codec
+from texloom.pipelines.store.atomic import write_atomically
+from texloom.pipelines.store.codec import ArtifactError
+from texloom.pipelines.store.png_file import png, with_facts
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.facts import Facts
+from texloom.stages.vocabulary.sizes import format_size
+
+_LOG = logging.getLogger(__name__)
+_LETTERS = "RGBA"
+
+
+def write_same(
+    image: Image, folder: Path, like: Sequence[Map], delivery: Delivery, provenance: Mapping[str, Any]
+) -> dict[str, str]:
+    """Write the maps of an image into a folder, made if need be, in files as those of ``like``.
+
+    Planes of packed files that hold no map of the image are white. What is not written is told.
+
+    Returns
+    -------
+    file name to SHA-256 of the file, 64 hexadecimal digits.
+
+    Raises
+    ------
+    ArtifactError
+        The picture cannot be cut into the tiles of ``like``, or two files have the same name.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    image = with_unit_normals(image, next((min(16, one.bits) for one in like if one.role == "normal"), 8))
+    files: dict[str, list[Map]] = {}
+    for one in (each for first in like for each in (first, *first.twins)):
+        if channels_of(one.role, image.channels):
+            files.setdefault(one.reference, []).append(one)
+        else:
+            _LOG.warning("%s: not written, as the result has no %s", Path(one.reference).name, one.role)
+    written: dict[str, str] = {}
+    for held in files.values():
+        values = _values(image, held, delivery)
+        for name, area in _areas(image, held[0], folder):
+            if name in written:
+                raise ArtifactError(f"{folder}: two maps are called {name}; --layout same needs different names")
+            piece = np.ascontiguousarray(values[area])
+            written[name] = _write(piece, folder / name, held, image, delivery, provenance)
+    return written
+
+
+def _values(image: Image, held: Sequence[Map], delivery: Delivery) -> np.ndarray:
+    """The values of a file, (h, w, c): integers of its bits, or floats."""
+    first = held[0]
+    is_float = first.bits == 32
+    if not is_float and any(one.role == "height" for one in held):
+        relief_of(image).tell()
+        image = relief_of(image).normalised(image)
+    most = 1 if is_float else 2**first.bits - 1
+    dtype = np.float32 if is_float else np.uint8 if first.bits == 8 else np.uint16
+    values = np.full((image.height, image.width, len(first.file_channels)), most, dtype)
+    left = [name for name in first.file_channels if first.plane and name not in {one.plane for one in held}]
+    if left:
+        _LOG.warning("%s: %s written white", Path(first.reference).name, ", ".join(left))
+    for one in held:
+        names = channels_of(one.role, image.channels)
+        planes = _floats(image, names, one, delivery) if is_float else codes_of(
+            image, names, one.role, one.bits, one.directx
+        )  # fmt: skip
+        if one.role == "normal" and not is_float:
+            keep_codes(planes, image, one)
+        planes = most - planes if one.inverted else planes
+        if one.plane:
+            places = [one.file_channels.index(one.plane)]
+        else:
+            colors = [place for place, name in enumerate(one.file_channels) if name != "A"]
+            places = [*range(len(one.file_channels))] if planes.shape[2] == len(one.file_channels) else colors
+        values[..., places] = planes[..., : len(places)] if planes.shape[2] >= len(places) else planes[..., :1]
+    return values
+
+
+def _floats(image: Image, names: Sequence[str], one: Map, delivery: Delivery) -> np.ndarray:
+    shown = delivery.encoded(image) if one.role in COLORS else image
+    values: np.ndarray = shown.pixels[..., [image.channels.index(name) for name in names]].copy()
+    if one.role == "normal" and one.directx:
+        values[..., 1] *= -1
+    return values
+
+
+def _areas(image: Image, one: Map, folder: Path) -> list[tuple[str, tuple[slice, slice]]]:
+    """Name and area of a file, or of each of its UDIM tiles."""
+    path = Path(one.reference)
+    if not one.tiles:
+        return [(path.name if path.suffix else f"{one.stem}.png", (slice(None), slice(None)))]
+    rows, columns = len(one.tiles), len(one.tiles[0])
+    if image.height % rows or image.width % columns:
+        raise ArtifactError(f"{folder}: {format_size(image)} cannot be cut into {columns}x{rows} equal tiles")
+    height, width = image.height // rows, image.width // columns
+    return [
+        (Path(tile).name, (slice(y * height, (y + 1) * height), slice(x * width, (x + 1) * width)))
+        for y, row in enumerate(one.tiles)
+        for x, (tile, _) in enumerate(row)
+    ]
+
+
+def _write(
+    piece: np.ndarray,
+    path: Path,
+    held: Sequence[Map],
+    image: Image,
+    delivery: Delivery,
+    provenance: Mapping[str, Any],
+) -> str:
+    """Write values in the format of a file's name; the digest."""
+    import cv2
+
+    first, suffix = held[0], path.suffix.lower()
+    wraps = Facts() if first.tiles else Facts(image.wraps)
+    if suffix == ".png":
+        plain = {first.role: facts_of_file(first.role, first.directx, relief_of(image))} if first.is_plain else {}
+        content = png(piece, with_facts(provenance, wraps, piece.shape[0], piece.shape[1], plain))
+    elif suffix in (".exr", ".tx"):
+        attributes = delivery.exr_attributes(first.role in COLORS)
+        part = Image(piece.astype(np.float32), first.file_channels, wraps)
+        if suffix == ".exr":
+            return codec.export(part, Image, path, provenance, attributes)
+        raise ArtifactError(f"{path}: --layout same does not write .tx; use --layout arnold")
+    else:
+        order = [2, 1, 0, *range(3, piece.shape[2])] if piece.shape[2] > 2 else [0]
+        options = [cv2.IMWRITE_JPEG_QUALITY, 95] if suffix in (".jpg", ".jpeg") else []
+        done, encoded = cv2.imencode(suffix, np.ascontiguousarray(piece[..., order]), options)
+        if not done:
+            raise ArtifactError(f"{path}: cannot be written with {piece.shape[2]} channels of {first.bits} bits")
+        content = encoded.tobytes()
+    write_atomically(path, content)
+    return hashlib.sha256(content).hexdigest()

@@ -1,0 +1,184 @@
+"""Layouts of materials: what is written is read back as it was."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from texloom.pipelines.media.conventions import COLORS, LAYOUTS, ROLES, role_of
+from texloom.pipelines.media.delivery import Delivery
+from texloom.pipelines.media.material_export import channels_of
+from texloom.pipelines.media.material_set import looks_like_one
+from texloom.pipelines.media.sources import open_source
+from texloom.pipelines.media.writers.layouts import write_layout
+from texloom.pipelines.media.writers.same import write_same
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.normals import NORMAL, unit
+
+SIDES = (16, 24)
+CHANNELS = (
+    *("R", "G", "B", *NORMAL),
+    *(role for role in ROLES if role not in (*COLORS, "normal", "mask")),
+    *(f"{role}.{letter}" for role in ("emissive", "translucency") for letter in "RGB"),
+)
+FORMS = [name for name, one in LAYOUTS.items() if one.kind == "png" or importlib.util.find_spec("OpenImageIO")]
+
+
+@pytest.fixture
+def material(rng: np.random.Generator) -> Image:
+    """A material with all maps but a mask."""
+    pixels = rng.random((*SIDES, len(CHANNELS)), np.float32)
+    pixels[..., 3:6] = unit(pixels[..., 3:6] * [2, 2, 1] - [1, 1, -0.2])
+    return Image(pixels, CHANNELS)
+
+
+def without_text(folder: Path) -> None:
+    """Leave nothing in PNGs that says what they are."""
+    for path in folder.glob("*.png"):
+        values = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        assert values is not None
+        assert cv2.imwrite(str(path), values)
+
+
+@pytest.mark.parametrize("is_silent", [False, True])
+@pytest.mark.parametrize("name", FORMS)
+def test_what_a_layout_writes_is_read_back(material: Image, tmp_path: Path, name: str, is_silent: bool) -> None:
+    layout, folder = LAYOUTS[name], tmp_path / "moss"
+    write_layout(material, folder, "moss", Delivery(name), {})
+    if is_silent:
+        without_text(folder)
+    source = open_source("exemplar", str(folder))
+    again = source.read()
+    held = {
+        role_of(plane)[0]: part.bits
+        for part in layout.written
+        for plane in part.planes
+        if plane and channels_of(role_of(plane)[0], material.channels)
+    }
+    assert {one.role for one in source.maps} == set(held)
+    for role, bits in held.items():
+        for channel in channels_of(role, material.channels):
+            wanted, found = (one.pixels[..., one.channels.index(channel)] for one in (material, again))
+            if role == "normal" and not again.facts.of_map(role).green and channel == NORMAL[1]:
+                found = found * np.sign((wanted * found).sum())
+            if role in COLORS and layout.kind == "png":
+                wanted, found = srgb_from_linear(wanted), srgb_from_linear(found)
+            most = 2**bits - 1 if layout.kind == "png" else 2**10
+            tolerance = (1.2 if role == "normal" else 0.51) / most
+            np.testing.assert_allclose(found, wanted, atol=tolerance, err_msg=f"{role} {channel}")
+
+
+def folder_of(tmp_path: Path, *names: str, colored: str = "") -> Path:
+    """Pictures of one size; grey but for ``colored``, separated by spaces."""
+    folder = tmp_path / "stones"
+    folder.mkdir()
+    ramp = np.arange(SIDES[0] * SIDES[1]).reshape(SIDES).astype(np.uint8)
+    for name in names:
+        color = np.dstack([ramp, ramp // 2, ramp // 3 + 99]) if name in colored.split() else ramp
+        assert cv2.imwrite(str(folder / f"{name}.png"), color)
+    return folder
+
+
+def roles(folder: Path) -> dict[str, str]:
+    """Stem to the map that it is read as, with its channel."""
+    maps = open_source("exemplar", str(folder)).maps
+    return {one.role: f"{one.stem.rpartition('_')[2]}{f'.{one.plane}' if one.plane else ''}" for one in maps}
+
+
+@pytest.mark.parametrize(
+    ("names", "colored", "expected"),
+    [
+        ("T_S_BC T_S_N T_S_D", "T_S_BC T_S_N", {"albedo": "BC", "normal": "N", "height": "D"}),
+        ("s_d s_n s_r", "s_d s_n", {"albedo": "d", "normal": "n", "roughness": "r"}),
+        ("s_d s_n s_r s_m", "s_d s_n", {"albedo": "d", "normal": "n", "roughness": "r", "metallic": "m"}),
+        ("T_S_D T_S_N T_S_M", "T_S_D T_S_N", {"albedo": "D", "normal": "N", "metallic": "M"}),
+        ("s s_n s_s", "s s_n", {"albedo": "s", "normal": "n", "specular": "s"}),
+        ("normal_moss albedo_moss", "normal_moss albedo_moss", {"albedo": "moss", "normal": "moss"}),
+        (
+            "s_COL_VAR1_3K s_COL_VAR2_3K s_NRM_3K",
+            "s_COL_VAR1_3K s_COL_VAR2_3K s_NRM_3K",
+            {"albedo": "3K", "normal": "3K"},
+        ),
+    ],
+)
+def test_names_of_a_folder_are_read_together(
+    tmp_path: Path, names: str, colored: str, expected: dict[str, str]
+) -> None:
+    assert roles(folder_of(tmp_path, *names.split(), colored=colored)) == expected
+
+
+def test_names_in_doubt_are_refused_with_what_they_may_be(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path, "s_d", "s_n", "s_m", colored="s_d s_n")
+    with pytest.raises(InputError) as caught:
+        open_source("exemplar", str(folder))
+    assert "has names that leave doubt: s_m.png (metallic or mask); if these are one material" in str(caught.value)
+    assert "{albedo: s_d.png, normal: s_n.png, metallic: s_m.png}" in str(caught.value)
+
+
+def test_files_of_unknown_names_but_one_material_are_no_set(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path, "s_tint", "s_slope")
+    assert looks_like_one(folder)
+    with pytest.raises(InputError, match=r"has no albedo .* write stones/stones\.yaml with its maps, as {albedo"):
+        open_source("exemplar", str(folder))
+    for path in folder.iterdir():
+        path.rename(path.with_name(f"s_{len(path.stem)}.png"))
+    assert not looks_like_one(folder)
+
+
+def test_channels_in_yaml(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path, "color", "packed", colored="color packed")
+    listing = folder / "stones.yaml"
+    listing.write_text("{albedo: color.png, roughness: {file: packed.png, channel: G, invert: true}, gloss: x.png}")
+    with pytest.raises(InputError, match="gloss: there is a file for roughness already"):
+        open_source("exemplar", str(listing))
+    listing.write_text("{albedo: color.png, roughness: {file: packed.png, channel: G, invert: true}}")
+    image = open_source("exemplar", str(listing)).read()
+    packed = cv2.imread(str(folder / "packed.png"))
+    np.testing.assert_allclose(image.pixels[..., 3], 1 - packed[..., 1] / 255, atol=1e-6)
+    listing.write_text("{albedo: color.png, roughness: {file: packed.png, channel: A}}")
+    with pytest.raises(InputError, match=r"roughness: packed\.png has no channel A"):
+        open_source("exemplar", str(listing))
+
+
+def test_udim_tiles_are_read_as_one(material: Image, tmp_path: Path) -> None:
+    write_layout(material, tmp_path / "whole", "moss", Delivery("unreal"), {})
+    write_layout(material, tmp_path / "tiles", "moss", Delivery("unreal", udim=(2, 3)), {})
+    whole, tiles = (open_source("exemplar", str(tmp_path / name)).read() for name in ("whole", "tiles"))
+    np.testing.assert_array_equal(whole.pixels, tiles.pixels)
+    (tmp_path / "tiles" / "T_moss_H.1012.png").unlink()
+    with pytest.raises(InputError, match=r"lacks UDIM tiles: T_moss_H\.1012\.png"):
+        open_source("exemplar", str(tmp_path / "tiles"))
+
+
+@pytest.mark.parametrize("name", [name for name, one in LAYOUTS.items() if one.kind == "png"])
+def test_the_layout_of_the_exemplar_is_written_back(material: Image, tmp_path: Path, name: str) -> None:
+    folder, out = tmp_path / "moss", tmp_path / "out"
+    write_layout(material, folder, "moss", Delivery(name), {})
+    source = open_source("exemplar", str(folder))
+    write_same(source.read(), out, source.maps, Delivery("same"), {})
+    pictures = [path for path in folder.iterdir() if path.suffix == ".png"]
+    assert {path.name for path in out.iterdir()} == {path.name for path in pictures}
+    for path in pictures:
+        before, after = (cv2.imread(str(one), cv2.IMREAD_UNCHANGED) for one in (path, out / path.name))
+        np.testing.assert_array_equal(before, after, err_msg=path.name)
+
+
+def test_gloss_beside_roughness_and_both_normals_are_written_back(tmp_path: Path) -> None:
+    names = ("m_Albedo", "m_Normal", "m_Roughness", "m_Gloss", "m_NormalDX")
+    folder = folder_of(tmp_path, *names, colored="m_Albedo m_Normal m_NormalDX")
+    (folder / "m_NormalDX.png").unlink()
+    normal = cv2.imread(str(folder / "m_Normal.png"))
+    assert cv2.imwrite(str(folder / "m_NormalDX.png"), normal * [1, -1, 1] + [0, 255, 0])
+    rough = cv2.imread(str(folder / "m_Roughness.png"), cv2.IMREAD_UNCHANGED)
+    source = open_source("exemplar", str(folder))
+    out = tmp_path / "out"
+    assert set(write_same(source.read(), out, source.maps, Delivery("same"), {})) == {
+        f"{name}.png" for name in names
+    }
+    np.testing.assert_array_equal(cv2.imread(str(out / "m_Gloss.png"), cv2.IMREAD_UNCHANGED), 255 - rough)
