@@ -5,6 +5,7 @@ import pytest
 
 from tests.synthetic import masked, picture, smooth_noise, wall
 from texloom.stages.analysis.regularity.courses import Courses, CoursesParams, courses
+from texloom.stages.common.grids import working_size
 from texloom.stages.vocabulary.arrays import Image
 
 
@@ -26,6 +27,14 @@ def test_courses_of_random_bricks_are_found(period: float, degrees: float, rng: 
 
 
 def test_courses_of_a_large_exemplar_have_its_scale(rng: np.random.Generator) -> None:
+    result = of(wall((560, 600), 60, 0, rng))
+    np.testing.assert_allclose(result.generators, [[60, 0]], atol=0.6)
+
+
+def test_courses_of_a_reduced_exemplar_have_its_scale(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    monkeypatch.setattr(working_size, "MOST_PIXELS", 100_000)
     result = of(wall((560, 600), 60, 0, rng))
     np.testing.assert_allclose(result.generators, [[60, 0]], atol=0.6)
 
