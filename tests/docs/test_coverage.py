@@ -131,7 +131,7 @@ def test_params_in_running_text_exist() -> None:
     for path in shipped_flows().values():
         flow = load_flow(path)
         params |= set(flow.params)
-        for name, step in flow.steps.items():
+        for name, step in [*flow.steps.items(), *flow.skipped.items()]:
             steps.setdefault(name, set()).update(step.stage.params.model_fields)
     for name in re.findall(r"--set '?([a-z_.]+)=", TEXT):
         step, _, param = name.partition(".")

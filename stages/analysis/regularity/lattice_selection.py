@@ -23,7 +23,7 @@ from texloom.stages.analysis.regularity.lattice import (
     significance,
     valid_lightness,
 )
-from texloom.stages.analysis.regularity.lines import line_period
+from texloom.stages.analysis.regularity.lines import line_period, refined_period
 from texloom.stages.analysis.regularity.pattern_search import autocorrelation_splines, refined_generators
 from texloom.stages.analysis.regularity.shown import elements, mirror_symmetry, periods
 from texloom.stages.common.grids.working_size import working_image
@@ -112,7 +112,7 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     lines an uneven one (see ``lines``).
 
     Of an exemplar of more than 1.5 million pixels, its `working_image` is searched, and generators of two
-    dimensions are refined in the exemplar itself.
+    dimensions and periods of lines are refined in the exemplar itself.
 
     A warning tells that the exemplar shows its structure less than twice, so that a result can only repeat or
     distort it, or fewer than four cells or elements, which would return side by side.
@@ -139,7 +139,7 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     if step == 1:
         return selected
     generators, best = (vectors * np.float32(step) for vectors in (selected.generators, selected.best))
-    if len(generators) == 2:
+    if len(generators) == 2 or selected.chosen == "lines":
         generators = best = _refined_in_full(image, generators, selected.chosen, step)
     report(Progress(1.0))
     return dataclasses.replace(selected, generators=generators, best=best)
@@ -191,6 +191,8 @@ def _refined_in_full(image: Image, generators: Vectors, chosen: str, step: int) 
     if chosen == "gradients":
         plane = gradient_magnitude(plane, valid)
     report(Progress(0.8))
+    if chosen == "lines":
+        return refined_period(plane, generators, step)
     fine = refined_in_full(plane, valid, generators, step)
     change = float(np.hypot(*(fine - reduced(generators)).T).max())
     return reduced(fine).astype(np.float32) if change <= step else generators

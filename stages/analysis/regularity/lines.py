@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float64
 
+from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.numerics.matrices import length_of
 from texloom.stages.vocabulary.arrays import ScalarMap, Vectors
 
@@ -39,6 +40,24 @@ def line_period(planes: tuple[ScalarMap, ScalarMap]) -> tuple[Vectors, float] | 
             if repeated >= _MIN_REPEATED:
                 best = np.array([[0, length] if axis == 0 else [length, 0]], np.float32), likeness
     return best
+
+
+def refined_period(plane: ScalarMap, period: Vectors, reach: int) -> Vectors:
+    """The period, at most ``reach`` px from one found in a reduced picture, at which ``plane`` is most like itself.
+
+    Parameters
+    ----------
+    plane : lightness at full size.
+    period : see `line_period`, px of ``plane``.
+    """
+    axis = 0 if period[0, 0] == 0 else 1
+    profile = plane.mean(axis=axis, dtype=np.float64)
+    profile -= gaussian_blur(profile[None], len(profile) / _ENDS, "edge")[0]
+    middle = round(float(period[0, 1 - axis]))
+    lengths = range(middle - reach, min(middle + reach, len(profile) - 1) + 1)
+    repeated = [float((profile[length:] * profile[:-length]).mean()) for length in lengths]
+    length = lengths[int(np.argmax(repeated))]
+    return np.array([[0, length] if axis == 0 else [length, 0]], np.float32)
 
 
 def _likeness(plane: ScalarMap, axis: int) -> float:

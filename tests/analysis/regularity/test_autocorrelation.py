@@ -10,6 +10,7 @@ from texloom.stages.analysis.regularity.autocorrelation import (
     autocorrelation,
 )
 from texloom.stages.analysis.regularity.lattice import LatticeParams, lattice
+from texloom.stages.common.grids import working_size
 from texloom.stages.vocabulary.arrays import Image
 
 
@@ -69,3 +70,16 @@ def test_masked_pixels_are_not_seen(rng: np.random.Generator) -> None:
         measured.append(of(Image(pixels.astype(np.float32), ("R", "G", "B", "A"))))
     np.testing.assert_array_equal(measured[0].correlation, measured[1].correlation)
     np.testing.assert_array_equal(measured[0].peaks, measured[1].peaks)
+
+
+def test_peaks_of_large_exemplars_are_at_their_own_size(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    monkeypatch.setattr(working_size, "MOST_PIXELS", 20_000)
+    image, generators = tiled(smooth_noise((30, 44, 3), 3.0, rng), 11, (240, 280))
+    result = of(image, peaks=8)
+    assert result.density.shape == (121, 141)
+    steps = result.peaks @ np.linalg.inv(generators)
+    np.testing.assert_allclose(steps, np.rint(steps), atol=0.05)
+    found = lattice(image, result.density, LatticeParams(beta=3))
+    assert difference(found.generators, generators) < 0.5

@@ -5,6 +5,7 @@ import pytest
 
 from tests.synthetic import masked, picture, smooth_noise, wall
 from texloom.stages.analysis.regularity.courses import Courses, CoursesParams, courses
+from texloom.stages.common.grids import working_size
 from texloom.stages.vocabulary.arrays import Image
 
 
@@ -34,6 +35,14 @@ def test_half_the_period_does_not_win_where_it_skips_courses() -> None:
     """Bins narrower than a pixel are empty in some courses, which were left out."""
     result = of(wall((247, 240), 46.6, 0, np.random.default_rng(1)))
     np.testing.assert_allclose(result.generators, [[46.6, 0]], atol=0.5)
+
+
+def test_courses_of_a_reduced_exemplar_have_its_scale(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    monkeypatch.setattr(working_size, "MOST_PIXELS", 100_000)
+    result = of(wall((560, 600), 60, 0, rng))
+    np.testing.assert_allclose(result.generators, [[60, 0]], atol=0.6)
 
 
 @pytest.mark.parametrize("seed", range(3))

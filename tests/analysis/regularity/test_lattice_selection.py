@@ -178,6 +178,20 @@ def test_lines_at_uneven_distances_are_one_generator(upright: bool, rng: np.rand
     assert lattice_selection(exemplar, nothing, LatticeSelectionParams()).chosen == "none"
 
 
+@pytest.mark.parametrize("upright", [True, False])
+def test_lines_of_large_exemplars_are_exact_to_a_pixel(
+    upright: bool, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    monkeypatch.setattr(working_size, "MOST_PIXELS", 40_000)
+    plane = 0.4 + 0.1 * smooth_noise((400, 441), 4.0, rng)
+    for joint in (60, 95, 150, 210, 361, 396):
+        plane[:, joint : joint + 6] = 0.05
+    exemplar, nothing = picture(plane if upright else plane.T), np.zeros((201, 201), np.float32)
+    result = lattice_selection(exemplar, nothing, LatticeSelectionParams(lines=True, courses=False))
+    assert result.chosen == "lines"
+    np.testing.assert_array_equal(result.generators, [[0, 301] if upright else [301, 0]])
+
+
 def test_grain_is_a_pattern_of_lines(rng: np.random.Generator) -> None:
     """Bands that waver, of which those of the first 50 px follow the last ones."""
     bands = 0.3 + 0.3 * smooth_noise((150, 1), 4.0, rng)

@@ -23,7 +23,7 @@ def features(image: Image, guidance: np.ndarray | None = None, given: Image | No
 
 
 def compared(own: PatchFeatures) -> np.ndarray:
-    exemplar, _, _ = own.at(FULL, phased=False, margin=0)
+    exemplar, _, _ = own.at(FULL, phased=False, margin=(0, 0))
     return exemplar.reshape(*SHAPE, -1)
 
 
