@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import hashlib
 import io
+import logging
 
 import numpy as np
 
 from texloom.pipelines.media.material_export import channels_of, codes_of
 from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store.atomic import write_atomically
-from texloom.pipelines.store.clipping import tell_clipped
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.outputs import prepared
 from texloom.pipelines.store.types import Hint
@@ -24,6 +24,7 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.frame_stacks import frame_count, frames_of
 from texloom.stages.vocabulary.sizes import format_size
 
+_LOG = logging.getLogger(__name__)
 _MAX_SIDE = {".jpg": 65500, ".webp": 16383}  # px
 _OPTIONS = {
     ".jpg": ("JPEG", {"quality": 95, "subsampling": 0}),
@@ -50,11 +51,13 @@ def _eight_bits(job: Job) -> bytes:
         raise ArtifactError(
             f"{job.path}: {format_size(levels.shape)}, {job.path.suffix} holds at most {largest} px a side"
         )
-    tell_clipped("colour", output.clipped)
+    output.clipped.tell("colour")
     picture = PIL.Image.fromarray(levels)
     if job.path.suffix == ".webp" and isinstance(job.value, Image) and frame_count(job.value.channels) > 1:
         return animated_webp([frame.srgb for frame in frames_of(job.value)])
     if job.path.suffix == ".jpg":
+        if levels.ndim == 3 and levels.shape[2] in (2, 4) and (dropped := float((levels[..., -1] < 255).mean())):
+            _LOG.warning("alpha is dropped, which JPEG cannot hold; %.1f %% of the pixels have some", 100 * dropped)
         picture = picture.convert("L" if levels.ndim == 2 or levels.shape[2] == 2 else "RGB")
     kind, options = _OPTIONS[job.path.suffix]
     buffer = io.BytesIO()
