@@ -16,7 +16,7 @@ from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.media.relief import Relief, relief_of
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
-from texloom.pipelines.store.clipping import count_clipped, tell_clipped
+from texloom.pipelines.store.clipping import Clipped
 from texloom.pipelines.store.png_file import LARGE, png, with_facts, write_png
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import srgb_from_linear
@@ -175,7 +175,7 @@ def _code_strips(
     image: Image, channels: Sequence[str], role: str, bits: int, directx: bool
 ) -> Iterator[np.ndarray]:
     """Strips of rows of `codes_of`, from top to bottom."""
-    most, clipped = 2**bits - 1, 0
+    most, clipped = 2**bits - 1, Clipped(bits)
     rows = max(1, _STRIP // image.width)
     for top in range(0, image.height, rows):
         strip = image.pixels[top : top + rows]
@@ -185,10 +185,10 @@ def _code_strips(
             if role == "normal":
                 values = ((-values if directx and name == NORMAL[1] else values) + 1) / 2
             is_light = role in COLORS and name != "A"
-            clipped += count_clipped(values, bits, is_light)
+            clipped.add(values, is_light)
             if is_light:
                 values = srgb_from_linear(values)
             levels[..., place] = np.rint(np.clip(values, 0, 1) * most)
         release(image.pixels)
         yield levels
-    tell_clipped(role, clipped / (image.height * image.width * len(channels)))
+    clipped.tell(role)

@@ -36,7 +36,6 @@ import numpy as np
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.atomic import atomic_path, file_digest, write_atomically
 from texloom.pipelines.store.capture import capture_output
-from texloom.pipelines.store.clipping import tell_clipped
 from texloom.pipelines.store.outputs import Array, Layout, outputs_of, prepared
 from texloom.pipelines.store.page import with_run
 from texloom.pipelines.store.png_file import LARGE, png, write_png
@@ -313,10 +312,10 @@ def export(
             return file_digest(temporary)
     elif path.suffix == ".png" and isinstance(output, Array) and output.is_large_color:
         height, width = output.layout.sides
-        tell_clipped("colour", output.clipped)
+        output.clipped.tell("colour")
         return write_png(path, height, width, output.color_strips(), output.explained(provenance))
     elif path.suffix == ".png" and isinstance(output, Array) and (levels := output.picture()) is not None:
-        tell_clipped("colour", output.clipped)
+        output.clipped.tell("colour")
         content = png(levels, output.explained(provenance))
     else:
         is_array = isinstance(output, Array)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.store import exr
-from texloom.pipelines.store.clipping import count_clipped
+from texloom.pipelines.store.clipping import Clipped
 from texloom.pipelines.store.png_file import LARGE, with_facts
 from texloom.pipelines.store.preview import color_strips, colors_of, picture
 from texloom.pipelines.store.types import Hint, hints_of
@@ -103,15 +103,15 @@ class Array:
         return color_strips(planes, colors_of(planes))
 
     @property
-    def clipped(self) -> float:
-        """The share of the values of an image's colour that 8 bits cannot hold, as they are outside of 0..1."""
+    def clipped(self) -> Clipped:
+        """The values of an image's colour that 8 bits cannot hold, as they are outside of 0..1."""
         colors = colors_of(self.layout.channels) if self.layout.is_image else ""
-        lost = 0
+        lost = Clipped(8)
         for name in colors:
             plane = self.values[..., self.layout.channels.index(name)]
             for band in bands(len(plane), self.values):
-                lost += count_clipped(plane[band], 8, encoded=True)
-        return lost / max(1, math.prod(self.layout.sides) * len(colors))
+                lost.add(plane[band], encoded=True)
+        return lost
 
     def _every(self, step: int, plane: np.ndarray) -> np.ndarray:
         rows = []

@@ -19,7 +19,6 @@ import numpy as np
 from texloom.pipelines.media.material_export import channels_of, codes_of
 from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store.atomic import write_atomically
-from texloom.pipelines.store.clipping import tell_clipped
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.outputs import prepared
 from texloom.pipelines.store.types import Hint
@@ -58,11 +57,13 @@ def _eight_bits(job: Job) -> bytes:
         raise ArtifactError(
             f"{job.path}: {format_size(levels.shape)}, {job.path.suffix} holds at most {largest} px a side"
         )
-    tell_clipped("colour", output.clipped)
+    output.clipped.tell("colour")
     picture = PIL.Image.fromarray(levels)
     if job.path.suffix == ".webp" and isinstance(job.value, Image) and frame_count(job.value.channels) > 1:
         return animated_webp([frame.srgb for frame in frames_of(job.value)])
     if job.path.suffix == ".jpg":
+        if levels.ndim == 3 and levels.shape[2] in (2, 4) and (dropped := float((levels[..., -1] < 255).mean())):
+            _LOG.warning("alpha is dropped, which JPEG cannot hold; %.1f %% of the pixels have some", 100 * dropped)
         picture = picture.convert("L" if levels.ndim == 2 or levels.shape[2] == 2 else "RGB")
     kind, options = _OPTIONS[job.path.suffix]
     buffer = io.BytesIO()

@@ -10,6 +10,7 @@ import pytest
 from tests.pipelines.flows import open_run, run_local
 from texloom.pipelines.media.arrays import file_source
 from texloom.pipelines.media.material_export import write_maps
+from texloom.pipelines.media.writers.registry import Job, write
 from texloom.pipelines.store import codec
 from texloom.stages.vocabulary.arrays import Image
 
@@ -57,6 +58,7 @@ def test_what_is_cut_off_is_told(tmp_path: Path) -> None:
     _, notes = exported(tmp_path, bright)
     assert len(notes) == 1
     assert notes[0].startswith("texture.png: albedo: 50.0 % of the values are outside of 0..1 and were cut off")
+    assert "(0.0 % below 0, 50.0 % above 1, range 0.5 .. 3)" in notes[0]
 
 
 def test_maps_and_8_bits_tell_too(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -126,3 +128,13 @@ def test_files_of_8_bits_tell_that_levels_are_lost(tmp_path: Path) -> None:
     (tmp_path / "flow.yaml").write_text(f"{text}exports: {{a.jpg: part.image, a.tif: part.image}}\n")
     told = run_local(open_run(tmp_path / "flow.yaml"), tmp_path / "out")
     assert told.notes == ["a.jpg: colour of 16 bits has 8 in .jpg; .png, .tif and .exr hold more"]
+
+
+def test_a_dropped_alpha_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    pixels = np.ones((8, 8, 4), np.float32)
+    with caplog.at_level(logging.WARNING):
+        write(Job(tmp_path / "opaque.jpg", Image(pixels, ("R", "G", "B", "A")), Image, {}))
+        pixels[:2, :, 3] = 0.2
+        write(Job(tmp_path / "holes.jpg", Image(pixels, ("R", "G", "B", "A")), Image, {}))
+    (told,) = [record.getMessage() for record in caplog.records]
+    assert told == "alpha is dropped, which JPEG cannot hold; 25.0 % of the pixels have some"
