@@ -133,7 +133,7 @@ def _write(
     wraps = Facts() if first.tiles else Facts(image.wraps)
     if suffix == ".png":
         said = {first.role: facts_of_file(image, first.role, first.directx)} if first.is_plain else {}
-        content = png(piece, with_facts(provenance, wraps, *piece.shape[:2], said))
+        content = png(piece, with_facts(provenance, wraps, piece.shape[0], piece.shape[1], said))
     elif suffix in (".exr", ".tx"):
         attributes = delivery.exr_attributes(first.role in COLORS)
         part = Image(piece.astype(np.float32), first.file_channels, wraps)
