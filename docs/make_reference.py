@@ -176,8 +176,8 @@ def conventions() -> str:
     """The table by which materials are read and written."""
     parts = [
         "# Conventions of materials",
-        "The names by which folders of maps are read and, with `--layout`, written; from `pipelines/media/conventions.py`. "
-        "Case and separators do not count on reading. Packed files list their channels R, G, B, A; `1-roughness` is gloss.",
+        "The names by which folders of maps are read and, with `--layout`, written. Case and separators do not "
+        "count on reading. Of packed files the maps in R, G, B and A are listed; `1-roughness` is gloss.",
     ]
     for name, layout in LAYOUTS.items():
         green = (

@@ -101,7 +101,7 @@ LAYOUTS: Mapping[str, Layout] = {
             _one("roughness", "roughness", 8, "rough", "rgh"),
             _one("metallic", "metallic", 8, "metalness", "metal", "met", "mtl"),
             _one("ao", "ao", 8, "ambientocclusion", "occlusion", "ambient", "occ"),
-            _one("height", "height", 16, "displacement", "disp", "depth", "hgt"),
+            _one("height", "height", 16, "displacement", "disp", "hgt"),
             _one("specular", "specular", 8, "spec", "specularlevel", "spc", "reflection", "refl"),
             _one("opacity", "opacity", 8, "alpha", "transparency"),
             _one("emissive", "emissive", 8, "emission", "emit", "glow"),

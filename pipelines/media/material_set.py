@@ -55,7 +55,7 @@ from texloom.stages.vocabulary.masks import HALF, USABLE
 from texloom.stages.vocabulary.normals import NORMAL, rebuilt, rounding, unit
 from texloom.stages.vocabulary.sizes import format_size
 
-_VERSION = 3  # raised when the same files are read to other values
+_VERSION = 4  # raised when the same files are read to other values
 _IN_COLOR = (*COLORS, "specular")
 _GREENS = dict(zip(("opengl", "directx"), GREENS, strict=True))
 HEIGHT_UNIT = "height_unit"
@@ -314,8 +314,8 @@ def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
     if named.doubts:
         doubts = ", ".join(f"{path.name} ({' or '.join(some)})" for path, some in named.doubts.items())
         raise Refusal(f"has names that leave doubt: {doubts}; {_proposal(folder, found)}")
-    for role, files in named.several.items():
-        names = " and ".join(path.name for path in files)
+    for role, alike in named.several.items():
+        names = " and ".join(path.name for path in alike)
         raise Refusal(f"has several files for {role}: {names}; remove one, or list those that count in YAML")
     notes = []
     if named.unknown:
@@ -440,8 +440,8 @@ def _opened(role: str, given: _Given, settings: Mapping[str, Any]) -> Map:
     reference = given.reference
     path = Path(reference)
     seen = _inspected(reference, role)
-    tiles: tuple[tuple[tuple[str, str], ...], ...] = ()
     height, width, memory, digest = seen.height, seen.width, seen.memory, seen.digest
+    tiles: tuple[tuple[tuple[str, str], ...], ...] = ()
     if given.tiles:
         found = [[(tile, _inspected(tile, role)) for tile in row] for row in given.tiles]
         for tile, one in (pair for row in found for pair in row):
@@ -478,8 +478,13 @@ def _opened(role: str, given: _Given, settings: Mapping[str, Any]) -> Map:
     if role == "height" and (height_unit := settings.get(HEIGHT_UNIT)) is not None:
         facts = dataclasses.replace(facts, unit=height_unit)
     size = height, width
-    how = given.plane, given.inverted, seen.channels, tiles
-    return Map(role, reference, stem, *size, channels, seen.bits, facts, digest, memory, note, *how)
+    return Map(
+        *(role, reference, stem, *size, channels, seen.bits, facts, digest, memory, note),
+        plane=given.plane,
+        inverted=given.inverted,
+        file_channels=seen.channels,
+        tiles=tiles,
+    )
 
 
 def _decoded(one: Map) -> Image:

@@ -9,7 +9,7 @@ from pathlib import Path
 from texloom.pipelines.engine.destination import default_name
 from texloom.pipelines.engine.events import Event, StepProgress, StepStarted, describe_progress
 from texloom.pipelines.engine.scheduler import execute
-from texloom.pipelines.media.material_set import recognised
+from texloom.pipelines.media.map_names import read_names
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.pixels import rgba, small
 from texloom.pipelines.studio.recipes import open_recipe
@@ -85,11 +85,12 @@ def _left(seconds: float, done: float) -> str:
 
 def maps_of(folder: Path) -> dict[str, str]:
     """The PNGs of a material among exports, by role; or the picture alone."""
-    found = {}
-    for path in sorted((folder / _MAPS).glob("*.png")):
-        role, convention = recognised(path.stem) or ("", None)
-        if role:
-            found["normal_dx" if convention == "directx" else role] = f"{_MAPS}/{path.name}"
+    named = read_names(sorted((folder / _MAPS).glob("*.png")), lambda _: None)
+    found = {
+        "normal_dx" if role == "normal" and claims[0].green == "down" else role: f"{_MAPS}/{claims[0].path.name}"
+        for role, claims in named.claims.items()
+        if not claims[0].plane and not claims[0].inverted
+    }
     if not found and (folder / _PICTURE).is_file():
         found["albedo"] = _PICTURE
     return found
