@@ -188,7 +188,7 @@ class WholeCells:
             top, left, bottom, right = template.box
             view = np.s_[first : first + bottom - top, : right - left]
             old[view] = np.moveaxis(source[:, top:bottom, left:right], 0, 2)
-            new[view] = np.stack(np.mgrid[top:bottom, left:right], axis=2) + shift
+            new[view] = np.moveaxis(np.mgrid[top:bottom, left:right], 0, 2) + shift
             state[view] = np.where(template.core, FILLED, np.where(template.near, FREE, KEPT))
         taken, _ = cheapest_cut(self.costs, old, new, state)
         laid = np.where(taken[..., None], new, old)
