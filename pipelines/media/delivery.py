@@ -96,6 +96,8 @@ def parse_delivery(options: Mapping[str, str], fail: Fail = _of_option) -> Deliv
     if color_space not in COLOR_SPACES:
         raise fail("color_space", f"no colour space {shown(color_space)}{hint(color_space, COLOR_SPACES)}")
     udim = _tiles(options["udim"], fail) if "udim" in options else None
+    if udim is not None and layout == SAME:
+        raise fail("udim", "not with the layout same, which has the exemplar's tiles")
     if udim is not None and layout is None:
         raise fail("udim", "needs a layout, whose maps are cut into tiles")
     texel_size = _length(options["texel_size"], fail) if "texel_size" in options else None

@@ -17,6 +17,7 @@ from texloom.stages.vocabulary.arrays import Vectors
 from texloom.stages.vocabulary.facts import Wraps
 
 _LEAST_SAVING = 0.5  # of the cost of a cell's joints; with less, lines across several cells break
+_MAX_STRETCH = 1.0  # px of the generators, on a torus, up to which whole cells are searched
 _WINDOW = 1024  # px of the result that are in memory at once
 
 
@@ -72,7 +73,10 @@ def complete_cells(
         return
     outline = _outline(lab, generators)
     costs = SeamCosts(lab, gradients=True, squared=True)
-    segments = segments_of(lab, *unlikeness(lab, generators), generators)
+    stretch = float(np.abs(inverse_of(phase.target) - generators).max())
+    segments = None
+    if stretch <= _MAX_STRETCH:  # else cells of the exemplar do not fit, and lose their joints
+        segments = segments_of(lab, *unlikeness(lab, generators), generators)
     search = None if segments is None else WholeCells(lab, costs, generators, segments, patch_size, allowed)
     for top in range(0, height, _WINDOW - reach):
         for left in range(0, width, _WINDOW - reach):

@@ -461,6 +461,7 @@ def test_options() -> None:
         ({"texel_size": "0mm"}, "--texel-size: must be a length"),
         ({"texel_size": "9" * 9 + "m"}, "--texel-size: must be a length"),
         ({"udim": "2x2"}, "--udim: needs a layout"),
+        ({"layout": "same", "udim": "2x2"}, "--udim: not with the layout same"),
         ({"layout": "unity", "udim": "11x2"}, "--udim: must be COLUMNSxROWS"),
         ({"layout": "unity", "udim": "1x0"}, "--udim: must be COLUMNSxROWS"),
     ],

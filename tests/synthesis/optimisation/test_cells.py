@@ -101,3 +101,14 @@ def test_cells_at_the_border_of_a_torus_are_left(rng: np.random.Generator) -> No
     assert changed.any()
     assert not changed[: HEIGHT - MIDDLE - 2].any()  # but for the joints around
     assert not changed[1 - MIDDLE :].any()
+
+
+def test_no_cells_are_searched_for_a_lattice_that_is_stretched(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of the exemplar would lose their joints."""
+    generators = GENERATORS["grid"]
+    match, _ = joined((7 * HEIGHT, 6 * WIDTH - 9), generators)
+    phase = LatticePhase(generators, np.moveaxis(match, 0, 2).astype(np.uint32), TORUS)
+    monkeypatch.setattr(cells, "WholeCells", None)
+    complete_cells(match, wall("grid", rng), SIZE, (0, 0), TORUS, generators, phase, None)
