@@ -249,7 +249,12 @@ def _unlike(difference: Float32[np.ndarray, "p q"], wrap: Wraps) -> Mask:
     from scipy.ndimage import percentile_filter
 
     some = np.ascontiguousarray(difference[::_STEP, ::_STEP])
-    usual = percentile_filter(some, 100 * _SHARE, _AROUND // _STEP, mode=_modes(wrap))
+    size, radius = some.shape, _AROUND // _STEP // 2 + 1
+    for axis, around in enumerate(wrap):  # the filter has one mode for both axes
+        beyond = [(radius, radius) if axis == padded else (0, 0) for padded in (0, 1)]
+        some = np.pad(some, beyond, mode="wrap" if around else "edge")
+    usual = percentile_filter(some, 100 * _SHARE, _AROUND // _STEP)
+    usual = usual[radius : radius + size[0], radius : radius + size[1]]
     usual = resize(usual[..., None], difference.shape[0], difference.shape[1], bilinear=True)[..., 0]
     across = (difference > np.maximum(_EXACT, _JOINT * usual)).astype(np.uint8)
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(across, connectivity=8)
