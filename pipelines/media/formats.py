@@ -26,7 +26,7 @@ FORMATS = (
     Format("TIFF", (b"II*\0", b"MM\0*", b"II+\0"), (".tif", ".tiff")),
     Format("WebP", (b"RIFF",), (".webp",)),
     Format("BMP", (b"BM",), (".bmp",)),
-    Format("EXR", (b"\x76\x2f\x31\x01",), (".exr",)),
+    Format("EXR", (b"\x76\x2f\x31\x01",), (".exr", ".tx")),
     Format("JSON", (b"{",), ()),
     Format("TGA", (), (".tga",)),
     Format("HDR", (b"#?RADIANCE", b"#?RGBE"), (".hdr",)),
@@ -43,7 +43,7 @@ SUFFIXES = tuple(suffix for format in FORMATS for suffix in format.suffixes)
 """what names of pictures end in, lower case"""
 _UNREAD = (
     *(".jxl", ".jxr", ".pfm", ".ppm", ".pgm", ".ktx", ".ktx2", ".svg", ".xcf", ".kra", ".clip", ".ora", ".sbsar"),
-    *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".tx", ".pic", ".ico", ".pcx", ".sgi"),
+    *(".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf", ".pic", ".ico", ".pcx", ".sgi"),
 )
 """what names of pictures end in that are not read, lower case"""
 _AVIF = (b"avif", b"avis")
