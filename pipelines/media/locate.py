@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import hashlib
 import importlib.util
@@ -23,6 +24,7 @@ from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.store.atomic import file_digest
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.facts import NOWHERE, Facts
 
 _VERSION = 4  # to be raised when files are decoded to other values
 _LARGEST = 2**31  # bytes
@@ -112,7 +114,8 @@ def _inspect_tiles(reference: str, data: bool) -> tuple[Inspected, udim.Tiles, l
     digest = hashlib.sha256(json.dumps([tiles.rows, tiles.columns, digests]).encode()).hexdigest()
     memory = height * width * 4 * len(first.channels) + max(one.memory for one in seen)
     header = height, width, first.channels, first.bits, memory
-    return Inspected(*header, digest, first.note, first.original_bits), tiles, digests
+    facts = dataclasses.replace(Facts.of(first.facts), wraps=NOWHERE).record()  # a tile alone does not wrap
+    return Inspected(*header, digest, first.note, first.original_bits, facts), tiles, digests
 
 
 def _decode_tiles(reference: str, digest: str, data: bool) -> Image:
@@ -128,7 +131,7 @@ def _decode_tiles(reference: str, digest: str, data: bool) -> Image:
         except Refusal as error:
             raise Refusal(f"{file.name} {error}") from None
         pixels[down * height : (down + 1) * height, across * width : (across + 1) * width] = tile.pixels
-    return Image(pixels, whole.channels)
+    return Image(pixels, whole.channels, Facts.of(whole.facts))
 
 
 def _digest(file: io.BufferedReader) -> str:

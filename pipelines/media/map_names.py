@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
+from texloom.pipelines.media import udim
 from texloom.pipelines.media.conventions import COLORS, LAYOUTS, role_of
 
 _GREEN = {"gl": "up", "opengl": "up", "ogl": "up", "dx": "down", "directx": "down"}
@@ -21,7 +22,6 @@ _JUNK = re.compile(
 )
 _NOUNS = ("map", "maps", "tex", "texture")
 _PREVIEWS = ("preview", "thumb", "thumbnail", "render", "sphere", "cube")
-_TILE = re.compile(r"(.+)[._ -](1\d{3})")
 _LONGEST = 4  # words of a suffix
 _MOST = 4096  # combinations of readings
 _LETTERS = "RGBA"
@@ -55,13 +55,12 @@ class Claim:
     """A file that holds a map."""
 
     path: Path
+    """of UDIM tiles ``name.<UDIM>.png``"""
     plane: str = ""
     """the channel, ``R``, ``G``, ``B`` or ``A``; empty: all of the file"""
     inverted: bool = False
     green: str = ""
     """where it points, by the name"""
-    tiles: tuple[tuple[Path, ...], ...] = ()
-    """rows of UDIM tiles from the top; none of a single file"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,8 +78,6 @@ class Named:
     """entries of the table that explain most of the names"""
     several: Mapping[str, tuple[Path, ...]] = dataclasses.field(default_factory=dict)
     """role to files that are named as the same"""
-    gaps: tuple[str, ...] = ()
-    """UDIM tiles that are missing"""
 
     @property
     def packed(self) -> dict[Path, list[str]]:
@@ -188,8 +185,7 @@ def read_names(paths: Sequence[Path], is_grey: Callable[[Path], bool | None]) ->
     ----------
     is_grey : whether a picture is grey; nothing where that cannot be known.
     """
-    groups, gaps = _tiles(paths)
-    words = {path: words_of(stem_of(path, bool(rows))) for path, rows in groups.items()}
+    words = {path: words_of(stem_of(path)) for path in whole_files(paths)}
     found = {path: _readings(one) for path, one in words.items()}
     _read_beginnings(words, found)
     shared = _shared(list(words.values()))
@@ -197,23 +193,27 @@ def read_names(paths: Sequence[Path], is_grey: Callable[[Path], bool | None]) ->
     options = {path: one for path, one in found.items() if one is not None}
     if not any(one.roles == ("normal",) or len(key) > 2 for key, some, _ in options.values() for one in some):
         options = {path: one for path, one in options.items() if len(one[0]) > 1}
-    unknown = [path for path in groups if path not in options]
+    unknown = [path for path in words if path not in options]
     chosen, doubts, layouts = _decided(options, is_grey)
     # as in Minecraft's resource packs: stone.png, stone_n.png
     bare = [path for path in unknown if _trimmed(words[path]) == _trimmed(shared)]
     if len(bare) == 1 and chosen and not any("albedo" in one.roles for one in chosen.values()):
         chosen[bare[0]] = Reading(("albedo",), frozenset(), rare=False)
         unknown.remove(bare[0])
-    claims, several = _claims(groups, chosen, {path: one[2] for path, one in options.items()})
+    claims, several = _claims(chosen, {path: one[2] for path, one in options.items()})
     previews = tuple(path for path in unknown if _is_preview(words[path]) or path in bare)
     rest = tuple(path for path in unknown if path not in previews)
-    return Named(claims, rest, previews, doubts, layouts, several, gaps)
+    return Named(claims, rest, previews, doubts, layouts, several)
 
 
-def stem_of(path: Path, is_tile: bool = False) -> str:
-    """A file's name without suffix, and without the number of a UDIM tile."""
-    tile = _TILE.fullmatch(path.stem) if is_tile else None
-    return tile[1] if tile else path.stem
+def whole_files(paths: Sequence[Path]) -> list[Path]:
+    """Files by name, with the UDIM tiles of a map as one, see `texloom.pipelines.media.udim`."""
+    return sorted(udim.joined(paths, lambda stem: _readings(stem) is not None))
+
+
+def stem_of(path: Path) -> str:
+    """A file's name without suffix, and without the mark of UDIM tiles."""
+    return Path(udim.plain_name(path.name)).stem
 
 
 def shared_words(paths: Sequence[Path]) -> list[str]:
@@ -293,7 +293,7 @@ def _fits(reading: Reading, grey: bool | None) -> bool:
 
 
 def _claims(
-    groups: Mapping[Path, tuple[tuple[Path, ...], ...]], chosen: Mapping[Path, Reading], greens: Mapping[Path, str]
+    chosen: Mapping[Path, Reading], greens: Mapping[Path, str]
 ) -> tuple[dict[str, tuple[Claim, ...]], dict[str, tuple[Path, ...]]]:
     """Role to files, those first that hold it alone and as it is; and roles that several files are named as."""
     found: dict[str, list[Claim]] = {}
@@ -302,7 +302,7 @@ def _claims(
             role, inverted = role_of(plane)
             if role:
                 place = letter if len(reading.planes) > 1 else ""
-                found.setdefault(role, []).append(Claim(path, place, inverted, greens.get(path, ""), groups[path]))
+                found.setdefault(role, []).append(Claim(path, place, inverted, greens.get(path, "")))
     if "bump" in found and "height" not in found:
         found["height"] = found.pop("bump")
     several = {}
@@ -322,30 +322,3 @@ def _rank(claim: Claim) -> tuple[bool, bool, int, int]:
         ("up", "", "down").index(claim.green),
         int(variant[1]) if variant else 0,
     )
-
-
-def _tiles(paths: Sequence[Path]) -> tuple[dict[Path, tuple[tuple[Path, ...], ...]], tuple[str, ...]]:
-    """Files, and of UDIM tiles the first of them with rows of all, from the top; and names of what is missing."""
-    sets: dict[tuple[str, str], dict[int, Path]] = {}
-    for path in paths:
-        if found := _TILE.fullmatch(path.stem):
-            sets.setdefault((found[1], path.suffix), {})[int(found[2])] = path
-    groups: dict[Path, tuple[tuple[Path, ...], ...]] = {}
-    gaps: list[str] = []
-    in_sets = set()
-    for (stem, suffix), tiles in sets.items():
-        if len(tiles) < 2:
-            continue
-        columns = 1 + max((number - 1001) % 10 for number in tiles)
-        numbers = [
-            [1001 + across + 10 * up for across in range(columns)]
-            for up in reversed(range(1 + (max(tiles) - 1001) // 10))
-        ]
-        gaps += [f"{stem}.{number}{suffix}" for row in numbers for number in row if number not in tiles]
-        in_sets |= set(tiles.values())
-        if all(number in tiles for row in numbers for number in row):
-            groups[tiles[1001]] = tuple(tuple(tiles[number] for number in row) for row in numbers)
-        else:
-            groups[min(tiles.values())] = ((min(tiles.values()),),)
-    groups |= {path: () for path in paths if path not in in_sets}
-    return {path: groups[path] for path in sorted(groups)}, tuple(gaps)

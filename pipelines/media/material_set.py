@@ -45,12 +45,13 @@ from texloom.pipelines.media.map_names import (
     recognised_plane,
     shared_words,
     stem_of,
+    whole_files,
     words_of,
 )
 from texloom.pipelines.yaml import read_document
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
-from texloom.stages.vocabulary.facts import GREENS, NOWHERE, UNITS, Facts, MapFacts
+from texloom.stages.vocabulary.facts import GREENS, UNITS, Facts, MapFacts
 from texloom.stages.vocabulary.masks import HALF, USABLE
 from texloom.stages.vocabulary.normals import NORMAL, rebuilt, rounding, unit
 from texloom.stages.vocabulary.sizes import format_size
@@ -74,7 +75,7 @@ class Map:
     """one of `texloom.pipelines.media.conventions.ROLES`, or ``frame`` of a frame stack's files"""
     reference: str
     stem: str
-    """the file's name without its suffix, and without the number of a UDIM tile"""
+    """the file's name without its suffix, and without the mark of UDIM tiles"""
     height: int
     width: int
     channels: tuple[str, ...]
@@ -95,8 +96,6 @@ class Map:
     """whether the file holds 1 minus it, as gloss is of roughness"""
     file_channels: tuple[str, ...] = ()
     """channels of the file"""
-    tiles: tuple[tuple[tuple[str, str], ...], ...] = ()
-    """rows of references and digests of UDIM tiles, from the top; none of a single file"""
     twins: tuple[Map, ...] = ()
     """other files that hold the same map and are not read, as normals of DirectX beside those of OpenGL"""
 
@@ -296,7 +295,6 @@ class _Given:
     plane: str = ""
     inverted: bool = False
     green: str = ""
-    tiles: tuple[tuple[str, ...], ...] = ()
 
 
 _Roles: TypeAlias = dict[str, list[_Given]]
@@ -309,8 +307,6 @@ def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
         raise Refusal("is a folder without pictures; a folder has to hold a map set")
     named = read_names(pictures, _is_grey)
     found = {role: [_given(claim) for claim in claims] for role, claims in named.claims.items()}
-    if named.gaps:
-        raise Refusal(f"lacks UDIM tiles: {', '.join(named.gaps[:3])}; texloom reads rectangles of tiles")
     if named.doubts:
         doubts = ", ".join(f"{path.name} ({' or '.join(some)})" for path, some in named.doubts.items())
         raise Refusal(f"has names that leave doubt: {doubts}; {_proposal(folder, found)}")
@@ -345,8 +341,7 @@ def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
 
 
 def _given(claim: Claim) -> _Given:
-    tiles = tuple(tuple(map(str, row)) for row in claim.tiles)
-    return _Given(str(claim.path), claim.plane, claim.inverted, claim.green, tiles)
+    return _Given(str(claim.path), claim.plane, claim.inverted, claim.green)
 
 
 def _proposal(path: Path, named: _Roles) -> str:
@@ -355,10 +350,11 @@ def _proposal(path: Path, named: _Roles) -> str:
         return "the YAML file has to name one, as albedo: color.png"
     files = {role: _yaml_of(named[role][0]) for role in ROLES if role in named}
     taken = {Path(some[0].reference).name for some in named.values()}
-    for role, one in zip((role for role in ROLES if role not in files), pictures_in(path), strict=False):
+    pictures = whole_files(pictures_in(path))
+    for role, one in zip((role for role in ROLES if role not in files), pictures, strict=False):
         if role == "albedo" and one.name not in taken:
             files = {role: one.name, **files}
-    left = [one.name for one in pictures_in(path) if one.name not in {*taken, *map(str, files.values())}]
+    left = [one.name for one in pictures if one.name not in {*taken, *map(str, files.values())}]
     listed = ", ".join(f"{role}: {file}" for role, file in files.items())
     others = f", and what {', '.join(left)} are" if left else ""
     return (
@@ -440,16 +436,6 @@ def _opened(role: str, given: _Given, settings: Mapping[str, Any]) -> Map:
     reference = given.reference
     path = Path(reference)
     seen = _inspected(reference, role)
-    height, width, memory, digest = seen.height, seen.width, seen.memory, seen.digest
-    tiles: tuple[tuple[tuple[str, str], ...], ...] = ()
-    if given.tiles:
-        found = [[(tile, _inspected(tile, role)) for tile in row] for row in given.tiles]
-        for tile, one in (pair for row in found for pair in row):
-            if (one.height, one.width, one.channels, one.bits) != (height, width, seen.channels, seen.bits):
-                raise Refusal(f"{Path(tile).name} differs from {path.name} in size, channels or bits")
-        tiles = tuple(tuple((tile, one.digest) for tile, one in row) for row in found)
-        digest = hashlib.sha256(json.dumps([[one for _, one in row] for row in tiles]).encode()).hexdigest()
-        height, width, memory = height * len(tiles), width * len(tiles[0]), memory * 2 * len(tiles) * len(tiles[0])
     color = seen.channels[0] == "R"
     if role == "normal" and not color:
         raise Refusal(f"{path.name}: is grey, but a normal map has three channels")
@@ -464,7 +450,7 @@ def _opened(role: str, given: _Given, settings: Mapping[str, Any]) -> Map:
         channels = (USABLE,)
     elif role in _IN_COLOR and color and not given.plane:
         channels = (f"{role}.R", f"{role}.G", f"{role}.B")
-    stem = stem_of(path, bool(tiles)) if picture_files.is_path(reference) else role
+    stem = stem_of(path) if picture_files.is_path(reference) else role
     facts = Facts.of(seen.facts).of_map(role)
     note = seen.note
     if role == "normal":
@@ -477,25 +463,17 @@ def _opened(role: str, given: _Given, settings: Mapping[str, Any]) -> Map:
         facts = dataclasses.replace(facts, green=green or facts.green)
     if role == "height" and (height_unit := settings.get(HEIGHT_UNIT)) is not None:
         facts = dataclasses.replace(facts, unit=height_unit)
-    size = height, width
+    size = seen.height, seen.width
     return Map(
-        *(role, reference, stem, *size, channels, seen.bits, facts, digest, memory, note),
+        *(role, reference, stem, *size, channels, seen.bits, facts, seen.digest, seen.memory, note),
         plane=given.plane,
         inverted=given.inverted,
         file_channels=seen.channels,
-        tiles=tiles,
     )
 
 
 def _decoded(one: Map) -> Image:
-    """A map's file; UDIM tiles joined."""
-    is_data = one.role not in COLORS
-    if not one.tiles:
-        return picture_files.decode(one.reference, one.digest, is_data)
-    rows = [[picture_files.decode(tile, digest, is_data) for tile, digest in row] for row in one.tiles]
-    pixels = np.concatenate([np.concatenate([tile.pixels for tile in row], axis=1) for row in rows])
-    facts = dataclasses.replace(rows[0][0].facts, wraps=NOWHERE)
-    return Image(pixels, rows[0][0].channels, facts)
+    return picture_files.decode(one.reference, one.digest, one.role not in COLORS)
 
 
 def _planes(one: Map, height: int, width: int) -> Image:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from texloom.pipelines.media import udim
 from texloom.pipelines.media.conventions import COLORS
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import (
@@ -109,16 +110,20 @@ def _floats(image: Image, names: Sequence[str], one: Map, delivery: Delivery) ->
 def _areas(image: Image, one: Map, folder: Path) -> list[tuple[str, tuple[slice, slice]]]:
     """Name and area of a file, or of each of its UDIM tiles."""
     path = Path(one.reference)
-    if not one.tiles:
+    if not udim.is_tiled(one.reference):
         return [(path.name if path.suffix else f"{one.stem}.png", (slice(None), slice(None)))]
-    rows, columns = len(one.tiles), len(one.tiles[0])
+    try:
+        tiles = udim.tiles_of(path)
+    except ValueError as error:
+        raise ArtifactError(f"{path}: {error}") from None
+    rows, columns = tiles.rows, tiles.columns
     if image.height % rows or image.width % columns:
         raise ArtifactError(f"{folder}: {format_size(image)} cannot be cut into {columns}x{rows} equal tiles")
     height, width = image.height // rows, image.width // columns
+    places = [divmod(number, columns) for number in range(rows * columns)]
     return [
-        (Path(tile).name, (slice(y * height, (y + 1) * height), slice(x * width, (x + 1) * width)))
-        for y, row in enumerate(one.tiles)
-        for x, (tile, _) in enumerate(row)
+        (file.name, (slice(y * height, (y + 1) * height), slice(x * width, (x + 1) * width)))
+        for file, (y, x) in zip(tiles.files, places, strict=True)
     ]
 
 
@@ -134,7 +139,7 @@ def _write(
     import cv2
 
     first, suffix = held[0], path.suffix.lower()
-    wraps = Facts() if first.tiles else Facts(image.wraps)
+    wraps = Facts() if udim.is_tiled(first.reference) else Facts(image.wraps)
     if suffix == ".png":
         plain = {first.role: facts_of_file(first.role, first.directx, relief_of(image))} if first.is_plain else {}
         content = png(piece, with_facts(provenance, wraps, piece.shape[0], piece.shape[1], plain))

@@ -49,6 +49,21 @@ def test_green_by_slopes_of_heights_or_alone(tmp_path: Path, with_height: bool) 
     assert open_source("exemplar", str(tmp_path / "dx")).notes == ()
 
 
+def test_udim_tiles_are_measured_as_one(tmp_path: Path) -> None:
+    height, normal = surface()
+    told(tmp_path / "dx", normal * [1, -1, 1], height=height)
+    for path in list((tmp_path / "dx").iterdir()):
+        whole = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        assert whole is not None
+        path.unlink()
+        for number, half in zip((1001, 1002), np.split(whole, 2, axis=1), strict=True):
+            assert cv2.imwrite(str(path.with_suffix(f".{number}.png")), half)
+    source = open_source("exemplar", str(tmp_path / "dx"))
+    assert (source.height, source.width) == SIDES
+    assert len(source.notes) == 1
+    assert "green seems to point down" in source.notes[0]
+
+
 def test_a_depth_and_gloss_are_told(tmp_path: Path) -> None:
     height, normal = surface()
     (note,) = told(tmp_path / "depth", normal, height=1 - height)
