@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.errors import one_line
-from texloom.pipelines.media import locate, material_set
+from texloom.pipelines.media import contradictions, locate, material_set
 from texloom.pipelines.media.conventions import COLORS
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.map_names import recognised
@@ -44,13 +44,14 @@ def about_material(reference: Path) -> dict[str, Any]:
     Returns
     -------
     as of `_known`, with ``files``: file, ``bits``, and ``channel``, ``inverted`` and ``green`` where they apply, by
-    role; and ``notes`` on the others.
+    role; and ``notes`` on the others, and on what the content contradicts.
     """
     try:
         opened, notes = material_set.open_set(str(reference))
         if problem := check_memory(material_set.memory_of(opened)):
             raise Refusal(problem)
         image = material_set.read(opened, opened[0].height, opened[0].width)
+        notes = (*notes, *contradictions.told_of(opened))
     except Refusal as error:
         raise InputError(one_line(f"{reference}: {error}")) from None
     except OSError as error:

@@ -41,8 +41,11 @@ def test_materials_tell_what_their_files_say(tmp_path: Path) -> None:
     known = about_material(tmp_path)
     assert known["maps"] == {"normal": {"green": "down"}}
     assert known["files"]["normal"] == {"file": "normal_dx.png", "bits": 8, "green": "down"}
-    assert known["notes"] == ["other.png ignored: the name is that of no map"]
+    assert known["notes"][0] == "other.png ignored: the name is that of no map"
     assert known["plausible_green"]["green"] in ("up", "down", "does not fit the height")
+    PIL.Image.fromarray(level).save(tmp_path / "roughness.png")
+    PIL.Image.fromarray(level).save(tmp_path / "specular.png")
+    assert "roughness: seems to be gloss" in about_material(tmp_path)["notes"][-1]
     (tmp_path / "albedo.png").unlink()
     with pytest.raises(InputError, match="has no albedo"):
         about_material(tmp_path)
