@@ -522,7 +522,7 @@ def _exr_parts(file: BinaryIO) -> tuple[list[Any], int]:
 
 def _exr_header(file: BinaryIO, data: bool) -> Picture:
     headers, values = _exr_parts(file)
-    index, names, note = _exr_channels([_channel_names(header) for header in headers])
+    index, names, note = _exr_channels([_channel_names(header) for header in headers], data)
     height, width = exr.data_size(headers[index])
     matrix = None if data else _exr_matrix(headers, index)
 
@@ -559,9 +559,9 @@ def _exr_stack(file: BinaryIO) -> Picture:
     return Picture(height, width, channels, 32, memory, decode)
 
 
-def _exr_channels(parts: list[list[str]]) -> tuple[int, dict[str, str], str]:
+def _exr_channels(parts: list[list[str]], data: bool = False) -> tuple[int, dict[str, str], str]:
     try:
-        return exr_channels.chosen(parts)
+        return exr_channels.chosen(parts, data)
     except ValueError as error:
         raise Refusal(str(error)) from None
 

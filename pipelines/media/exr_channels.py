@@ -9,7 +9,7 @@ _WHOLE = ("combined", "beauty", "rgba", "rgb", "composite")
 """names of the layer that is the whole picture, among several"""
 
 
-def chosen(parts: list[list[str]]) -> tuple[int, dict[str, str], str]:
+def chosen(parts: list[list[str]], data: bool = False) -> tuple[int, dict[str, str], str]:
     """The index of the part to read, the image's channels by those of the file, in the image's order, and a note.
 
     Colour is the first plain ``R G B`` (also ``r g b`` and ``red green blue``) or ``Y``; where no part has it, that
@@ -19,6 +19,7 @@ def chosen(parts: list[list[str]]) -> tuple[int, dict[str, str], str]:
     Parameters
     ----------
     parts : the names of each part's channels.
+    data : whether it is a map, of which channels that are no colour keep their names.
 
     Raises
     ------
@@ -45,7 +46,9 @@ def chosen(parts: list[list[str]]) -> tuple[int, dict[str, str], str]:
         note = f"its layer {counting[0][:-1]} is taken as colour{left}" if len(layers) > 1 else ""
         return index, _renamed(counting[0], color, parts[index]), note
     if len(parts) == 1 and len(parts[0]) == 1:
-        return 0, {parts[0][0]: "Y"}, f"its only channel {parts[0][0]} is taken as grey"
+        return 0, {parts[0][0]: parts[0][0] if data else "Y"}, f"its only channel {parts[0][0]} is taken as grey"
+    if data and len(parts) == 1:
+        return 0, {name: name for name in parts[0]}, ""
     raise ValueError(f"has no colour: no channels R, G, B and no Y, but {_listed(parts[0])}")
 
 

@@ -81,13 +81,18 @@ def readable() -> dict[str, str]:
     return found
 
 
+def is_unread(name: str) -> bool:
+    """Whether a file's name is that of a picture of a kind that is never read."""
+    return name.lower().endswith(_UNREAD)
+
+
 def told_of_unread(names: Iterable[str]) -> str:
     """One line on the pictures of a folder of kinds that are never read, given all names; empty: there are none.
 
     >>> told_of_unread(["a.png", "b.jxl", "notes.txt"])
     '1 file is not read: b.jxl; save it as PNG, TIFF or EXR'
     """
-    unread = sorted(name for name in names if name.lower().endswith(_UNREAD))
+    unread = sorted(filter(is_unread, names))
     if not unread:
         return ""
     shown = ", ".join(unread[:3]) + (", ..." if len(unread) > 3 else "")

@@ -36,7 +36,7 @@ from texloom.pipelines.errors import hint, shown
 from texloom.pipelines.media import locate as picture_files
 from texloom.pipelines.media.conventions import COLORS, LAYOUTS, ROLES
 from texloom.pipelines.media.decode import Refusal
-from texloom.pipelines.media.formats import SUFFIXES
+from texloom.pipelines.media.formats import SUFFIXES, is_unread, told_of_unread
 from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.media.map_names import (
     Claim,
@@ -190,7 +190,8 @@ def open_set(reference: str) -> tuple[tuple[Map, ...], tuple[str, ...]]:
         files = [_opened(role, one, settings) for one in named.get(role, ())]
         lacking = [one for one in files if one.plane and one.plane not in one.file_channels]
         if lacking and not path.is_dir():
-            raise Refusal(f"{role}: {_file_name(lacking[0])} has no channel {lacking[0].plane}")
+            there = ", ".join(lacking[0].file_channels)
+            raise Refusal(f"{role}: {_file_name(lacking[0])} has no channel {lacking[0].plane}, but {there}")
         notes += [f"{_file_name(one)} has no channel {one.plane}, which would be {role}" for one in lacking]
         if used := [one for one in files if one not in lacking]:
             opened.append(dataclasses.replace(used[0], twins=tuple(used[1:])))
@@ -317,7 +318,10 @@ def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
     if named.unknown:
         notes.append(f"{', '.join(path.name for path in named.unknown)} ignored: the name is that of no map")
     companions = [path.name for path in named.previews]
-    companions += sorted(path.name for path in folder.iterdir() if path.is_file() and path not in pictures)
+    others = sorted(path.name for path in folder.iterdir() if not path.is_dir() and path not in pictures)
+    if unread := told_of_unread(name for name in others if not name.startswith(".")):
+        notes.append(unread)
+    companions += [name for name in others if not is_unread(name)]
     if companions:
         listed = ", ".join(companions[:_LISTED]) + (", ..." if len(companions) > _LISTED else "")
         count = "1 file" if len(companions) == 1 else f"{len(companions)} files"
@@ -415,8 +419,8 @@ def _of_entry(key: str, value: Any, folder: Path) -> _Given:
     file, channel, invert = entry.get("file"), entry.get("channel", ""), entry.get("invert", False)
     if not isinstance(file, str) or not file:
         raise Refusal(f"{key}: must be a file, got {shown(value)}")
-    if channel not in ("", "R", "G", "B", "A"):
-        raise Refusal(f"{key}.channel: must be R, G, B or A, got {shown(channel)}")
+    if not isinstance(channel, str):
+        raise Refusal(f"{key}.channel: must be the name of a channel, such as R, got {shown(channel)}")
     if not isinstance(invert, bool):
         raise Refusal(f"{key}.invert: must be true or false, got {shown(invert)}")
     return _Given(str(folder / file) if picture_files.is_path(file) else file, channel, invert)
@@ -436,7 +440,12 @@ def _opened(role: str, given: _Given, settings: Mapping[str, Any]) -> Map:
     reference = given.reference
     path = Path(reference)
     seen = _inspected(reference, role)
-    color = seen.channels[0] == "R"
+    color = seen.channels[:3] == ("R", "G", "B")
+    if not given.plane and len(seen.channels) > 1 and not color and seen.channels[0] != "Y":
+        entry = f"{role}: {{file: {path.name}, channel: {seen.channels[0]}}}"
+        raise Refusal(
+            f"{path.name}: has no colour, but {', '.join(seen.channels)}; name one in a YAML file, as {entry}"
+        )
     if role == "normal" and not color:
         raise Refusal(f"{path.name}: is grey, but a normal map has three channels")
     channels: tuple[str, ...] = (role,)

@@ -225,6 +225,42 @@ def test_unknown_files_are_left_out_with_a_note(folder: Path, rng: np.random.Gen
     )
 
 
+def test_files_that_are_never_read_are_told(folder: Path) -> None:
+    (folder / "moss_AO.jxl").write_text("moss")
+    (folder / "moss_Metallic.png").symlink_to("nowhere.png")
+    assert [note.partition(f"{folder}: ")[2] for note in open_source("exemplar", str(folder)).notes] == [
+        "1 file is not read: moss_AO.jxl; save it as PNG, TIFF or EXR",
+        "1 file beside the maps ignored: moss_Metallic.png",
+    ]
+
+
+@pytest.mark.parametrize("names", ["Z", "R", "WZ", "RZ"])
+def test_maps_in_channels_of_any_name(folder: Path, names: str) -> None:
+    import OpenEXR
+
+    values = np.linspace(-1, 2, 64, dtype=np.float32).reshape(8, 8)
+    assert cv2.imwrite(str(folder / "c.png"), np.zeros((8, 8, 3), np.uint8))
+    planes = {name: values if name == names[-1] else -values for name in names}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, planes).write(str(folder / "x.exr"))
+    listing = folder / "listing.yaml"
+    for role in ("height", "specular"):
+        listing.write_text(f"{{albedo: c.png, {role}: {{file: x.exr, channel: {names[-1]}}}}}")
+        source = open_source("exemplar", str(listing))
+        assert source.channels == ("R", "G", "B", role)
+        np.testing.assert_array_equal(source.read().pixels[..., 3], values)
+        listing.write_text(f"{{albedo: c.png, {role}: x.exr}}")
+        if len(names) > 1:
+            with pytest.raises(
+                InputError, match=rf"x\.exr: has no colour, but {names[0]}, Z; name one in a YAML file"
+            ):
+                open_source("exemplar", str(listing))
+        else:
+            np.testing.assert_array_equal(open_source("exemplar", str(listing)).read().pixels[..., 3], values)
+    listing.write_text("{albedo: c.png, height: {file: x.exr, channel: Q}}")
+    with pytest.raises(InputError, match=rf"height: x\.exr has no channel Q, but {', '.join(names)}"):
+        open_source("exemplar", str(listing))
+
+
 def test_the_digest_covers_files_and_roles(folder: Path, rng: np.random.Generator) -> None:
     def digest() -> str:
         return open_source("exemplar", str(folder)).digest
