@@ -22,6 +22,7 @@ _JUNK = re.compile(
 )
 _NOUNS = ("map", "maps", "tex", "texture")
 _PREVIEWS = ("preview", "thumb", "thumbnail", "render", "sphere", "cube")
+_DEEP = re.compile(r"[a-z](?:16|32)(?![a-z0-9])|(?<![a-z0-9])(?:16|32)-?bit")
 _LONGEST = 4  # words of a suffix
 _MOST = 4096  # combinations of readings
 _LETTERS = "RGBA"
@@ -314,11 +315,12 @@ def _claims(
     return {role: tuple(claims) for role, claims in found.items()}, several
 
 
-def _rank(claim: Claim) -> tuple[bool, bool, int, int]:
+def _rank(claim: Claim) -> tuple[bool, bool, int, bool, int]:
     variant = re.search(r"var(\d+)", claim.path.stem.lower())
     return (
         bool(claim.plane),
         claim.inverted,
         ("up", "", "down").index(claim.green),
+        _DEEP.search(claim.path.stem.lower()) is None,
         int(variant[1]) if variant else 0,
     )

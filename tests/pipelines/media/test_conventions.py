@@ -105,6 +105,11 @@ def roles(folder: Path) -> dict[str, str]:
             "s_COL_VAR1_3K s_COL_VAR2_3K s_NRM_3K",
             {"albedo": "3K", "normal": "3K"},
         ),
+        (
+            "s_COL s_NRM s_NRM16 s_DISP s_DISP16",
+            "s_COL s_NRM s_NRM16",
+            {"albedo": "COL", "normal": "NRM16", "height": "DISP16"},
+        ),
     ],
 )
 def test_names_of_a_folder_are_read_together(
