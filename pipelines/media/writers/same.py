@@ -54,7 +54,9 @@ def write_same(
     image = with_unit_normals(image, next((min(16, one.bits) for one in like if one.role == "normal"), 8))
     files: dict[str, list[Map]] = {}
     for one in (each for first in like for each in (first, *first.twins)):
-        if channels_of(one.role, image.channels):
+        if one not in like and one.role in COLORS:  # a variant's colours are not those of the one that was read
+            _LOG.warning("%s: not written, as its colours were not read", Path(one.reference).name)
+        elif channels_of(one.role, image.channels):
             files.setdefault(one.reference, []).append(one)
         else:
             _LOG.warning("%s: not written, as the result has no %s", Path(one.reference).name, one.role)

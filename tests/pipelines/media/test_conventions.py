@@ -176,6 +176,18 @@ def test_the_layout_of_the_exemplar_is_written_back(material: Image, tmp_path: P
         np.testing.assert_array_equal(before, after, err_msg=path.name)
 
 
+def test_variants_of_colour_that_were_not_read_are_not_written(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    names = ("m_COL_VAR1", "m_COL_VAR2", "m_NRM")
+    source = open_source("exemplar", str(folder_of(tmp_path, *names, colored=" ".join(names))))
+    assert set(write_same(source.read(), tmp_path / "out", source.maps, Delivery("same"), {})) == {
+        "m_COL_VAR1.png",
+        "m_NRM.png",
+    }
+    assert "m_COL_VAR2.png: not written, as its colours were not read" in caplog.text
+
+
 def test_gloss_beside_roughness_and_both_normals_are_written_back(tmp_path: Path) -> None:
     names = ("m_Albedo", "m_Normal", "m_Roughness", "m_Gloss", "m_NormalDX")
     folder = folder_of(tmp_path, *names, colored="m_Albedo m_Normal m_NormalDX")
