@@ -103,6 +103,8 @@ def request(**fields: Any) -> RunRequest:
     try:
         return RunRequest(**fields)
     except pydantic.ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"][:1]))
-        raise refused(f"--{where.replace('_', '-')}: {first['msg'][0].lower()}{first['msg'][1:]}") from None
+        where = error.errors()[0]["loc"][0]
+        # of a value that may be of several types, each says what it takes
+        told = [one["msg"] for one in error.errors() if one["loc"][0] == where]
+        problem = "; or ".join(dict.fromkeys(f"{text[0].lower()}{text[1:]}" for text in told))
+        raise refused(f"--{str(where).replace('_', '-')}: {problem}") from None

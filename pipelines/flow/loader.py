@@ -179,6 +179,7 @@ class _Checker:
         takers |= {name: self._changed(name, step, there) for name, step in draft.steps.items() if step.when}
         there = Presence(takers, {*left_out, *self.dropped}, is_set, there)
         self._check_given(there)
+        self._check_asked(there)
         reasons = {name: _why_skipped(there.lacking.get(name)) for name in draft.steps if not there.is_there(name)}
         step_params = StepParams(draft, self.stages, reasons)
         flow_params = step_params.of_flow()
@@ -280,6 +281,12 @@ class _Checker:
             lost, won = ([name for name in self.draft.sources if name in names] for names in passed_over)
             others = f"cannot be given with {_and(won)}; leave one out" if won else "is taken by nothing"
             raise refused(f"--source {_and(lost)}: {others}")
+
+    def _check_asked(self, there: Presence) -> None:
+        """Refuse exports that the caller asks for, but of which nothing is there."""
+        for file, reference in self.overrides.exports.items():
+            if file in there.lacking:
+                raise refused(f"--export {file}: {reference} is not there: {_why_skipped(there.lacking[file])}")
 
     def _example(self, name: str, lacks: Sequence[str]) -> str:
         """A command that gives a source, and those that it needs."""

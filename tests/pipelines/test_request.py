@@ -101,6 +101,8 @@ def test_unknown_fields_and_values_of_a_wrong_type_are_refused() -> None:
         request(flow="quilting", siez=64)
     with pytest.raises(InputError, match=r"^--workers: input should be a valid integer"):
         request(flow="quilting", workers="many")
+    with pytest.raises(InputError, match=r"^--tileable: .* valid boolean, .*'off', 'x', 'y' or 'both'$"):
+        request(flow="quilting", tileable="z")
     asked = request(flow="quilting")
     with pytest.raises(ValueError, match="frozen"):
         asked.flow = "other"

@@ -190,6 +190,15 @@ def test_params_of_steps_that_are_skipped(folder: Path) -> None:
     assert dict(strokes.steps["turned"].params)["weight"] == 2
 
 
+def test_exports_that_are_asked_for_but_skipped(folder: Path) -> None:
+    asked = {"valid.png": "clean.valid"}
+    assert refusal(folder, exports=asked) == "--export valid.png: clean.valid is not there: no mask"
+    assert refusal(folder, exports={"m.png": "mask"}) == "--export m.png: mask is not there: no mask"
+    dropped = "flow: b\ninclude: base.yaml\nsources: {mask: null}"
+    assert refusal(folder, dropped, exports=asked) == "--export valid.png: clean.valid is not there: no mask"
+    assert "valid.png" in loaded(folder, sources={"mask": "mask.png"}, exports=asked).exports
+
+
 @pytest.mark.parametrize(
     ("old", "new", "problem"),
     [
