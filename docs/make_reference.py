@@ -1,7 +1,7 @@
 """Write the reference from what the program declares: ``python docs/make_reference.py``, or by building the site.
 
 A page for each stage (docstrings of functions, params and results), for each flow (the YAML file with its comment),
-the command line (its help), the papers (stages/references.bib), and copies of the repository's own pages.
+the command line (its help), and copies of the repository's own pages.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from texloom.pipelines.flow.shipped import FlowEntry, flow_catalogue
 from texloom.pipelines.media.conventions import LAYOUTS
 
 ROOT = Path(__file__).parents[1]
-BIBLIOGRAPHY = ROOT / "stages" / "references.bib"
 COPIES = {"CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md", "artifacts/README.md": "store.md"}
 """pages outside of docs, and their names in the reference"""
 GROUPS = {
@@ -30,8 +29,6 @@ GROUPS = {
     "synthesis": "Synthesis: what makes pictures",
     "evaluation": "Evaluation: how good a result is",
 }
-FIELD = re.compile(r"(\w+)\s*=\s*\{((?:[^{}]|\{[^{}]*\})*)\}")
-ACCENTS = {"'": "\u0301", '"': "\u0308", "`": "\u0300", "v": "\u030c", "~": "\u0303", "^": "\u0302", "c": "\u0327"}
 
 
 def write_reference(folder: Path) -> None:
@@ -53,7 +50,6 @@ def reference_pages() -> Iterator[tuple[str, str]]:
     yield "stages.md", stage_index(stages)
     yield "flows.md", flow_index(flows)
     yield "command_line.md", command_line()
-    yield "papers.md", papers()
     yield "conventions.md", conventions()
     for source, name in COPIES.items():
         yield name, (ROOT / source).read_text(encoding="utf-8").replace("](docs/", "](../")
@@ -121,7 +117,9 @@ def prose(text: str, up: str = "../") -> str:
     text = re.sub(
         r"((?:^(?:>>>|\.\.\.) .*\n(?:[^\n>].*(?:\n|$))*)+)", r"```python\n\1\n```\n", text, flags=re.MULTILINE
     )
-    return re.sub(r"\[([A-Za-z]+\d{4}[a-z]?)\]_?", rf"[\1]({up}papers.md)", text)
+    return re.sub(
+        r"\[([A-Za-z]+\d{4}[a-z]?)\]_?", lambda key: f"[{key[1]}]({up}../papers.md#{key[1].lower()})", text
+    )
 
 
 def term(match: re.Match[str]) -> str:
@@ -197,7 +195,7 @@ def conventions() -> str:
     return "\n\n".join(parts) + "\n"
 
 
-# -- command line and papers
+# -- command line
 
 
 def command_line() -> str:
@@ -216,31 +214,6 @@ def commands(command: click.Command, context: click.Context) -> Iterator[tuple[c
         for name, below in sorted(command.commands.items()):
             if not below.hidden:
                 yield from commands(below, click.Context(below, info_name=name, parent=context))
-
-
-def papers() -> str:
-    """The bibliography."""
-    entries = re.findall(r"@\w+\{(\w+),\n(.*?)\n\}", BIBLIOGRAPHY.read_text(encoding="utf-8"), flags=re.DOTALL)
-    rows = []
-    for key, body in sorted(entries):
-        field = {name: plain(value) for name, value in FIELD.findall(accented(body))}
-        authors = "; ".join(field["author"].split(" and "))
-        place = (
-            field.get("journal") or field.get("booktitle") or field.get("school") or field.get("publisher") or ""
-        )
-        rows.append(f"| {key} | {authors} | {field['title']} | {place} | {field['year']} |")
-    head = "# Papers\n\nThe papers that docstrings cite by these keys, from `stages/references.bib`."
-    return "\n".join([head, "", "| key | authors | title | in | year |", "|---|---|---|---|---|", *rows, ""])
-
-
-def accented(latex: str) -> str:
-    """LaTeX's accents as letters."""
-    return re.sub(r"\{\\(['\"`v~^c])\{?(\w)\}?\}", lambda at: at[2] + ACCENTS[at[1]], latex)
-
-
-def plain(value: str) -> str:
-    """A BibTeX value in one line, without braces."""
-    return " ".join(re.sub(r"[{}\\]", "", value).replace("--", "-").split())
 
 
 if __name__ == "__main__":
