@@ -31,12 +31,6 @@ def test_courses_of_a_large_exemplar_have_its_scale(rng: np.random.Generator) ->
     np.testing.assert_allclose(result.generators, [[60, 0]], atol=0.6)
 
 
-def test_half_the_period_does_not_win_where_it_skips_courses() -> None:
-    """Bins narrower than a pixel are empty in some courses, which were left out."""
-    result = of(wall((247, 240), 46.6, 0, np.random.default_rng(1)))
-    np.testing.assert_allclose(result.generators, [[46.6, 0]], atol=0.5)
-
-
 def test_courses_of_a_reduced_exemplar_have_its_scale(
     monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
 ) -> None:
