@@ -17,12 +17,12 @@ _MAX_STEPS = 10_000  # larger step numbers are taken for mistakes
 _MAX_PIXELS = 100_000.0  # as are positions that are farther than thrice the largest side of a picture
 
 _StepNumber = Annotated[int, Field(ge=-_MAX_STEPS, le=_MAX_STEPS)]
-_VertexPosition = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-_MAX_PIXELS, le=_MAX_PIXELS)]
-_Vector = tuple[_VertexPosition, _VertexPosition]
+_VertexPixels = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-_MAX_PIXELS, le=_MAX_PIXELS)]
+_Vector = tuple[_VertexPixels, _VertexPixels]
 
 
 class _VerticesFile(pydantic.BaseModel, extra="forbid"):
-    vertices: Annotated[list[tuple[_StepNumber, _StepNumber, _VertexPosition, _VertexPosition]], Field(min_length=1)]
+    vertices: Annotated[list[tuple[_StepNumber, _StepNumber, _VertexPixels, _VertexPixels]], Field(min_length=1)]
     generators: tuple[_Vector, _Vector] | None = None
 
     @pydantic.model_validator(mode="after")
