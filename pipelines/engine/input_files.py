@@ -14,7 +14,7 @@ from texloom.pipelines.media import material_set, stack
 from texloom.pipelines.media.decode import Refusal
 from texloom.stages.vocabulary.declare import Params
 
-_File = tuple[int, int]  # device and inode: the same under all names and links
+_FileIdentity = tuple[int, int]  # device and inode: the same under all names and links
 
 
 class FilesRead:
@@ -24,7 +24,7 @@ class FilesRead:
     """
 
     def __init__(self, flow: Flow, items: list[Item]):
-        self._files: dict[_File, str] = {}
+        self._files: dict[_FileIdentity, str] = {}
         folders: set[str] = set()
         given = [source for source in flow.sources.values() if isinstance(source, str)]
         given += [path for item in items for path in item.sources.values()]
@@ -62,7 +62,7 @@ class FilesRead:
         return next((what for path in names if (what := self.at(path)) is not None), None)
 
 
-def _file(path: str | Path) -> _File | None:
+def _file(path: str | Path) -> _FileIdentity | None:
     """What is at ``path``; nothing if there is none, or it cannot be known."""
     try:
         status = os.stat(path)  # noqa: PTH116

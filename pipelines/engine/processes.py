@@ -29,7 +29,7 @@ class _Call(NamedTuple):
     given: Any
 
 
-class _Worker(NamedTuple):
+class _WorkerHandle(NamedTuple):
     process: SpawnProcess
     connection: Connection
 
@@ -103,13 +103,13 @@ class ProcessPool:
             worker.connection.close()
             worker.process.join()
 
-    def _replaced(self, number: int, dead: _Worker) -> _Worker | None:
+    def _replaced(self, number: int, dead: _WorkerHandle) -> _WorkerHandle | None:
         dead.connection.close()
         dead.process.kill()
         dead.process.join()
         return self._started(number)
 
-    def _started(self, number: int) -> _Worker | None:
+    def _started(self, number: int) -> _WorkerHandle | None:
         """A new process; none if all are to end."""
         with self._changing:
             if self._is_over:
@@ -120,7 +120,7 @@ class ProcessPool:
             process.start()
             theirs.close()  # so that the pipe ends with the process
             self._processes[number] = process
-            return _Worker(process, ours)
+            return _WorkerHandle(process, ours)
 
 
 def _answer(connection: Connection) -> None:

@@ -29,7 +29,7 @@ _SCORE, _EXEMPLAR, _PICTURE = "score", "exemplar", "picture"  # the flow that sc
 
 
 @dataclasses.dataclass(frozen=True)
-class _Method:
+class _ComparedFlow:
     """One of the methods that are compared."""
 
     flow: Flow
@@ -82,20 +82,20 @@ def comparison_flow(methods: Sequence[str], overrides: Overrides, over: str | No
     return dataclasses.replace(flow, compared=tuple(compared), against=against)
 
 
-def _opened(name: str) -> _Method:
+def _opened(name: str) -> _ComparedFlow:
     """A flow, or a folder as ``NAME=FOLDER``."""
     label, equals, folder = name.partition("=")
     if Path(name).is_dir() and name not in shipped_flows():
         raise refused(f"compare: {name} is a folder; give finished pictures with --against NAME={name}")
     if not equals or Path(name).exists():
-        return _Method(load_flow(find_flow(name)))
+        return _ComparedFlow(load_flow(find_flow(name)))
     if not NAME.fullmatch(label):
         problem = "must begin with a small letter; small letters, digits and _ may follow"
         raise refused(f"--against {name}: the name {problem}, got {label!r}")
     path = Path(folder).expanduser().absolute()
     if not path.is_dir():
         raise refused(f"--against {name}: {folder} is not a folder")
-    return _Method(dataclasses.replace(load_flow(shipped_flows()[_SCORE]), name=label), path)
+    return _ComparedFlow(dataclasses.replace(load_flow(shipped_flows()[_SCORE]), name=label), path)
 
 
 def _pictures(label: str, folder: Path, flow: Flow, source: str) -> str | list[str]:
@@ -116,7 +116,7 @@ def _pictures(label: str, folder: Path, flow: Flow, source: str) -> str | list[s
     return found[0] if isinstance(exemplar, str) else found
 
 
-def _document(methods: Mapping[str, _Method], source: str, is_set: bool) -> dict[str, Any]:
+def _document(methods: Mapping[str, _ComparedFlow], source: str, is_set: bool) -> dict[str, Any]:
     flows = {label: method.flow for label, method in methods.items()}
     images = {label: _exported(flow, ".png") for label, flow in flows.items()}
     tables = {label: _exported(flow, ".json") for label, flow in flows.items()}
@@ -159,7 +159,7 @@ def _document(methods: Mapping[str, _Method], source: str, is_set: bool) -> dict
     return {"flow": f"compare_{'_'.join(flows)}"[:64], "for": variants, "steps": steps, "exports": EXPORTS}
 
 
-def _origin(method: _Method) -> str:
+def _origin(method: _ComparedFlow) -> str:
     """Where a method is from: the plug-ins of its flow and stages, or the folder of its pictures; else nothing."""
     if method.folder:
         return f"pictures in {method.folder.name}"
@@ -168,7 +168,7 @@ def _origin(method: _Method) -> str:
     return ", ".join(sorted(filter(None, origins)))
 
 
-def _included(label: str, method: _Method, source: str, is_set: bool) -> dict[str, Any]:
+def _included(label: str, method: _ComparedFlow, source: str, is_set: bool) -> dict[str, Any]:
     """The flow of a method; the pictures of a folder are a source of their own."""
     path = str(method.flow.path.resolve())
     if not method.folder:
@@ -179,7 +179,7 @@ def _included(label: str, method: _Method, source: str, is_set: bool) -> dict[st
     return {"include": {"flow": path, "inputs": inputs}, "sources": {name: files}}
 
 
-def _with_one_size(methods: Sequence[_Method], overrides: Overrides) -> Overrides:
+def _with_one_size(methods: Sequence[_ComparedFlow], overrides: Overrides) -> Overrides:
     """The overrides with the first flow's size, where none is given and all methods take one."""
     sizes = [size for method in methods for size in _sizes(method.flow).values()]
     if _SIZE in overrides.params or not sizes or not all(_SIZE in method.flow.params for method in methods):
@@ -217,7 +217,7 @@ def _common_source(flows: Sequence[Flow]) -> str | None:
     return common[0]
 
 
-def _labels(methods: Sequence[_Method]) -> list[str]:
+def _labels(methods: Sequence[_ComparedFlow]) -> list[str]:
     """A name for each method, from its file's, or as it is given for a folder."""
     labels: list[str] = []
     for method in methods:

@@ -54,7 +54,7 @@ class Regularity:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Cell:
+class _MeanCell:
     """The exemplar's mean cell, at the scale of the measures."""
 
     generators: Float64[np.ndarray, "2 2"]
@@ -73,14 +73,14 @@ class _Cell:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Task:
+class _RegularityTask:
     """What measures read."""
 
     exemplar: Picture
     result: Picture
     scale: int
     """factor by which both were reduced"""
-    cell: _Cell
+    cell: _MeanCell
     chance: float
     """share of places at which a point is detected by chance"""
     exemplar_lattice: Tracked
@@ -92,7 +92,7 @@ class _Task:
         return float(np.hypot(*self.cell.generators.T).min())
 
 
-def _recall(task: _Task) -> Figures:
+def _recall(task: _RegularityTask) -> Figures:
     value, floor = task.result_lattice.recall, task.exemplar_lattice.recall
     more = {"expected": len(task.result_lattice.detected), "level": task.cell.level}
     room = floor - task.chance
@@ -118,7 +118,7 @@ def _bend(tracked: Tracked, unit: float) -> float | None:
     return float(np.sqrt((deviation**2).sum(axis=1).mean()) / unit)
 
 
-def _geometry(task: _Task) -> Figures:
+def _geometry(task: _RegularityTask) -> Figures:
     floor, value = (_unevenness(tracked, task.unit) for tracked in (task.exemplar_lattice, task.result_lattice))
     floor = max(floor, _PIXEL_UNEVENNESS)
     more = {
@@ -137,7 +137,7 @@ def _difference(picture: Picture, tracked: Tracked, offsets: np.ndarray) -> floa
     return float(np.sqrt(spread / max(float(channel_variances(picture.lab).sum()), 1e-12)))
 
 
-def _appearance(task: _Task) -> Figures:
+def _appearance(task: _RegularityTask) -> Figures:
     offsets = task.cell.offsets
     floor = _difference(task.exemplar, task.exemplar_lattice, offsets)
     value = _difference(task.result, task.result_lattice, offsets)
@@ -162,7 +162,7 @@ def _at_steps(tone: Float32[np.ndarray, "h w"], generators: np.ndarray) -> float
     return float(near[steps[:, 0] + reach[0], steps[:, 1] + reach[1]].mean() - correlation.mean())
 
 
-def _period(task: _Task) -> Figures:
+def _period(task: _RegularityTask) -> Figures:
     generators = task.cell.generators
     floor, value = (_at_steps(picture.tone, generators) for picture in (task.exemplar, task.result))
     more: dict[str, Any] = {}
@@ -228,7 +228,7 @@ def regularity(
     )
 
 
-def _task(exemplar: Image, image: Image, generators: Vectors | None, params: RegularityParams) -> _Task:
+def _task(exemplar: Image, image: Image, generators: Vectors | None, params: RegularityParams) -> _RegularityTask:
     if generators is None or not len(generators):
         raise UnmeasurableError("the exemplar has no lattice")
     if len(generators) == 1:
@@ -250,10 +250,10 @@ def _task(exemplar: Image, image: Image, generators: Vectors | None, params: Reg
         raise UnmeasurableError(
             f"the result has room for {len(result_lattice.detected)} whole cells, needs {_MIN_CELLS}"
         )
-    return _Task(source, result, scale, cell, peaks.chance(), track(pair, peaks), result_lattice)
+    return _RegularityTask(source, result, scale, cell, peaks.chance(), track(pair, peaks), result_lattice)
 
 
-def _cell(exemplar: Picture, generators: np.ndarray, params: RegularityParams) -> _Cell:
+def _cell(exemplar: Picture, generators: np.ndarray, params: RegularityParams) -> _MeanCell:
     """The exemplar's mean cell: of the origin at which cells are most alike, each moved to its best fit."""
     offsets = lattice_cells.cell_offsets(generators)
     shares = np.stack(np.meshgrid(*[np.arange(_PHASES) / _PHASES] * 2, indexing="ij"), axis=2).reshape(-1, 2)
@@ -275,12 +275,12 @@ def _cell(exemplar: Picture, generators: np.ndarray, params: RegularityParams) -
 
 def _fit(
     exemplar: Picture, generators: np.ndarray, offsets: np.ndarray, places: np.ndarray, params: RegularityParams
-) -> tuple[float, _Cell] | None:
+) -> tuple[float, _MeanCell] | None:
     """The mean cell at ``places``, twice moved to the best fit, and how alike its cells are; None if few fit."""
     for _ in range(2):
         cells = lattice_cells.normalised(lattice_cells.cut(exemplar.tone, places, offsets))
         mean = lattice_cells.normalised(cells.mean(axis=0)[None])[0]
-        cell = _Cell(generators, offsets, mean, _MIN_CORRELATION)
+        cell = _MeanCell(generators, offsets, mean, _MIN_CORRELATION)
         peaks = cell.peaks(exemplar)
         tracked = track(generators, peaks)
         places = tracked.places[tracked.detected]

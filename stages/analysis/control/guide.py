@@ -137,7 +137,7 @@ def contrast(image: Image) -> float:
     return float(np.clip(spread, _MIN_SPREAD, _MAX_SPREAD))
 
 
-def _coarseness(planes: "_Planes") -> float:
+def _coarseness(planes: "_GuidePlanes") -> float:
     """Share of a guide's variance that is left in means over windows of a patch's size, 0..1."""
     import cv2
 
@@ -147,12 +147,12 @@ def _coarseness(planes: "_Planes") -> float:
     return max(kept / total, _MIN_COARSENESS) if total > 0 else 1.0
 
 
-_Planes: TypeAlias = Float32[np.ndarray, "_ _ _"]
+_GuidePlanes: TypeAlias = Float32[np.ndarray, "_ _ _"]
 
 
 def _read(
     own: Image, target: Image, valid: Mask | None, params: GuideParams
-) -> tuple[_Planes, _Planes, list[str] | None]:
+) -> tuple[_GuidePlanes, _GuidePlanes, list[str] | None]:
     """Planes of unit strength, each of the guide's own size, and the colours of labels, None without."""
     own, target = _opaque(own), _opaque(target)
     try:
@@ -187,12 +187,12 @@ def _opaque(image: Image) -> Image:
     return image.elsewhere(np.ascontiguousarray(image.pixels[..., kept]), names)
 
 
-def _doubled(values: _Planes) -> _Planes:
+def _doubled(values: _GuidePlanes) -> _GuidePlanes:
     angle = 2 * np.pi * values[..., 0]
     return np.stack([cos(angle), sin(angle)], axis=2).astype(np.float32) / 2
 
 
-def _scaled(values: _Planes, wanted: _Planes, valid: Mask | None) -> tuple[_Planes, _Planes]:
+def _scaled(values: _GuidePlanes, wanted: _GuidePlanes, valid: Mask | None) -> tuple[_GuidePlanes, _GuidePlanes]:
     counted = values.reshape(-1, values.shape[2]) if valid is None else values[valid]
     low, span = counted.min(axis=0), np.ptp(counted, axis=0)
     varying: list[int] = []
@@ -202,14 +202,14 @@ def _scaled(values: _Planes, wanted: _Planes, valid: Mask | None) -> tuple[_Plan
     if not 1 <= len(varying) <= MAX_PLANES:
         raise InputError(f"exemplar_guide: {len(varying)} channels vary; a guide has 1 to {MAX_PLANES}")
 
-    def scaled(planes: _Planes) -> _Planes:
+    def scaled(planes: _GuidePlanes) -> _GuidePlanes:
         share = np.clip((planes[..., varying] - low[varying]) / span[varying], 0, 1)
         return np.asarray(share / np.sqrt(len(varying)), np.float32)
 
     return scaled(values), scaled(wanted)
 
 
-def _labelled(values: _Planes, wanted: _Planes, colors: np.ndarray) -> tuple[_Planes, _Planes]:
+def _labelled(values: _GuidePlanes, wanted: _GuidePlanes, colors: np.ndarray) -> tuple[_GuidePlanes, _GuidePlanes]:
     found = label_colors(wanted)
     if found is None:  # a single label, or few flat pixels
         found = np.median(wanted.reshape(-1, wanted.shape[2]), axis=0, keepdims=True)

@@ -10,14 +10,14 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
 from texloom.stages.vocabulary.sizes import SIDES, format_size
 
-_Pixels = Annotated[int, Field(ge=1)]
+_CropSide = Annotated[int, Field(ge=1)]
 _Position = Annotated[int, Field(ge=0)]
 
 
 class CropParams(Params):
     """Size and position of the part."""
 
-    size: Annotated[tuple[_Pixels, _Pixels], SIDES] = (256, 256)
+    size: Annotated[tuple[_CropSide, _CropSide], SIDES] = (256, 256)
     """size of the part, px: 256, or 512x256 for 512 wide and 256 high"""
     at: tuple[_Position, _Position] | None = None
     """row and column of its upper left pixel; null: the central part"""

@@ -98,7 +98,7 @@ def gaussian_stack(
     jacobian, level, region = (np.ascontiguousarray(field[window]) for field in (jacobian, level, region))
     colors, valid = [], []
     planes = np.ascontiguousarray(image.color[window], np.float32)
-    grid = _Grid.of(planes, jacobian, region)
+    grid = _SparseGrid.of(planes, jacobian, region)
     for number in range(params.max_levels):
         # reading between pixels blurs, so distant ones wait for a level
         sharp = region & (level <= (max(0, number - 1) if params.distant else 0) + _MAX_BLUR)
@@ -146,7 +146,7 @@ def _alike(lab: Float32[np.ndarray, "levels h w 3"], valid: list[Mask]) -> bool:
 
 
 @dataclasses.dataclass
-class _Grid:
+class _SparseGrid:
     """Every ``every``-th pixel of every ``every``-th row, in the unit of which the Jacobians are."""
 
     every: int
@@ -157,18 +157,18 @@ class _Grid:
     """of the blur along each direction, squared elements"""
 
     @classmethod
-    def of(cls, planes: Float32[np.ndarray, "h w 3"], jacobian: Jacobian, region: Mask) -> "_Grid":
+    def of(cls, planes: Float32[np.ndarray, "h w 3"], jacobian: Jacobian, region: Mask) -> "_SparseGrid":
         """All pixels, each of which is blurred as its area is."""
         squares = [np.square(jacobian[..., [axis, 2 + axis]]).sum(axis=2) for axis in (0, 1)]
         return cls(1, planes, jacobian, region, [_PIXEL_VARIANCE / np.maximum(each, 1e-12) for each in squares])
 
-    def coarser(self, factor: int) -> "_Grid":
+    def coarser(self, factor: int) -> "_SparseGrid":
         """Every ``factor``-th pixel of this grid."""
         kept = np.s_[::factor, ::factor]
         fields = (np.ascontiguousarray(field[kept]) for field in (self.planes, self.jacobian, self.region))
         planes, jacobian, region = fields
         variances = [variance[kept] for variance in self.variances]
-        return _Grid(factor * self.every, planes, jacobian / np.float32(factor), region, variances)
+        return _SparseGrid(factor * self.every, planes, jacobian / np.float32(factor), region, variances)
 
     def blur_to(self, level: int) -> None:
         """Blur to ``level`` what is not yet."""
@@ -197,7 +197,7 @@ class _Grid:
         return out
 
 
-def _gain(grid: _Grid, region: Mask, number: int, even: float) -> Float32[np.ndarray, "h w 3"]:
+def _gain(grid: _SparseGrid, region: Mask, number: int, even: float) -> Float32[np.ndarray, "h w 3"]:
     """Factors that remove the share ``even`` of slow changes of light."""
     light = _illumination(grid, region, number)
     mean = light[region].mean(axis=0)
@@ -205,7 +205,7 @@ def _gain(grid: _Grid, region: Mask, number: int, even: float) -> Float32[np.nda
     return np.asarray(power(gain, even), np.float32)
 
 
-def _illumination(grid: _Grid, region: Mask, number: int) -> Float32[np.ndarray, "h w 3"]:
+def _illumination(grid: _SparseGrid, region: Mask, number: int) -> Float32[np.ndarray, "h w 3"]:
     """The coarsest level, blurred by `_ILLUMINATION_LEVELS` further levels."""
     coarse = grid.coarser(max(1, _GRID // grid.every))
     light = np.ones_like(coarse.planes)

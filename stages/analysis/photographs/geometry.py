@@ -53,7 +53,7 @@ class _PatchEntry(pydantic.BaseModel, extra="forbid"):
         return self
 
 
-class _File(pydantic.BaseModel, extra="forbid"):
+class _GeometryFile(pydantic.BaseModel, extra="forbid"):
     patches: Annotated[list[_PatchEntry], Field(min_length=1, max_length=_MAX_ENTRIES)]
     region: _AreaEntry = []
     without: _AreaEntry = []
@@ -140,7 +140,7 @@ def parsed_geometry(content: Any, shape: tuple[int, int], pictures: Mapping[str,
     pictures : the files of the images that the content names.
     """
     try:
-        file = _File.model_validate(content)
+        file = _GeometryFile.model_validate(content)
     except pydantic.ValidationError as error:
         raise InputError(first_problem(error)) from None
     names = [f"patch {entry.name or f'patches[{index}]'!r}" for index, entry in enumerate(file.patches)]

@@ -72,7 +72,7 @@ def plane_proposal(image: Image, params: PlaneProposalParams) -> PlaneProposal:
     ----------
     [Gioi2010]_ the segments. [LiebowitzZisserman1998]_ rectification by vanishing points. Where planes lie is ours.
     """
-    cells = _Cells((image.height, image.width))
+    cells = _PhotographCells((image.height, image.width))
     if params.geometry is not None:
         return PlaneProposal(np.empty((0, 4, 2), np.float32), _drawn(image, [], cells))
     segments = _segments(image, cells)
@@ -112,7 +112,7 @@ class _Plane:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Cells:
+class _PhotographCells:
     """Positions in a photograph: px; from its middle in half diagonals; and cells of a coarse grid."""
 
     size: tuple[int, int]
@@ -160,7 +160,7 @@ class _Cells:
         return np.asarray(gaussian_blur(density, _SPREAD), np.float32)
 
 
-def _segments(image: Image, cells: _Cells) -> Segments:
+def _segments(image: Image, cells: _PhotographCells) -> Segments:
     """The line segments of a photograph, in half diagonals from its middle."""
     import cv2
 
@@ -178,7 +178,7 @@ def _planes(
     points: tuple[np.ndarray, np.ndarray],
     families: tuple[Segments, Segments],
     shared: Float32[np.ndarray, "m n"],
-    cells: _Cells,
+    cells: _PhotographCells,
 ) -> list[_Plane]:
     """The planes on which segments of two families meet: where their ``shared`` density is not 0."""
     import cv2
@@ -255,7 +255,7 @@ def _quantiles(values: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _drawn(image: Image, planes: list[_Plane], cells: _Cells) -> Image:
+def _drawn(image: Image, planes: list[_Plane], cells: _PhotographCells) -> Image:
     import cv2
 
     canvas = np.ascontiguousarray(0.6 * np.clip(image.color, 0, 1), np.float32)

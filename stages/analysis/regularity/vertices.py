@@ -16,17 +16,17 @@ from texloom.stages.vocabulary.declare import InputError, first_problem
 _MAX_STEPS = 10_000  # larger step numbers are taken for mistakes
 _MAX_PIXELS = 100_000.0  # as are positions that are farther than thrice the largest side of a picture
 
-_Step = Annotated[int, Field(ge=-_MAX_STEPS, le=_MAX_STEPS)]
-_Pixels = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-_MAX_PIXELS, le=_MAX_PIXELS)]
-_Vector = tuple[_Pixels, _Pixels]
+_StepNumber = Annotated[int, Field(ge=-_MAX_STEPS, le=_MAX_STEPS)]
+_VertexPixels = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-_MAX_PIXELS, le=_MAX_PIXELS)]
+_Vector = tuple[_VertexPixels, _VertexPixels]
 
 
-class _File(pydantic.BaseModel, extra="forbid"):
-    vertices: Annotated[list[tuple[_Step, _Step, _Pixels, _Pixels]], Field(min_length=1)]
+class _VerticesFile(pydantic.BaseModel, extra="forbid"):
+    vertices: Annotated[list[tuple[_StepNumber, _StepNumber, _VertexPixels, _VertexPixels]], Field(min_length=1)]
     generators: tuple[_Vector, _Vector] | None = None
 
     @pydantic.model_validator(mode="after")
-    def _is_a_lattice(self) -> "_File":
+    def _is_a_lattice(self) -> "_VerticesFile":
         steps = [vertex[:2] for vertex in self.vertices]
         seen: dict[tuple[int, int], int] = {}
         for index, step in enumerate(steps):
@@ -54,7 +54,7 @@ class Vertices:
     def of(cls, content: Mapping[str, Any]) -> "Vertices":
         """The content of a file of vertices, see `read_vertices`; an `InputError` names what is wrong."""
         try:
-            return _vertices(_File.model_validate(content))
+            return _vertices(_VerticesFile.model_validate(content))
         except pydantic.ValidationError as error:
             raise InputError(f"vertices: {first_problem(error)}") from None
 
@@ -72,14 +72,14 @@ def read_vertices(path: Path) -> Vertices:
         naming the file and the entry that is wrong.
     """
     try:
-        return _vertices(_File.model_validate_json(path.read_bytes()))
+        return _vertices(_VerticesFile.model_validate_json(path.read_bytes()))
     except OSError as error:
         raise InputError(f"vertices: {path}: {error.strerror or 'cannot be read'}") from None
     except pydantic.ValidationError as error:
         raise InputError(f"vertices: {path}: {first_problem(error)}") from None
 
 
-def _vertices(content: _File) -> Vertices:
+def _vertices(content: _VerticesFile) -> Vertices:
     table = np.array(content.vertices)
     generators = None if content.generators is None else np.array(content.generators)
     return Vertices(table[:, :2].astype(np.int64), table[:, 2:], generators)

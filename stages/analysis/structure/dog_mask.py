@@ -16,7 +16,7 @@ from texloom.stages.vocabulary.sizes import format_size
 
 _MAX_CLASSES = 8
 
-_Place = tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]]
+_SeedPixel = tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]]
 
 
 class DogMaskParams(Params):
@@ -32,7 +32,7 @@ class DogMaskParams(Params):
     """whether features are darker or brighter than their surroundings"""
     smallest: int = Field(16, ge=1)
     """components of fewer pixels are removed"""
-    seeds: tuple[tuple[_Place, ...], ...] = Field((), max_length=_MAX_CLASSES - 1)
+    seeds: tuple[tuple[_SeedPixel, ...], ...] = Field((), max_length=_MAX_CLASSES - 1)
     """for each further class the [row, column] of pixels, px: the components at them, or nearest to them, form the
     class, as if filled from there; all others form the first class"""
     only: int | None = Field(None, ge=0, lt=_MAX_CLASSES)
@@ -110,7 +110,7 @@ def _difference(lightness: ScalarMap, params: DogMaskParams) -> ScalarMap:
     return np.asarray(difference if params.features == "dark" else -difference)
 
 
-def _components_at(labels: Int32[np.ndarray, "h w"], structure: Mask, seeds: tuple[_Place, ...]) -> list[int]:
+def _components_at(labels: Int32[np.ndarray, "h w"], structure: Mask, seeds: tuple[_SeedPixel, ...]) -> list[int]:
     """The components nearest to places."""
     places = np.argwhere(structure)
     if not len(places):

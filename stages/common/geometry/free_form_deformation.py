@@ -19,7 +19,7 @@ _BLOCK_SIZE = 1 << 15  # points per kernel call
 
 
 @dataclasses.dataclass(frozen=True)
-class _Level:
+class _SplineGrid:
     control: Float64[np.ndarray, "m n 2"]
     low: Float64[np.ndarray, "2"]
     """first corner of the box that the splines span, px; points outside use the splines at its border"""
@@ -41,7 +41,7 @@ class FreeForm:
 
     affine: Float64[np.ndarray, "3 2"]
     """applied first: two rows for the axes, one for the translation"""
-    levels: tuple[_Level, ...]
+    levels: tuple[_SplineGrid, ...]
     """applied from coarse to fine"""
 
     def __call__(self, points: Points) -> Points:
@@ -92,14 +92,14 @@ def fitted(
         system = np.column_stack([points - centre, np.ones(len(points))])
         affine = least_squares(system, targets)
         affine[2] -= matrix_product(centre, affine[:2])
-    levels: list[_Level] = []
+    levels: list[_SplineGrid] = []
     moved = _affine_moved(affine, points)
     error = _error(moved, targets)
     count = 4 if wrap else 1
     while error > _TOLERANCE:
         cells = np.maximum(count if wrap else 1, np.rint(count * (high - low) / (high - low).max())).astype(int)
         spacing = (high - low) / cells
-        flat = _Level(np.zeros((*(cells if wrap else cells + 3), 2)), low, spacing, wrap)
+        flat = _SplineGrid(np.zeros((*(cells if wrap else cells + 3), 2)), low, spacing, wrap)
         for _ in range(_MAX_MAPS):
             level, residual = _fitted_level(flat, moved, targets)
             if residual >= _MIN_PROGRESS * error:
@@ -114,7 +114,7 @@ def fitted(
     return FreeForm(affine, tuple(levels))
 
 
-def _fitted_level(level: _Level, points: Points, targets: Points) -> tuple[_Level, float]:
+def _fitted_level(level: _SplineGrid, points: Points, targets: Points) -> tuple[_SplineGrid, float]:
     """The control lattice that moves ``points`` closest to ``targets``, and the remaining error, px."""
     from texloom.stages.kernels.distortion.free_form import approximate
 

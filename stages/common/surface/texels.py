@@ -102,11 +102,11 @@ def texels_of(faces: Faces, chart: Int32[np.ndarray, "*faces"], levels: int) -> 
     borders = Borders(faces, chart)
     made: list[Texels] = []
     for number in range(levels):
-        made.append(_Level(faces, chart, borders, number).texels(made[-1] if made else None))
+        made.append(_TexelMaker(faces, chart, borders, number).texels(made[-1] if made else None))
     return made
 
 
-class _Level:
+class _TexelMaker:
     """What a level is made from."""
 
     def __init__(self, faces: Faces, chart: Int32[np.ndarray, "*faces"], borders: Borders, number: int):

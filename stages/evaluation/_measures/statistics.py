@@ -28,7 +28,7 @@ _MIN_VARIANCE = 1e-6  # of a band; less is rounding error; the exemplar's is 1
 
 Statistics = dict[str, np.ndarray]
 """vectors of one length for windows of one size, by group"""
-_Known = dict[tuple[int, int], tuple[np.ndarray, Statistics]]
+_KnownWindows = dict[tuple[int, int], tuple[np.ndarray, Statistics]]
 """windows and their statistics, by address and side; kept, as the memory of one that is not may hold another one"""
 
 
@@ -185,7 +185,7 @@ def statistics(
     picture: Picture,
     side: int,
     scale: Float64[np.ndarray, "3"],
-    known: _Known | None = None,
+    known: _KnownWindows | None = None,
 ) -> Statistics:
     """Mean over up to four windows of ``side`` px of the statistics of tone and colour.
 
@@ -224,7 +224,7 @@ def joint_statistics(task: Task) -> Figures:
     scale = np.sqrt(task.exemplar.variances)
     scale = np.maximum(scale, 0.1 * scale.max())  # a and b of a grey exemplar have no scale
 
-    windows: _Known = {}
+    windows: _KnownWindows = {}
 
     def groups(one: Picture, other: Picture) -> dict[str, float]:
         side = window_side(one, other)

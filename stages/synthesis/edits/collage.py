@@ -50,7 +50,7 @@ class _Piece(pydantic.BaseModel, extra="forbid"):
         return np.array([low, [low[0], high[1]], high, [high[0], low[1]]])
 
 
-class _File(pydantic.BaseModel, extra="forbid"):
+class _CollageFile(pydantic.BaseModel, extra="forbid"):
     pieces: Annotated[list[_Piece], Field(min_length=1, max_length=_MAX_PIECES)]
 
 
@@ -183,6 +183,6 @@ def _read(params: CollageParams) -> list[_Piece]:
     if params.pieces is None:
         raise InputError("pieces: give the file that lists them, as --set collage.pieces=pieces.yaml")
     try:
-        return _File.model_validate(params.pieces.content).pieces
+        return _CollageFile.model_validate(params.pieces.content).pieces
     except pydantic.ValidationError as error:
         raise InputError(f"pieces: {params.pieces.file}: {first_problem(error)}") from None

@@ -141,7 +141,7 @@ def exemplar_like(exemplar: Image, texture: Image) -> Image:
     return exemplar.elsewhere(np.stack(planes, axis=2), channels)
 
 
-class _Blocks:
+class _RegionBlocks:
     """Places of blocks: random ones among those that match best and are in phase with the lattice.
 
     Parameters
@@ -319,7 +319,7 @@ class Revision:
             block = max(_MIN_BLOCK, block // 2)
         filling = BlockFilling(
             self.features, known.astype(np.int32), keep, keep if filled is None else filled, usable, block, wrap,
-            _Blocks(self.generators, known, keep, wrap, self.params.period, block, spread, placing),
+            _RegionBlocks(self.generators, known, keep, wrap, self.params.period, block, spread, placing),
             compared(shown),
         )  # fmt: skip
         filling.run()

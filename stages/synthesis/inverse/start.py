@@ -112,7 +112,7 @@ def laid_blocks(
         return lay(planes, blocks, rows, columns, size, lambda number, _: number, wrap)
     variance = float(planes[level.inside].var(axis=0, dtype=np.float64).sum()) / UNIT**2
     texture_shares, block_shares = _cluster_shares(level, candidates, (height, width))
-    coverage = _Coverage(
+    coverage = _ClusterCoverage(
         distances=_distances(level, candidates, (height, width)),
         texture_shares=texture_shares,
         block_shares=block_shares / (rows.size * columns.size),
@@ -186,7 +186,7 @@ def block_starts(side: int, block: int, wrap: bool = False) -> tuple[np.ndarray,
     return np.rint(np.linspace(0, side - length, count)).astype(np.int64), length
 
 
-class _Coverage(NamedTuple):
+class _ClusterCoverage(NamedTuple):
     """Clusters of the texture that each candidate block covers; see `_distances` and `_cluster_shares`."""
 
     distances: Float64[np.ndarray, "clusters blocks"]
@@ -205,7 +205,7 @@ class _GreedyChoice:
     first : the block to take first; none takes the best.
     """
 
-    def __init__(self, coverage: _Coverage, first: int | None):
+    def __init__(self, coverage: _ClusterCoverage, first: int | None):
         self.coverage, self.first = coverage, first
         self.missing, self.excess = np.full(len(coverage.distances), np.inf), -coverage.texture_shares
 

@@ -279,7 +279,7 @@ def per_pixel(
         elif chart is None:
             raise ValueError("chart: missing, though the exemplar is distorted and repeats")
         else:
-            repetition, stack = _Repetition(generators, chart), _showing(stack, generators)
+            repetition, stack = _ExemplarPeriod(generators, chart), _showing(stack, generators)
     tables = _tables(image, stack, compared.own, jacobian, compared.weight)
     levels = _levels(params, tables, size, int(rng.integers(2**63)), repetition is not None)
     if jacobian is not None:
@@ -335,7 +335,7 @@ def _compared(
     return _Compared(own, wanted, params.control_weight, notes_on_target(scale.beyond(target), rare))
 
 
-class _Repetition(NamedTuple):
+class _ExemplarPeriod(NamedTuple):
     """By what the texture repeats, and where in it the exemplar's pixels are."""
 
     generators: Vectors
@@ -345,11 +345,11 @@ class _Repetition(NamedTuple):
 
 def _in_step(
     generators: Vectors, source: UInt32[np.ndarray, "h w 2"] | None, compared: _Compared, wrap: Wraps
-) -> tuple[_Repetition | None, _Compared]:
+) -> tuple[_ExemplarPeriod | None, _Compared]:
     """The repetition of flat texture; under control compared too, or None if control repeats differently."""
     own, wanted = compared.own, compared.wanted
     if own is None or wanted is None:
-        return _Repetition(generators, None if source is None else source.astype(np.float32)), compared
+        return _ExemplarPeriod(generators, None if source is None else source.astype(np.float32)), compared
     phases = phase_planes(generators, source, own, wanted, wrap)
     if phases is None:
         return None, compared
@@ -357,7 +357,7 @@ def _in_step(
         own, wanted = phases.after(own, wanted)
         weight = 2 * compared.weight  # that of control remains
         compared = dataclasses.replace(compared, own=own, wanted=wanted, weight=weight)
-    return _Repetition(generators, phases.places), compared
+    return _ExemplarPeriod(generators, phases.places), compared
 
 
 def _showing(stack: AppearanceStack, generators: Vectors) -> AppearanceStack:

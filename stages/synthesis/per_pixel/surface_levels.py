@@ -24,7 +24,7 @@ _STRIP = 2**14  # texels of a strip, about
 
 
 @dataclass(frozen=True)
-class _Level:
+class _SurfaceLevel:
     texels: Texels
     state: LevelState
     distortion: Distortion
@@ -59,7 +59,7 @@ class SurfaceLevels:
             self.levels.append(self._level(level, control))
             control = None if control is None else halved(control)
 
-    def _level(self, texels: Texels, control: Float32[np.ndarray, "H W k"] | None) -> _Level:
+    def _level(self, texels: Texels, control: Float32[np.ndarray, "H W k"] | None) -> _SurfaceLevel:
         passes, count = self.style.passes[texels.number], texels.tiles.shape[0] * texels.tiles.shape[1]
         strips, tile = _strips(texels)
         jacobian = np.tile(np.array([1, 0, 0, 1], np.float32), (1, count, 1))
@@ -76,7 +76,7 @@ class SurfaceLevels:
             self._give(state.given, texels, control)
         rows, columns = texels.in_result(texels.links.targets, texels.link_place).T % 2
         distortion = distortion_of(self.tables, jacobian, texels.number)
-        return _Level(texels, state, distortion, strips, tile, 2 * rows + columns)
+        return _SurfaceLevel(texels, state, distortion, strips, tile, 2 * rows + columns)
 
     def _give(self, given: np.ndarray, texels: Texels, control: Float32[np.ndarray, "H W k"]) -> None:
         """Fill the control that texels on the surface shall have."""
@@ -125,7 +125,7 @@ class SurfaceLevels:
             run_spans(refine_strips, refined, len(level.strips), _pieces())
         self._carry(level, 0, None)
 
-    def _correct(self, level: _Level) -> None:
+    def _correct(self, level: _SurfaceLevel) -> None:
         """All passes over a level."""
         from texloom.stages.kernels.surface.tiles import correct_strips
 
@@ -142,7 +142,7 @@ class SurfaceLevels:
                 run_spans(correct_strips, shared, len(level.strips), _pieces())
                 self._carry(level, number + 1, 2 * parity[0] + parity[1])
 
-    def _carry(self, level: _Level, state: int, parity: int | None) -> None:
+    def _carry(self, level: _SurfaceLevel, state: int, parity: int | None) -> None:
         """Bring links up to date, those of one parity or all."""
         from texloom.stages.kernels.surface.links import carry
 

@@ -18,7 +18,7 @@ _MIN_VARIANCE = 1.0  # of the texture in two cells together, squared CIELAB unit
 
 
 @dataclass(frozen=True)
-class _Cells:
+class _ControlCells:
     """What texture an exemplar has at similar values of control."""
 
     cell: Int64[np.ndarray, "h w"]
@@ -31,7 +31,7 @@ class _Cells:
     """of the texture, all channels together"""
 
     @classmethod
-    def of(cls, texture: Float32[np.ndarray, "h w c"], own: Float32[np.ndarray, "h w k"]) -> "_Cells":
+    def of(cls, texture: Float32[np.ndarray, "h w c"], own: Float32[np.ndarray, "h w k"]) -> "_ControlCells":
         """Those of an exemplar with its control."""
         values, colors = (planes.reshape(-1, planes.shape[2]).astype(np.float64) for planes in (own, texture))
         halvings = min(_HALVINGS, max(0, int(log2(len(values) / _CELL_PIXELS))))
@@ -87,7 +87,7 @@ def reseeded(
     """
     if not own.shape[2]:
         return source
-    cells = _Cells.of(texture, own)
+    cells = _ControlCells.of(texture, own)
     asked = cells.nearest(wanted)
     before = cells.difference(cells.cell[source[..., 0], source[..., 1]], asked)
     rows, columns = np.nonzero(_not_alone(before > 1))

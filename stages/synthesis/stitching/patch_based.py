@@ -44,7 +44,7 @@ class PatchBasedParams(StitchingParams):
 
 
 @dataclasses.dataclass(frozen=True)
-class _Layout:
+class _PatchRow:
     """Patches along one axis."""
 
     starts: np.ndarray
@@ -74,16 +74,16 @@ def check_sides(params: PatchBasedParams, known: Mapping[str, Any]) -> None:
             raise InputError(f"zone: {zone} px is more than half a patch, {patch} px")
 
 
-def _layout(length: int, patch: int, zone: int, wraps: bool) -> _Layout:
+def _layout(length: int, patch: int, zone: int, wraps: bool) -> _PatchRow:
     """As many patches as cover ``length`` px, each overlapping the one before by ``zone`` or more."""
     if wraps:
         # Steps differ by at most 1 px; the last is the longest, after which the zone shared with the first begins.
         count = max(2, -(-length // (patch - zone)))
         starts = np.arange(count) * length // count
-        return _Layout(starts, length - int(starts[-1]) + zone, length)
+        return _PatchRow(starts, length - int(starts[-1]) + zone, length)
     count = max(1, -(-(length - zone) // (patch - zone)))
     starts = np.arange(count) * (patch - zone)
-    return _Layout(starts, patch, int(starts[-1]) + patch)
+    return _PatchRow(starts, patch, int(starts[-1]) + patch)
 
 
 class _Sampler:

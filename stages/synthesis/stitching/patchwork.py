@@ -87,7 +87,7 @@ def check_patch(params: PatchworkParams, known: Mapping[str, Any]) -> None:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Cell:
+class _PatchRegion:
     """The pixels that a patch fills: rows ``top`` to ``bottom``, columns ``left`` to ``right``."""
 
     top: int
@@ -96,7 +96,7 @@ class _Cell:
     right: int
     shape: Bool[np.ndarray, "m n"] | None = None  # the pixels of these that belong to it; None: all
 
-    def parts(self, smallest: int) -> "list[_Cell]":
+    def parts(self, smallest: int) -> "list[_PatchRegion]":
         """Four quarters, or two halves where only one side can be halved; itself if none can."""
         rows, columns = (
             [first, (first + last) // 2, last] if last - first >= 2 * smallest else [first, last]
@@ -109,7 +109,7 @@ class _Cell:
                 (top, bottom), (left, right) = down, across
                 shape = shape[top - self.top : bottom - self.top, left - self.left : right - self.left]
             if shape is None or shape.any():
-                cells.append(_Cell(*down, *across, shape))
+                cells.append(_PatchRegion(*down, *across, shape))
         return cells
 
 
@@ -181,7 +181,7 @@ class Patchwork:
         )
         for number, (top, bottom) in enumerate(rows):
             for left, right in columns:
-                self._fill(_Cell(top, bottom, left, right), overlap)
+                self._fill(_PatchRegion(top, bottom, left, right), overlap)
             report(Progress((number + 1) / len(rows)))
 
     def _run_layout(self, layout: Image) -> None:
@@ -194,7 +194,7 @@ class Patchwork:
                     f"layout: a block of {format_size(shape.shape)} and overlaps of {overlap} px are "
                     f"more than the image has, {format_size(self.exemplar.shape)}"
                 )
-            self._fill(_Cell(rows.start, rows.stop, columns.start, columns.stop, shape), overlap)
+            self._fill(_PatchRegion(rows.start, rows.stop, columns.start, columns.stop, shape), overlap)
             report(Progress((number + 1) / len(blocks)))
 
     @property
@@ -217,7 +217,7 @@ class Patchwork:
         sides = patches[self.exemplar.first_that_fits(grown, "patch", "patch")]
         return sides, _overlap(sides, self.params)
 
-    def _fill(self, cell: _Cell, overlap: int) -> None:
+    def _fill(self, cell: _PatchRegion, overlap: int) -> None:
         patch = self._choose(cell, overlap)
         error = patch.mean_error
         parts = cell.parts(self.params.smallest) if error > self.patch_error else [cell]
@@ -232,7 +232,7 @@ class Patchwork:
         else:
             self._repair(patch, overlap)
 
-    def _choose(self, cell: _Cell, overlap: int) -> _Patch:
+    def _choose(self, cell: _PatchRegion, overlap: int) -> _Patch:
         """The place of the exemplar that matches the synthesised region around the cell best."""
         from scipy.ndimage import distance_transform_cdt
 

@@ -73,7 +73,7 @@ def _edges(length: int, block: int, overlap: int, wraps: bool) -> list[int]:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Target:
+class _BlockTarget:
     """A rectangle of the result over which a block is laid."""
 
     at: tuple[np.ndarray, ...]
@@ -145,7 +145,7 @@ class _Quilt:
                 self._refine_window(seams, search, seams.worst(side), side)
             report(Progress(0.5 + (number + 1) / passes / 2))
 
-    def _target(self, top: Int64[np.ndarray, "2"], sides: tuple[int, int], strips: Strips) -> _Target:
+    def _target(self, top: Int64[np.ndarray, "2"], sides: tuple[int, int], strips: Strips) -> _BlockTarget:
         """A rectangle of the result, around it where it wraps, given its top-left pixel."""
         lines = (
             (first + np.arange(side)) % length for first, side, length in zip(top, sides, self.size, strict=True)
@@ -153,10 +153,10 @@ class _Quilt:
         at = np.ix_(*lines)
         match = self.match[at]
         source = (match[..., 0], match[..., 1])
-        return _Target(at, strips, strips.mask(sides), self.features[source], self.slopes[source])
+        return _BlockTarget(at, strips, strips.mask(sides), self.features[source], self.slopes[source])
 
     def _best_block(
-        self, target: _Target, search: OverlapSearch
+        self, target: _BlockTarget, search: OverlapSearch
     ) -> tuple[Int64[np.ndarray, "2"], Bool[np.ndarray, "m n"]]:
         """Of several good blocks the one with the least cost of cut and reuse, and the pixels inside the cut."""
         errors = search.errors(target.features, target.filled)
@@ -200,7 +200,7 @@ class _Quilt:
             seams.changed(top, side)
 
     def _cut(
-        self, target: _Target, source: Int64[np.ndarray, "2"], limit: float
+        self, target: _BlockTarget, source: Int64[np.ndarray, "2"], limit: float
     ) -> tuple[Bool[np.ndarray, "m n"], float]:
         """Pixels inside the minimum cut of a block over ``target``, and the cut's cost if below ``limit``."""
         height, width = target.filled.shape
@@ -208,7 +208,7 @@ class _Quilt:
         errors = seam_errors(self.features[at] - target.features, self.slopes[at] + target.slope, target.filled)
         return enclosed(errors, target.strips, limit)
 
-    def _put(self, target: _Target, source: Int64[np.ndarray, "2"], new: Bool[np.ndarray, "m n"]) -> None:
+    def _put(self, target: _BlockTarget, source: Int64[np.ndarray, "2"], new: Bool[np.ndarray, "m n"]) -> None:
         self._uses_of(source, new.shape)[...] += 1
         inside = np.argwhere(new)
         rows, columns = (line.ravel() for line in target.at)
