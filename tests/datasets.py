@@ -31,8 +31,8 @@ _FLOW = """
 flow: library
 include: inverse
 sources:
-  texture: {each: data/*_color.png}
-  control: {each: data/*_control.png, pair: texture}
+  texture: {each: data/color/*.png}
+  control: {each: data/control/*.png, pair: texture}
 """
 
 
@@ -67,7 +67,8 @@ class Library:
     @classmethod
     def made(cls, folder: Path, items: int, side: int, size: int) -> Library:
         """Draw the textures: spots that grow with the control map."""
-        (folder / "data").mkdir(parents=True)
+        for kind in ("color", "control"):
+            (folder / "data" / kind).mkdir(parents=True)
         names = tuple(f"texture_{number:04}" for number in range(items))
         broken = names[items // 2]
         for number, name in enumerate(names):
@@ -75,8 +76,8 @@ class Library:
             control, spots = (smooth_noise((side, side), sigma, rng) for sigma in (side / 8, 2.0))
             colors = np.stack([control * spots, spots, (1 - control) * spots], axis=2)
             for kind, planes in (("color", colors), ("control", control)):
-                PIL.Image.fromarray(np.uint8(255 * planes)).save(folder / "data" / f"{name}_{kind}.png")
-        torn = folder / "data" / f"{broken}_color.png"
+                PIL.Image.fromarray(np.uint8(255 * planes)).save(folder / "data" / kind / f"{name}.png")
+        torn = folder / "data" / "color" / f"{broken}.png"
         torn.write_bytes(torn.read_bytes()[:-200])
         (folder / "library.yaml").write_text(_FLOW)
         return cls(folder / "library.yaml", names, broken, ("--size", str(size)))
@@ -103,13 +104,13 @@ class Library:
         """Run the finished set, without the broken item; what is wrong unless all of it is cached."""
         hidden = self.flow.parent / "hidden"
         hidden.mkdir(exist_ok=True)
-        for path in self.flow.parent.glob(f"data/{self.broken}_*"):
-            path.rename(hidden / path.name)
+        for path in self.flow.parent.glob(f"data/*/{self.broken}.png"):
+            path.rename(hidden / path.parent.name)
         try:
             again = self.run(runner)
         finally:
             for path in hidden.iterdir():
-                path.rename(self.flow.parent / "data" / path.name)
+                path.rename(self.flow.parent / "data" / path.name / f"{self.broken}.png")
         states = [step["state"] for step in again.report.get("steps", [])]
         problems = [] if again.code == 0 else [f"the second run: exit code {again.code}: {again.errors[-300:]}"]
         if set(states) != {"cached"}:

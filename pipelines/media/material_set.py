@@ -48,6 +48,7 @@ from texloom.pipelines.media.map_names import (
     whole_files,
     words_of,
 )
+from texloom.pipelines.media.udim import is_tiled, tiles_of
 from texloom.pipelines.yaml import read_document
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -218,7 +219,9 @@ def files_of(reference: str) -> list[Path]:
     """
     path = Path(reference)
     if path.is_dir():
-        return pictures_in(path)
+        names = read_names(pictures_in(path), lambda _: None)
+        of_maps = [one for one in whole_files(pictures_in(path)) if one not in {*names.unknown, *names.previews}]
+        return [file for one in of_maps for file in (tiles_of(one).files if is_tiled(str(one)) else (one,))]
     named, _, _ = _of_yaml(path)
     return [picture_files.locate(given.reference) for files in named.values() for given in files]
 

@@ -79,10 +79,8 @@ def test_guides_and_strokes_exclude_each_other() -> None:
         ("refine", {"mask", "exemplar_structure"}),
         ("photo_self_tuning", {"strokes", "control"}),
         ("wang_tiles", {"mask", "exemplar_structure"}),
-        *(
-            (flow, set())
-            for flow in ("fill", "rectify", "make_tileable", "revise", "photo_atlas", "photo_flattening")
-        ),
+        ("fill", {"holes"}),
+        *((flow, set()) for flow in ("rectify", "make_tileable", "revise", "photo_atlas", "photo_flattening")),
         *((flow, set()) for flow in ("photo_completion", "ablation", "guidance_study")),
     ],
 )

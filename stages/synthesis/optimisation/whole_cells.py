@@ -1,7 +1,6 @@
 """Whole cells from anywhere in the exemplar, for cells of a lattice that show parts of several."""
 
 import math
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
@@ -71,8 +70,6 @@ class WholeCells:
         ----------
         position : of the middles of patches, in generators.
         """
-        from scipy import ndimage
-
         cell, part = self.segments(position)
         cell -= cell.min(axis=(1, 2), keepdims=True)
         number = (cell[0] * (cell[1].max() + 1) + cell[1]) * self.segments.count + part
@@ -87,7 +84,7 @@ class WholeCells:
         several[number[ends]] = False
         group = np.full(count, -1)
         group[number] = (cell[0] % 2 * 2 + cell[1] % 2) * self.segments.count + part
-        boxes, middles = ndimage.find_objects(number + 1), _middles(number)
+        boxes, middles = _boxes(number), _middles(number)
         for index in range(4 * self.segments.count):
             source = self._completed(source, number, np.flatnonzero(several & (group == index)), boxes, middles)
         match[:] = source - self.middle
@@ -97,7 +94,7 @@ class WholeCells:
         source: Int64[np.ndarray, "2 p q"],
         number: Int64[np.ndarray, "p q"],
         cells: Int64[np.ndarray, "n"],  # type: ignore[name-defined]
-        boxes: list[Any],
+        boxes: list[tuple[slice, slice]],
         middles: Int64[np.ndarray, "2 k"],
     ) -> Int64[np.ndarray, "2 p q"]:
         """``source`` with whole cells in place of those of ``cells``, no two of them neighbours, that are mixed."""
@@ -263,6 +260,18 @@ def _taken(
     for index, (row, column) in enumerate(neighbours.T[:8]):
         taken[index] = source[:, row, column] - middle
     return taken
+
+
+def _boxes(number: Int64[np.ndarray, "p q"]) -> list[tuple[slice, slice]]:
+    """Rows and columns that hold each cell; empty for a number that no cell has."""
+    count = int(number.max()) + 1
+    sides = []
+    for places in np.indices(number.shape):
+        low, high = np.full(count, places.max() + 1), np.zeros(count, np.int64)
+        np.minimum.at(low, number, places)
+        np.maximum.at(high, number, places + 1)
+        sides.append([slice(*pair) for pair in zip(low.tolist(), high.tolist(), strict=True)])
+    return list(zip(*sides, strict=True))
 
 
 def _middles(number: Int64[np.ndarray, "p q"]) -> Int64[np.ndarray, "2 n"]:

@@ -258,8 +258,7 @@ WRONG_COMMANDS = {
         "--preset: quilting has no such param; name that of one step, as self_tuning_texture.preset"
     ),
     "run rectify": "sources.exemplar: required, as in: texloom run rectify exemplar.png --source layout=layout.png",
-    "run fill mine.png": "sources.holes: required, as in: texloom run fill mine.png --source holes=holes.png",
-    "run fill 'lib/*.png'": "as in: texloom run fill 'lib/*.png' --source holes=holes.png",
+    "run revise mine.png": "sources.exemplar: required, as in: texloom run revise mine.png --source exemplar=",
     "run rectify 'my moss.png'": "as in: texloom run rectify 'my moss.png' --source layout=layout.png",
     "plan resynthesise a.png --source target=t.png": (
         "sources.control: required, as in: "
@@ -1642,14 +1641,19 @@ def test_help_is_light(empty: Path) -> None:
     assert list(empty.iterdir()) == []
 
 
-@pytest.mark.parametrize("exemplar", ["texloom:bricks", "skimage:brick"])
-def test_the_main_flow_does_not_import_scipy(empty: Path, exemplar: str) -> None:
-    """With a lattice and without one, kernels compiled. Numba imports the package alone, which takes no time."""
+@pytest.mark.parametrize(
+    ("exemplar", "cuts"), [("texloom:bricks", {"scipy.linalg", "numpy.f2py"}), ("skimage:brick", set())]
+)
+def test_the_main_flow_does_not_import_scipy(empty: Path, exemplar: str, cuts: set[str]) -> None:
+    """With a lattice, whose cells are cut out by SciPy's maximum flow, and without one, kernels compiled.
+
+    Numba imports the package alone, which takes no time.
+    """
     run = ["run", "self_tuning", exemplar, "--size", "128", "--preset", "fast"]
     loaded_by(run, cwd=empty)
     loaded = loaded_by([*run, "--store", "another", "--out", "other"], cwd=empty)
     heavy = {"scipy.fft", "scipy.linalg", "scipy.ndimage", "scipy.special", "numpy.f2py", "skimage.measure"}
-    assert not loaded & heavy
+    assert loaded & heavy <= cuts
     assert "numba" in loaded
 
 
