@@ -14,7 +14,7 @@ from tests.docs.pages import DOCS, PAGES, anchors, blocks, label, links
 MOST = 2 * 1024 * 1024
 """bytes of all pictures"""
 
-NAMES = ("changelog", "command_line", "contributing", "conventions", "flows", "papers", "stages", "store")
+NAMES = ("changelog", "command_line", "contributing", "conventions", "flows", "stages", "store")
 WRITTEN = {f"reference/{name}.md" for name in NAMES}
 """pages that the site's build writes"""
 

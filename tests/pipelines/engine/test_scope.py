@@ -241,8 +241,12 @@ def test_pixels_of_sources_are_checked_before_anything_is_written(
     PIL.Image.new("L", (64, 64)).save(tmp_path / "other.png")
     PIL.Image.linear_gradient("L").resize((64, 64)).save(tmp_path / "grey.png")
     (tmp_path / "set.yaml").write_text("{albedo: exemplar.png, mask: other.png}")
-    with pytest.raises(InputError, match=problem):
+
+    def attempt() -> None:
         run = open_run(path)
         run.flow = dataclasses.replace(run.flow, runner=Runner(runner, 1))
         run_local(run, tmp_path / "out")
+
+    with pytest.raises(InputError, match=problem):
+        attempt()
     assert not (tmp_path / "artifacts").exists()
