@@ -43,7 +43,7 @@ DROPS = {
     "analysis.surface_charts", "analysis.surface_control",
     "synthesis.atlas", "synthesis.best_crop", "synthesis.compact_oriented", "synthesis.control_features",
     "synthesis.histogram_summary", "synthesis.initialise", "synthesis.layout", "synthesis.on_surface",
-    "synthesis.place_texture", "synthesis.seam_carving", "synthesis.wang_borders",
+    "synthesis.place_texture", "synthesis.seam_carving", "synthesis.wang_borders", "synthesis.whole_periods",
     "evaluation.contact_sheet", "evaluation.energy_curve", "evaluation.lit_preview", "evaluation.sequence",
     "evaluation.source_positions", "evaluation.surface_views", "evaluation.thumbnail", "evaluation.wang_tiling",
 }  # fmt: skip
