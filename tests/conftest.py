@@ -41,6 +41,14 @@ settings.register_profile("texloom", deadline=None, derandomize=True, max_exampl
 settings.load_profile("texloom")
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """A file's tests run in one worker, so that kernels which no other file needs are compiled once."""
+    from xdist.scheduler import LoadFileScheduling
+
+    return LoadFileScheduling(config, log)
+
+
 def pytest_unconfigure() -> None:
     """Thaw what runs in this process have frozen: OpenImageIO complains at exit about what is not collected."""
     gc.unfreeze()
