@@ -76,6 +76,8 @@ def digests(interpreter: str, sources: Path) -> dict[str, str]:
             if done.returncode:
                 raise SystemExit(f"{label}: exit code {done.returncode}\n{done.stderr}")
             for step in json.loads(done.stdout)["steps"]:
+                if step["state"] == "skipped":
+                    continue
                 result = Path(folder, "store", "cache", step["stage"], step["key"], "result.exr")
                 for layer, digest in layers(result).items():
                     found[f"{label}: {step['name']}.{layer}"] = digest
