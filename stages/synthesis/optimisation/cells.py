@@ -71,13 +71,14 @@ def complete_cells(
     reach = 2 + math.ceil(np.abs(generators).sum(axis=0).max())  # more than the height and width of a cell
     if 2 * reach > _WINDOW:
         return
-    outline = _outline(lab, generators)
     costs = SeamCosts(lab, gradients=True, squared=True)
     stretch = float(np.abs(inverse_of(phase.target) - generators).max())
+    unlike = unlikeness(lab, generators)
     segments = None
     if stretch <= _MAX_STRETCH:  # else cells of the exemplar do not fit, and lose their joints
-        segments = segments_of(lab, *unlikeness(lab, generators), generators)
+        segments = segments_of(lab, *unlike, generators)
     search = None if segments is None else WholeCells(lab, costs, generators, segments, patch_size, allowed)
+    outline = _outline(*unlike, generators) if search is None else None
     for top in range(0, height, _WINDOW - reach):
         for left in range(0, width, _WINDOW - reach):
             place = np.s_[top : top + _WINDOW, left : left + _WINDOW]
@@ -92,10 +93,10 @@ def complete_cells(
             ends[0], ends[-1] = wrap.down or top > 0, wrap.down or top + _WINDOW < height
             ends[:, 0] |= wrap.across or left > 0
             ends[:, -1] |= wrap.across or left + _WINDOW < width
-            if search is None:
-                _complete(part, np.floor(outline(position)).astype(np.int64), ends, costs, patch_size, allowed)
-            else:
+            if search is not None:
                 search.complete(part, position, ends)
+            elif outline is not None:
+                _complete(part, np.floor(outline(position)).astype(np.int64), ends, costs, patch_size, allowed)
 
 
 def _complete(
@@ -188,12 +189,13 @@ def _joint_costs(
     return total
 
 
-def _outline(lab: Float32[np.ndarray, "h w 3"], generators: Vectors) -> _Outline:
-    """The outline on which the cells of an exemplar differ least from each other."""
+def _outline(
+    different: Float64[np.ndarray, "h w"], pairs_of: Float64[np.ndarray, "h w"], generators: Vectors
+) -> _Outline:
+    """The outline on which the cells of an exemplar differ least from each other, see `unlikeness`."""
     basis = generators.astype(np.float64)
-    height, width = lab.shape[:2]
-    different, pairs_of = unlikeness(lab, generators)
-    position = np.moveaxis(matrix_product(np.moveaxis(np.indices((height, width)), 0, 2), inverse_of(basis)), 2, 0)
+    here = np.moveaxis(np.indices(different.shape), 0, 2)
+    position = np.moveaxis(matrix_product(here, inverse_of(basis)), 2, 0)
     found = []
     for along in (0, 1):
         direction, other = basis[along], basis[1 - along]

@@ -51,9 +51,7 @@ class WholeCells:
         jitter = int(np.clip(round(_JITTER * spacing), *_JITTERS))
         self.offsets = _offsets(basis, lab.shape[:2], jitter)
         forbidden = np.ones(lab.shape[:2], bool)
-        middle = patch_size // 2
-        places = tuple(side - patch_size + 1 for side in lab.shape[:2])
-        inside = np.s_[middle : middle + places[0], middle : middle + places[1]]
+        inside = tuple(slice(self.middle, self.middle + side - patch_size + 1) for side in lab.shape[:2])
         forbidden[inside] = False if allowed is None else ~allowed.places
         self.forbidden = np.zeros((lab.shape[0] + 1, lab.shape[1] + 1), np.int64)
         self.forbidden[1:, 1:] = forbidden.cumsum(axis=0).cumsum(axis=1)
