@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 from collections.abc import Iterator
@@ -16,7 +15,7 @@ import yaml
 
 import texloom
 from tests.conftest import ROOT
-from tests.docs.pages import DOCS, PAGES, blocks
+from tests.docs.pages import DOCS, PAGES, blocks, script
 from texloom.pipelines.cli.describe import catalogue, description, flow_description
 from texloom.pipelines.cli.main import texloom as command_line
 from texloom.pipelines.flow.loader import load_flow
@@ -29,12 +28,7 @@ TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
 
 @pytest.fixture(scope="module")
 def gallery() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_gallery", DOCS / "gallery" / "make_gallery.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script(DOCS / "gallery" / "make_gallery.py")
 
 
 def test_every_flow_is_in_the_gallery() -> None:

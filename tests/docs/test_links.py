@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import urllib.parse
 from pathlib import Path
 
 import pytest
 
 from tests.conftest import ROOT
-from tests.docs.pages import DOCS, PAGES, anchors, blocks, label, links
+from tests.docs.pages import DOCS, PAGES, anchors, blocks, label, links, script
 
 MOST = 2 * 1024 * 1024
 """bytes of all pictures"""
@@ -45,11 +44,7 @@ def test_the_index_lists_every_page() -> None:
 
 
 def test_pages_of_the_reference_link_to_each_other(tmp_path: Path) -> None:
-    spec = importlib.util.spec_from_file_location("make_reference", DOCS / "make_reference.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    module = script(DOCS / "make_reference.py")
     folder = tmp_path / "docs" / "reference"
     module.write_reference(folder)
     assert {path.relative_to(tmp_path / "docs").as_posix() for path in folder.glob("*.md")} == WRITTEN

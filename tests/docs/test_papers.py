@@ -3,25 +3,19 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
 import re
 from types import ModuleType
 
 import pytest
 
 from tests.conftest import ROOT
-from tests.docs.pages import DOCS
+from tests.docs.pages import DOCS, script
 from texloom.pipelines.flow.shipped import shipped_flows
 
 
 @pytest.fixture(scope="module")
 def papers() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_papers", DOCS / "make_papers.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return script(DOCS / "make_papers.py")
 
 
 @pytest.fixture(scope="module")
