@@ -100,13 +100,9 @@ def _inspect_tiles(reference: str, data: bool) -> tuple[Inspected, udim.Tiles, l
         except Refusal as error:
             raise Refusal(f"{file.name} {error}") from None
     first = seen[0]
+    alike = first.height, first.width, first.channels, first.bits
     for file, one in zip(tiles.files, seen, strict=True):
-        if (one.height, one.width, one.channels, one.bits) != (
-            first.height,
-            first.width,
-            first.channels,
-            first.bits,
-        ):
+        if (one.height, one.width, one.channels, one.bits) != alike:
             raise Refusal(f"{file.name} has another size, channels or bits than {tiles.files[0].name}")
     height, width = tiles.rows * first.height, tiles.columns * first.width
     pictures.check_size(height, width)
@@ -123,14 +119,13 @@ def _decode_tiles(reference: str, digest: str, data: bool) -> Image:
     if whole.digest != digest:
         raise Refusal("has changed since the run began")
     pixels = np.empty((whole.height, whole.width, len(whole.channels)), np.float32)
-    height, width = whole.height // tiles.rows, whole.width // tiles.columns
-    for number, (file, one) in enumerate(zip(tiles.files, digests, strict=True)):
-        down, across = divmod(number, tiles.columns)
+    areas = udim.areas(whole.height, whole.width, tiles.rows, tiles.columns).values()
+    for file, one, area in zip(tiles.files, digests, areas, strict=True):
         try:
             tile = decode(str(file), one, data)
         except Refusal as error:
             raise Refusal(f"{file.name} {error}") from None
-        pixels[down * height : (down + 1) * height, across * width : (across + 1) * width] = tile.pixels
+        pixels[area] = tile.pixels
     return Image(pixels, whole.channels, Facts.of(whole.facts))
 
 

@@ -55,11 +55,24 @@ def tiles_of(path: Path) -> Tiles:
     if not found:
         raise ValueError(f"there are no tiles, such as {before}{_FIRST}{after}")
     rows, columns = _extent(found)
-    wanted = [_FIRST + across + _COLUMNS * up for up in reversed(range(rows)) for across in range(columns)]
+    wanted = list(areas(rows, columns, rows, columns))
     if missing := sorted(set(wanted) - set(found)):
         listed = ", ".join(map(str, missing[:8])) + (", ..." if len(missing) > 8 else "")
         raise ValueError(f"tiles are missing: {listed}; they have to fill {columns} x {rows} from {_FIRST}")
     return Tiles(rows, columns, tuple(found[number] for number in wanted))
+
+
+def areas(height: int, width: int, rows: int, columns: int) -> dict[int, tuple[slice, slice]]:
+    """Number of each tile to its area in a picture of whole tiles, in the order of `Tiles.files`."""
+    down, across = height // rows, width // columns
+    return {
+        _FIRST + column + _COLUMNS * (rows - 1 - row): (
+            slice(row * down, (row + 1) * down),
+            slice(column * across, (column + 1) * across),
+        )
+        for row in range(rows)
+        for column in range(columns)
+    }
 
 
 def joined(paths: Iterable[Path], is_map: Callable[[str], bool]) -> list[Path]:

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from texloom.pipelines.media import udim as udim_tiles
 from texloom.pipelines.media.conventions import COLORS, LAYOUTS, Layout, Part, role_of
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import channels_of, codes_of, facts_of_file, with_unit_normals
@@ -143,11 +144,9 @@ def tiles_of(image: Image, udim: tuple[int, int] | None, folder: Path) -> Iterat
         raise ArtifactError(
             f"{folder}: {format_size(image)} cannot be cut into {size_value(udim)} equal tiles; change --size"
         )
-    height, width = image.height // rows, image.width // columns
-    for up in range(rows):
-        for across in range(columns):
-            top, left = (rows - 1 - up) * height, across * width
-            yield str(1001 + across + 10 * up), (slice(top, top + height), slice(left, left + width))
+    areas = udim_tiles.areas(image.height, image.width, rows, columns)
+    for number in sorted(areas):
+        yield str(number), areas[number]
 
 
 def _linear(image: Image, part: Part, layout: Layout, delivery: Delivery) -> np.ndarray:

@@ -22,16 +22,15 @@ from texloom.pipelines.media.material_export import (
 )
 from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.media.relief import relief_of
+from texloom.pipelines.media.writers.layouts import tiles_of
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.png_file import png, with_facts
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.facts import Facts
-from texloom.stages.vocabulary.sizes import format_size
 
 _LOG = logging.getLogger(__name__)
-_LETTERS = "RGBA"
 
 
 def write_same(
@@ -118,15 +117,8 @@ def _areas(image: Image, one: Map, folder: Path) -> list[tuple[str, tuple[slice,
         tiles = udim.tiles_of(path)
     except ValueError as error:
         raise ArtifactError(f"{path}: {error}") from None
-    rows, columns = tiles.rows, tiles.columns
-    if image.height % rows or image.width % columns:
-        raise ArtifactError(f"{folder}: {format_size(image)} cannot be cut into {columns}x{rows} equal tiles")
-    height, width = image.height // rows, image.width // columns
-    places = [divmod(number, columns) for number in range(rows * columns)]
-    return [
-        (file.name, (slice(y * height, (y + 1) * height), slice(x * width, (x + 1) * width)))
-        for file, (y, x) in zip(tiles.files, places, strict=True)
-    ]
+    cut = tiles_of(image, (tiles.rows, tiles.columns), folder)
+    return [(file.name, area) for file, (_, area) in zip(sorted(tiles.files), cut, strict=True)]
 
 
 def _write(
