@@ -11,17 +11,19 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.pipelines.media import known_files, locate, material_set
+from texloom.pipelines.media.conventions import CONVENTION_OF
 from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.media.plausibility import plausible_green, plausible_integrable_green
 from texloom.stages.vocabulary.arrays import Image
-from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.color import linear_from_srgb, srgb_from_linear
 from texloom.stages.vocabulary.normals import rebuilt
 
 _OFF = 0.1  # of unit length
 _MANY = 0.1  # share of pixels
 _FAR = 0.25  # of unit length; lossy files of normals have up to 0.13
 _AGREES = 0.6  # correlation
-_NAMES = {"up": "opengl", "down": "directx"}
+_COMPARED = ({"normal", "height"}, {"roughness", "specular"})
+"""roles of maps that contradict each other"""
 
 
 def told_of(maps: Sequence[Map]) -> tuple[str, ...]:
@@ -30,18 +32,25 @@ def told_of(maps: Sequence[Map]) -> tuple[str, ...]:
     digest = material_set.digest_of(maps)
     found = None if known is None else known.told(digest)
     if found is None:
-        image = material_set.read(tuple(maps), maps[0].height, maps[0].width)
-        normal = next((one for one in maps if one.role == "normal"), None)
-        found = tuple(contradictions(image, None if normal is None else _vectors(normal)))
+        found = _found(maps)
         if known is not None:
             known.tell(digest, found)
     return found
 
 
-def _vectors(normal: Map) -> Float32[np.ndarray, "h w 3"]:
-    """As the file has them; floats with negative values are vectors already."""
-    colors = locate.decode(normal.reference, normal.digest, data=True).pixels[..., :3]
-    return colors if normal.bits == 32 and colors.min() < 0 else colors * 2 - 1
+def _found(maps: Sequence[Map]) -> tuple[str, ...]:
+    by_role = {one.role: one for one in maps}
+    together = [pair for pair in _COMPARED if pair <= set(by_role)]
+    normal = by_role.get("normal")
+    roles = set().union(*together, [] if normal is None else ["normal"])
+    if not roles:
+        return ()
+    measured = tuple(one for one in maps if one.role in roles)  # the others need not be decoded
+    image = material_set.read(measured, maps[0].height, maps[0].width)
+    if normal is None:
+        return tuple(contradictions(image, None))
+    pixels = locate.decode(normal.reference, normal.digest, data=True).pixels
+    return tuple(contradictions(image, material_set.stored_vectors(normal, pixels)))
 
 
 def contradictions(image: Image, raw: Float32[np.ndarray, "h w 3"] | None) -> Iterator[str]:
@@ -67,7 +76,7 @@ def _of_vectors(raw: Float32[np.ndarray, "h w 3"]) -> Iterator[str]:
     if error > _OFF:
         codes = (vectors.astype(np.float64) + 1) / 2
         curves = {
-            "an sRGB curve is taken off": _linear(codes),
+            "an sRGB curve is taken off": linear_from_srgb(codes),
             "an sRGB curve is put on": srgb_from_linear(codes),
         }
         for what, values in curves.items():
@@ -80,10 +89,6 @@ def _of_vectors(raw: Float32[np.ndarray, "h w 3"]) -> Iterator[str]:
         yield f"normal: z is not positive in {100 * below:.0f} % of the pixels; save it in tangent space, blue up"
 
 
-def _linear(codes: np.ndarray) -> np.ndarray:
-    return np.where(codes <= 0.04045, codes / 12.92, ((np.maximum(codes, 0.04045) + 0.055) / 1.055) ** 2.4)
-
-
 def _length_error(vectors: np.ndarray) -> float:
     return float(np.median(np.abs(np.linalg.norm(vectors, axis=2) - 1)))
 
@@ -91,7 +96,7 @@ def _length_error(vectors: np.ndarray) -> float:
 def _of_green(image: Image) -> Iterator[str]:
     read = image.facts.of_map("normal").green or "up"
     found = plausible_green(image)
-    if found is not None and found["green"] in _NAMES:
+    if found is not None and found["green"] in CONVENTION_OF:
         across, down = found["correlation"]
         if found["green"] != read:
             measure = f"correlation with the slopes of height {across:.2f} across, {down:.2f} down"
@@ -109,7 +114,7 @@ def _wrong_green(green: str, measure: str) -> str:
     end = "gl" if green == "up" else "dx"
     return (
         f"normal: green seems to point {green} ({measure}), but is read the other way; a name that ends in {end}, "
-        f"or 'normal_convention: {_NAMES[green]}' in a YAML file of maps, corrects it"
+        f"or 'normal_convention: {CONVENTION_OF[green]}' in a YAML file of maps, corrects it"
     )
 
 

@@ -15,6 +15,9 @@ ROLES = (
 """of maps, in the order of their channels in an image"""
 COLORS = ("albedo", "emissive", "translucency")
 """roles of maps in sRGB"""
+CONVENTIONS = {"opengl": "up", "directx": "down"}
+"""name of a convention of normals to where green points"""
+CONVENTION_OF = {green: name for name, green in CONVENTIONS.items()}
 GLOSS = "1-roughness"
 """plane of smoothness or gloss"""
 

@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 
 from texloom.pipelines.media import udim
-from texloom.pipelines.media.conventions import COLORS, LAYOUTS, role_of
+from texloom.pipelines.media.conventions import COLORS, CONVENTION_OF, LAYOUTS, role_of
 
 _GREEN = {"gl": "up", "opengl": "up", "ogl": "up", "dx": "down", "directx": "down"}
 _JUNK = re.compile(
@@ -53,15 +53,20 @@ class Reading:
 
 @dataclasses.dataclass(frozen=True)
 class Claim:
-    """A file that holds a map."""
+    """A file that holds a map, by its name or by a YAML file."""
 
-    path: Path
+    reference: str
     """of UDIM tiles ``name.<UDIM>.png``"""
     plane: str = ""
-    """the channel, ``R``, ``G``, ``B`` or ``A``; empty: all of the file"""
+    """the channel, such as ``R``; empty: all of the file"""
     inverted: bool = False
     green: str = ""
     """where it points, by the name"""
+
+    @property
+    def path(self) -> Path:
+        """Where it is; of a picture that ships, its reference as a path."""
+        return Path(self.reference)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,7 +114,7 @@ def recognised(name: str) -> tuple[str, str | None] | None:
     found = recognised_plane(name)
     if found is None or found[1]:
         return None
-    return found[0], {"up": "opengl", "down": "directx"}.get(found[2])
+    return found[0], CONVENTION_OF.get(found[2])
 
 
 def recognised_plane(name: str) -> tuple[str, bool, str] | None:
@@ -303,7 +308,7 @@ def _claims(
             role, inverted = role_of(plane)
             if role:
                 place = letter if len(reading.planes) > 1 else ""
-                found.setdefault(role, []).append(Claim(path, place, inverted, greens.get(path, "")))
+                found.setdefault(role, []).append(Claim(str(path), place, inverted, greens.get(path, "")))
     if "bump" in found and "height" not in found:
         found["height"] = found.pop("bump")
     several = {}

@@ -34,7 +34,7 @@ from jaxtyping import Float32
 
 from texloom.pipelines.errors import hint, shown
 from texloom.pipelines.media import locate as picture_files
-from texloom.pipelines.media.conventions import COLORS, LAYOUTS, ROLES
+from texloom.pipelines.media.conventions import COLORS, CONVENTION_OF, CONVENTIONS, LAYOUTS, ROLES
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.formats import SUFFIXES, is_unread, told_of_unread
 from texloom.pipelines.media.known_files import Inspected
@@ -52,14 +52,13 @@ from texloom.pipelines.media.udim import is_tiled, tiles_of
 from texloom.pipelines.yaml import read_document
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
-from texloom.stages.vocabulary.facts import GREENS, UNITS, Facts, MapFacts
+from texloom.stages.vocabulary.facts import UNITS, Facts, MapFacts
 from texloom.stages.vocabulary.masks import HALF, USABLE
 from texloom.stages.vocabulary.normals import NORMAL, rebuilt, rounding, unit
 from texloom.stages.vocabulary.sizes import format_size
 
 _VERSION = 4  # raised when the same files are read to other values
 _IN_COLOR = (*COLORS, "specular")
-_GREENS = dict(zip(("opengl", "directx"), GREENS, strict=True))
 HEIGHT_UNIT = "height_unit"
 """the key of a YAML file that says the unit of heights"""
 _KEYS = ("normal_convention", HEIGHT_UNIT, "resample")
@@ -238,9 +237,8 @@ def read(maps: tuple[Map, ...], height: int, width: int) -> Image:
             raise Refusal(f"{_file_name(one)}: no such file") from None
         if one.role == "mask" and parts[-1].pixels.max() < HALF:
             raise Refusal(f"{_file_name(one)} is black: it excludes every pixel")
-    told = [
-        part.facts for one, part in zip(maps, parts, strict=True) if one.role != "mask"
-    ]  # it may be drawn by hand
+    # A mask may be drawn by hand.
+    told = [part.facts for one, part in zip(maps, parts, strict=True) if one.role != "mask"]
     pixels = np.concatenate([part.pixels for part in parts], axis=2)
     return Image(pixels, channels_of(maps), Facts.joined(told))
 
@@ -250,9 +248,7 @@ def normal_codes(one: Map, height: int, width: int) -> tuple[np.ndarray, np.ndar
 
     None where the size is another one, the file holds floats, or is not there any more.
     """
-    if (one.height, one.width) != (height, width) or one.bits not in (8, 16):
-        return None
-    if not one.is_plain:
+    if (one.height, one.width) != (height, width) or one.bits not in (8, 16) or not one.is_plain:
         return None
     try:
         pixels = _decoded(one).pixels[..., :3]
@@ -291,17 +287,7 @@ def is_picture(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES
 
 
-@dataclasses.dataclass(frozen=True)
-class _Given:
-    """A file that is given for a role."""
-
-    reference: str
-    plane: str = ""
-    inverted: bool = False
-    green: str = ""
-
-
-_Roles: TypeAlias = dict[str, list[_Given]]
+_Roles: TypeAlias = Mapping[str, Sequence[Claim]]
 
 
 def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
@@ -310,7 +296,7 @@ def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
     if not pictures:
         raise Refusal("is a folder without pictures; a folder has to hold a map set")
     named = read_names(pictures, _is_grey)
-    found = {role: [_given(claim) for claim in claims] for role, claims in named.claims.items()}
+    found = named.claims
     if named.doubts:
         doubts = ", ".join(f"{path.name} ({' or '.join(some)})" for path, some in named.doubts.items())
         raise Refusal(f"has names that leave doubt: {doubts}; {_proposal(folder, found)}")
@@ -332,23 +318,16 @@ def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
     for role, given in found.items():
         for other in given[1:]:
             place = f" in {other.plane}" if other.plane else ""
-            held = f"{Path(other.reference).name} not read{place}"
-            notes.append(f"{held}: {role} is that of {Path(given[0].reference).name}")
+            held = f"{other.path.name} not read{place}"
+            notes.append(f"{held}: {role} is that of {given[0].path.name}")
     for path, planes in named.packed.items():
         notes.append(f"{path.name} read as {', '.join(planes)}")
     green = named.green
     if green and "normal" in found and not found["normal"][0].green:
         names = ", ".join(LAYOUTS[name].title for name in named.layouts)
-        return (
-            found,
-            {"green": green, "green_note": f"green of normals points {green} in names as of {names}"},
-            notes,
-        )
+        note = f"green of normals points {green} in names as of {names}"
+        return found, {"green": green, "green_note": note}, notes
     return found, {}, notes
-
-
-def _given(claim: Claim) -> _Given:
-    return _Given(str(claim.path), claim.plane, claim.inverted, claim.green)
 
 
 def _proposal(path: Path, named: _Roles) -> str:
@@ -356,7 +335,7 @@ def _proposal(path: Path, named: _Roles) -> str:
     if not path.is_dir():
         return "the YAML file has to name one, as albedo: color.png"
     files = {role: _yaml_of(named[role][0]) for role in ROLES if role in named}
-    taken = {Path(some[0].reference).name for some in named.values()}
+    taken = {some[0].path.name for some in named.values()}
     pictures = whole_files(pictures_in(path))
     for role, one in zip((role for role in ROLES if role not in files), pictures, strict=False):
         if role == "albedo" and one.name not in taken:
@@ -370,8 +349,8 @@ def _proposal(path: Path, named: _Roles) -> str:
     )
 
 
-def _yaml_of(given: _Given) -> str:
-    name = Path(given.reference).name
+def _yaml_of(given: Claim) -> str:
+    name = given.path.name
     if not (given.plane or given.inverted):
         return name
     channel = f", channel: {given.plane}" if given.plane else ""
@@ -385,7 +364,7 @@ def _of_yaml(path: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
         raise Refusal(str(error).removeprefix(f"{path}: ")) from None
     if not isinstance(document, dict):
         raise Refusal(f"must map the names of maps to files, got {shown(document)}")
-    named: _Roles = {}
+    named: dict[str, list[Claim]] = {}
     settings: dict[str, Any] = {}
     for key, value in document.items():
         if key in _KEYS:
@@ -401,11 +380,11 @@ def _of_yaml(path: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
             raise Refusal(f"{key}: there is a file for {role} already")
         named[role] = [dataclasses.replace(given, inverted=given.inverted != inverted)]
         if green:
-            settings.setdefault("normal_convention", "opengl" if green == "up" else "directx")
+            settings.setdefault("normal_convention", CONVENTION_OF[green])
     if "bump" in named and "height" not in named:
         named["height"] = named.pop("bump")
     convention, resample = settings.get("normal_convention"), settings.get("resample", False)
-    if convention not in (None, "opengl", "directx"):
+    if convention not in (None, *CONVENTIONS):
         raise Refusal(f"normal_convention: must be opengl or directx, got {shown(convention)}")
     if (unit_of_height := settings.get(HEIGHT_UNIT)) not in (None, *UNITS):
         raise Refusal(f"{HEIGHT_UNIT}: must be one of {', '.join(UNITS)}, got {shown(unit_of_height)}")
@@ -414,7 +393,7 @@ def _of_yaml(path: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
     return named, settings, []
 
 
-def _of_entry(key: str, value: Any, folder: Path) -> _Given:
+def _of_entry(key: str, value: Any, folder: Path) -> Claim:
     """A file, or ``{file: x.png, channel: G, invert: true}``, of a YAML file in ``folder``."""
     entry = value if isinstance(value, dict) and "file" in value else {"file": value}
     if other := next((one for one in entry if one not in ("file", "channel", "invert")), None):
@@ -426,7 +405,7 @@ def _of_entry(key: str, value: Any, folder: Path) -> _Given:
         raise Refusal(f"{key}.channel: must be the name of a channel, such as R, got {shown(channel)}")
     if not isinstance(invert, bool):
         raise Refusal(f"{key}.invert: must be true or false, got {shown(invert)}")
-    return _Given(str(folder / file) if picture_files.is_path(file) else file, channel, invert)
+    return Claim(str(folder / file) if picture_files.is_path(file) else file, channel, invert)
 
 
 def _inspected(reference: str, role: str) -> Inspected:
@@ -439,9 +418,8 @@ def _inspected(reference: str, role: str) -> Inspected:
         raise Refusal(f"{name}: no such file") from None
 
 
-def _opened(role: str, given: _Given, settings: Mapping[str, Any]) -> Map:
-    reference = given.reference
-    path = Path(reference)
+def _opened(role: str, given: Claim, settings: Mapping[str, Any]) -> Map:
+    reference, path = given.reference, given.path
     seen = _inspected(reference, role)
     color = seen.channels[:3] == ("R", "G", "B")
     if not given.plane and len(seen.channels) > 1 and not color and seen.channels[0] != "Y":
@@ -469,7 +447,7 @@ def _opened(role: str, given: _Given, settings: Mapping[str, Any]) -> Map:
         said = recognised_plane(stem)
         green = given.green or (said[2] if said and said[0] == "normal" else "")
         if (convention := settings.get("normal_convention")) is not None:
-            green = _GREENS[convention]
+            green = CONVENTIONS[convention]
         if not (green or facts.green) and "green" in settings:
             green, note = settings["green"], f"{note}; {settings['green_note']}".removeprefix("; ")
         facts = dataclasses.replace(facts, green=green or facts.green)
@@ -523,11 +501,15 @@ def _known(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> dict[str, MapFacts
     return {one.role: dataclasses.replace(one.facts, range=(float(pixels.min()), float(pixels.max())))}
 
 
-def _vectors(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 3"]:
-    """Vectors of a normal map; floats with negative values are vectors already."""
+def stored_vectors(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 3"]:
+    """Vectors as the file of a normal map has them; floats with negative values are vectors already."""
     colors = pixels[..., :3]
-    vectors = colors.copy() if one.bits == 32 and colors.min() < 0 else colors * 2 - 1
-    vectors, _ = rebuilt(vectors)
+    return colors.copy() if one.bits == 32 and colors.min() < 0 else colors * 2 - 1
+
+
+def _vectors(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 3"]:
+    """Vectors of a normal map, with a third channel and green up."""
+    vectors, _ = rebuilt(stored_vectors(one, pixels))
     if one.directx:
         vectors[..., 1] *= -1
     return vectors
