@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from texloom.stages.kernels.core.loading import loaded
+
 VERSION = 2
 """to be raised when a shape changes"""
 
@@ -49,12 +51,11 @@ def tower() -> np.ndarray:
 
 def blob(detail: int = 5) -> np.ndarray:
     """A sphere with bulges, of 20 * 4**detail faces. Without texture coordinates."""
-    from scipy.spatial import ConvexHull
-
+    spatial = loaded("scipy.spatial")
     golden = (1 + 5**0.5) / 2
     rectangle = np.array([(0, a, b * golden) for a in (-1, 1) for b in (-1, 1)])
     points = np.concatenate([np.roll(rectangle, axis, axis=1) for axis in range(3)])
-    hull = ConvexHull(points)
+    hull = spatial.ConvexHull(points)
     faces = points[hull.simplices]
     outwards = (
         np.einsum("nk,nk->n", np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]), faces[:, 0]) > 0

@@ -18,6 +18,7 @@ from texloom.stages.evaluation._pages.gathered import (
     measures_of,
     require_length,
 )
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.vocabulary.arrays import Spreadsheet
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 
@@ -277,12 +278,11 @@ def _leaderboard(grid: Grid, compared: Mapping[str, Any], origins: Mapping[str, 
 
 def _intervals(scores: Float64[np.ndarray, "methods exemplars"]) -> list[tuple[list[float], list[int]]]:
     """Interval of the mean and of the rank of each method."""
-    from scipy.stats import rankdata
-
+    stats = loaded("scipy.stats")
     count = scores.shape[1]
     samples = np.random.default_rng(0).integers(count, size=(_RESAMPLES, count))
     means = scores[:, samples].mean(axis=2).round(_DECIMALS)
-    ranks = rankdata(-means, method="min", axis=0)
+    ranks = stats.rankdata(-means, method="min", axis=0)
     ends = [(1 - _CONFIDENCE) / 2, (1 + _CONFIDENCE) / 2]
     intervals, places = (
         np.quantile(samples, ends, axis=1, method="inverted_cdf").T.tolist() for samples in (means, ranks)
@@ -348,8 +348,7 @@ def _pair(grid: Grid, one: str, other: str, tie: float) -> dict[str, Any]:
 
 def _signed_rank(differences: np.ndarray) -> tuple[float | None, str | None]:
     """Two-sided p of paired differences, or why there is none."""
-    from scipy.stats import wilcoxon
-
+    stats = loaded("scipy.stats")
     if not differences.size:
         return None, "no exemplar has a score of both"
     differences = differences[differences != 0]
@@ -361,7 +360,7 @@ def _signed_rank(differences: np.ndarray) -> tuple[float | None, str | None]:
             f"only {count} exemplars differ, with which p is at least {_min_p(count):g}; it takes {_MIN_EXEMPLARS}"
         )
     # the normal approximation, used for many pairs, can fall below what is possible
-    return max(float(wilcoxon(differences).pvalue), _min_p(count)), None
+    return max(float(stats.wilcoxon(differences).pvalue), _min_p(count)), None
 
 
 def _min_p(count: int) -> float:

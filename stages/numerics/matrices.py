@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from texloom.stages.kernels.core.loading import loaded
+
 _PIECES = 16  # of work that threads share
 
 
@@ -213,11 +215,12 @@ def _near_neighbours(matrix: Any) -> np.ndarray:
 
     SciPy's own order for that depends on the processor, by which NumPy sorts equal numbers.
     """
-    from scipy.sparse.csgraph import breadth_first_order, connected_components
-
-    part = connected_components(matrix, directed=False)[1]
+    csgraph = loaded("scipy.sparse.csgraph")
+    part = csgraph.connected_components(matrix, directed=False)[1]
     starts = np.unique(part, return_index=True)[1]
-    walks = [breadth_first_order(matrix, start, directed=False, return_predecessors=False) for start in starts]
+    walks = [
+        csgraph.breadth_first_order(matrix, start, directed=False, return_predecessors=False) for start in starts
+    ]
     return np.concatenate(walks)
 
 

@@ -12,6 +12,7 @@ import logging
 import numpy as np
 from jaxtyping import Float32, Int32
 
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.vocabulary.arrays import Image, Mask
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError
@@ -58,9 +59,10 @@ def nearest_valid(valid: Mask) -> Int32[np.ndarray, "2 h w"]:
     """Row and column of the valid pixel nearest to every pixel; at least one is valid."""
     if valid.all():
         return np.indices(valid.shape, np.int32)
-    from scipy.ndimage import distance_transform_edt
-
-    return np.asarray(distance_transform_edt(~valid, return_distances=False, return_indices=True), dtype=np.int32)
+    ndimage = loaded("scipy.ndimage")
+    return np.asarray(
+        ndimage.distance_transform_edt(~valid, return_distances=False, return_indices=True), dtype=np.int32
+    )
 
 
 def count_excluded(valid: Mask, height: int, width: int) -> Int32[np.ndarray, "p q"]:

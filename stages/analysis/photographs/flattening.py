@@ -4,6 +4,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from texloom.stages.common.geometry.jacobians import inverted
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.numerics.matrices import cubic_spline, solve_symmetric
 from texloom.stages.vocabulary.arrays import Jacobian, Mask
 from texloom.stages.vocabulary.declare import InputError
@@ -18,8 +19,7 @@ _MAX_MISS = 0.5  # elements between a pixel's position and the nearest one in th
 
 def charted(jacobian: Jacobian, sharp: Mask) -> np.ndarray:
     """Positions in the texture of all pixels, (h, w, 2): solved at nodes and interpolated by cubic splines."""
-    from scipy.sparse import coo_matrix
-
+    sparse = loaded("scipy.sparse")
     height, width = sharp.shape
     every = int(np.clip(np.sqrt(sharp.size / _NODES), 1, min(_MAX_NODE_SPACING, height // 4, width // 4)))
     rows, columns = (np.arange(-(-(size - 1) // every) + 1) * every for size in (height, width))
@@ -42,10 +42,10 @@ def charted(jacobian: Jacobian, sharp: Mask) -> np.ndarray:
     begin, end, step, weight = (np.concatenate(parts) for parts in (begins, ends, steps, weights))
     index = np.arange(begin.size)
     ones = np.ones(begin.size)
-    differences = coo_matrix((np.r_[ones, -ones], (np.r_[index, index], np.r_[end, begin])))
+    differences = sparse.coo_matrix((np.r_[ones, -ones], (np.r_[index, index], np.r_[end, begin])))
     weighted = differences.T.multiply(weight).tocsr()
     # One node is fixed, since positions are determined up to a shift.
-    fixed = coo_matrix(([weight.mean()], ([0], [0])), shape=(inside.size, inside.size))
+    fixed = sparse.coo_matrix(([weight.mean()], ([0], [0])), shape=(inside.size, inside.size))
     solution = solve_symmetric(weighted @ differences + fixed, weighted @ step)
     down = cubic_spline(solution.reshape(rows.size, -1), every, height).reshape(height, columns.size, 2)
     across = cubic_spline(down.swapaxes(0, 1).reshape(columns.size, -1), every, width)

@@ -13,6 +13,7 @@ from texloom.stages.analysis.regularity.courses import clearest_plane
 from texloom.stages.analysis.regularity.lattice import valid_lightness
 from texloom.stages.analysis.regularity.vertices import Vertices, read_vertices
 from texloom.stages.common.regularity import lattice_cells
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.numerics.matrices import determinant, inverse_of, least_squares, matrix_product, solve_symmetric
 from texloom.stages.vocabulary.arrays import Channels, Image, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
@@ -232,18 +233,17 @@ def _smoothed(
     known : the known displacements, (k, 2).
     weights : of the known displacements, (k,).
     """
-    from scipy.sparse import diags_array
-
+    sparse = loaded("scipy.sparse")
     bends = _second_differences(steps)
     # A little weight everywhere keeps unconnected steps in place.
-    smooth = stiffness * (bends.T @ bends) + diags_array(np.full(len(steps), 1e-9))
+    smooth = stiffness * (bends.T @ bends) + sparse.diags_array(np.full(len(steps), 1e-9))
     current = weights
     moves = np.zeros((len(steps), 2))
     for _ in range(_ROBUST_PASSES):
         total = np.bincount(at, current, len(steps))
         targets = np.zeros((len(steps), 2))
         targets[at] = current[:, None] * known
-        moves = solve_symmetric(smooth + diags_array(total), targets)
+        moves = solve_symmetric(smooth + sparse.diags_array(total), targets)
         residual = np.hypot(*(moves[at] - known).T)
         scale = _REJECTION * max(_MIN_DEVIATION, 1.4826 * float(np.median(residual)))
         current = weights * np.maximum(1 - (residual / scale) ** 2, 0) ** 2
@@ -252,8 +252,7 @@ def _smoothed(
 
 def _second_differences(steps: Int64[np.ndarray, "n 2"]) -> Any:
     """Sparse matrix (k, n) of the second differences of a value at each step, in four directions."""
-    from scipy.sparse import csc_array
-
+    sparse = loaded("scipy.sparse")
     number = {tuple(step): index for index, step in enumerate(steps.tolist())}
     lines = [
         (number[i - di, j - dj], index, number[i + di, j + dj])
@@ -263,7 +262,7 @@ def _second_differences(steps: Int64[np.ndarray, "n 2"]) -> Any:
     ]
     count = len(lines)
     columns = (np.repeat(np.arange(count), 3), np.array(lines, int).ravel())
-    return csc_array((np.tile([1.0, -2.0, 1.0], count), columns), shape=(count, len(steps)))
+    return sparse.csc_array((np.tile([1.0, -2.0, 1.0], count), columns), shape=(count, len(steps)))
 
 
 def _drawn(

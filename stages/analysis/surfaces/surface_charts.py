@@ -15,6 +15,7 @@ from texloom.stages.common.surface.faces import pixels_of
 from texloom.stages.common.surface.mesh import has_texture, of_faces, sound, with_normals
 from texloom.stages.common.surface.unwrap import UnwrapError, unwrapped
 from texloom.stages.common.surface.weld import weld
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.vocabulary.arrays import Image, Mesh
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.sizes import Size
@@ -153,14 +154,13 @@ def _with_new_charts(mesh: Mesh, size: tuple[int, int]) -> Mesh:
 
 def _charts(mesh: Mesh) -> Int32[np.ndarray, "*faces"]:
     """The connected component of each face in the texture."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
+    sparse = loaded("scipy.sparse")
+    csgraph = loaded("scipy.sparse.csgraph")
     corner = weld(mesh[:, [0, 1, 2, 6, 7]]).reshape(-1, 3)
     count = int(corner.max()) + 1
     begin, end = corner[:, [0, 1]].ravel(), corner[:, [1, 2]].ravel()
-    graph = coo_array((np.ones(begin.size, bool), (begin, end)), shape=(count, count))
-    return connected_components(graph, directed=False)[1][corner[:, 0]].astype(np.int32)
+    graph = sparse.coo_array((np.ones(begin.size, bool), (begin, end)), shape=(count, count))
+    return csgraph.connected_components(graph, directed=False)[1][corner[:, 0]].astype(np.int32)
 
 
 def _layout(mesh: Mesh, chart: Int32[np.ndarray, "*faces"], size: tuple[int, int]) -> Image:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.stages.kernels.core.elementary_functions import arctan2, cos, exp, power, sin
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.numerics.filters import gaussian_blur, gradients
 from texloom.stages.numerics.matrices import solve_symmetric
@@ -104,8 +105,8 @@ def diffused(vectors: Doubled, stiffness: float) -> Doubled:
     between neighbours. Solved on a grid of up to 192 px a side and interpolated.
     """
     import cv2
-    import scipy.sparse
 
+    sparse = loaded("scipy.sparse")
     height, width = vectors.shape[:2]
     factor = min(1.0, _MAX_SIDE / max(height, width))
     rows, columns = max(1, round(height * factor)), max(1, round(width * factor))
@@ -117,10 +118,10 @@ def diffused(vectors: Doubled, stiffness: float) -> Doubled:
     number = np.arange(rows * columns).reshape(rows, columns)
     first = np.concatenate([number[:, :-1].ravel(), number[:-1].ravel()])
     second = np.concatenate([number[:, 1:].ravel(), number[1:].ravel()])
-    links = scipy.sparse.coo_array((np.ones(first.size), (first, second)), (number.size, number.size))
+    links = sparse.coo_array((np.ones(first.size), (first, second)), (number.size, number.size))
     links = (links + links.T).tocsc()
-    laplacian = scipy.sparse.diags_array(np.asarray(links.sum(axis=0)).ravel()) - links
-    system = (scipy.sparse.diags_array(weight + 1e-9 * stiffness) + stiffness * laplacian).tocsc()
+    laplacian = sparse.diags_array(np.asarray(links.sum(axis=0)).ravel()) - links
+    system = (sparse.diags_array(weight + 1e-9 * stiffness) + stiffness * laplacian).tocsc()
     # The vectors are already multiplied by their weight.
     solved = solve_symmetric(system, coarse.reshape(-1, 2)).reshape(rows, columns, 2)
     solved = solved.astype(np.float32)
@@ -137,9 +138,9 @@ def signed_angles(angle: ScalarMap, wrap: Wraps = NOWHERE) -> ScalarMap:
     opposite borders are neighbours too.
     """
     import cv2
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
+    sparse = loaded("scipy.sparse")
+    csgraph = loaded("scipy.sparse.csgraph")
     height, width = angle.shape
     step = max(1, max(height, width) // 128)
     coarse = angle[::step, ::step].astype(np.float64)
@@ -151,8 +152,8 @@ def signed_angles(angle: ScalarMap, wrap: Wraps = NOWHERE) -> ScalarMap:
     around = cv2.blur(doubled(angle, np.ones_like(angle)), (4 * step + 1, 4 * step + 1))
     coherence = length_of(around)[::step, ::step].ravel()
     cost = 1.001 - np.abs(cos(flat[first] - flat[second])) * np.minimum(coherence[first], coherence[second])
-    tree = minimum_spanning_tree(coo_array((cost, (first, second)), (flat.size, flat.size)).tocsr())
-    order, before = breadth_first_order(tree, 0, directed=False)
+    tree = csgraph.minimum_spanning_tree(sparse.coo_array((cost, (first, second)), (flat.size, flat.size)).tocsr())
+    order, before = csgraph.breadth_first_order(tree, 0, directed=False)
     for place in order[1:]:
         if cos(flat[place] - flat[before[place]]) < 0:
             flat[place] += np.pi

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.stages.kernels.core.elementary_functions import cos
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.vocabulary.arrays import Mask
 from texloom.stages.vocabulary.facts import Wraps
 
@@ -24,8 +25,7 @@ def screened_poisson(excess: Float32[np.ndarray, "H W"], reach: float, wrap: Wra
     excess : divergence of the gradients that are to be added, outflow minus inflow.
     reach : distance over which values are changed, px.
     """
-    from scipy import fft
-
+    fft = loaded("scipy.fft")
     down, across = (
         2 - 2 * cos(np.pi * np.arange(side) * (1 + around) / side)
         for side, around in zip(excess.shape, wrap, strict=True)
@@ -69,8 +69,7 @@ def screened_poisson_beside(
     excess: Float32[np.ndarray, "H W"], reach: float, wrap: Wraps, unknown: Mask
 ) -> Float32[np.ndarray, "H W"]:
     """The solution of `screened_poisson` where ``unknown`` is true, and 0 elsewhere."""
-    from scipy import sparse
-
+    sparse = loaded("scipy.sparse")
     numbers = np.full(excess.shape, -1, np.int64)
     numbers[unknown] = np.arange(unknown.sum())
     diagonal = np.full(excess.shape, reach**-2)

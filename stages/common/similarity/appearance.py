@@ -11,6 +11,7 @@ from jaxtyping import Float32, Int16, Int32, Shaped
 
 from texloom.stages.common.similarity.components import components
 from texloom.stages.common.similarity.similarity_sets import similarity_sets
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.kernels.core.threads import run_spans, spans
 from texloom.stages.kernels.core.vector_size import DIMENSIONS
 from texloom.stages.numerics.matrices import matrix_product
@@ -51,13 +52,14 @@ def blurred_levels(
     planes: Float32[np.ndarray, "h w c"], levels: int, toroidal: bool
 ) -> Float32[np.ndarray, "levels h w c"]:
     """Gaussian stack of ``planes`` for samples 2**level px apart; mirrored at borders, or toroidal."""
-    from scipy.ndimage import gaussian_filter
-
+    ndimage = loaded("scipy.ndimage")
     stack = [planes]
     for level in range(1, levels):
         # Relative to the previous level, since variances add up.
         sigma = 0.6 * np.sqrt(4.0**level - 4.0 ** (level - 1))
-        blurred = gaussian_filter(stack[-1], (sigma, sigma, 0), mode="wrap" if toroidal else "reflect", truncate=3)
+        blurred = ndimage.gaussian_filter(
+            stack[-1], (sigma, sigma, 0), mode="wrap" if toroidal else "reflect", truncate=3
+        )
         stack.append(blurred)
     return np.stack(stack)
 
@@ -230,8 +232,7 @@ def _clusters(vectors: Int16[np.ndarray, "n 8"]) -> tuple[np.ndarray, np.ndarray
 
 def _nearest_complete(vectors: Appearance, complete: Mask, step: int) -> Int32[np.ndarray, "h w"]:
     """The complete place with the nearest vector for every incomplete one; of little meaning for complete ones."""
-    from scipy.spatial import KDTree
-
+    spatial = loaded("scipy.spatial")
     from texloom.stages.kernels.core.threads import thread_count
 
     inside = np.flatnonzero(complete)
@@ -239,7 +240,7 @@ def _nearest_complete(vectors: Appearance, complete: Mask, step: int) -> Int32[n
     cells = np.zeros((-(-complete.shape[0] // step), -(-complete.shape[1] // step)), bool)
     rows, columns = np.nonzero(~complete)
     cells[rows // step, columns // step] = True
-    tree = KDTree(vectors.reshape(-1, COMPONENTS)[inside])
+    tree = spatial.KDTree(vectors.reshape(-1, COMPONENTS)[inside])
     targets = np.zeros(cells.shape, np.int64)
     targets[cells] = inside[tree.query(vectors[::step, ::step][cells], workers=thread_count())[1]]
     return _followed(targets, step, complete)

@@ -15,6 +15,7 @@ from texloom.stages.common.similarity.appearance import (
     similar_sets,
 )
 from texloom.stages.common.similarity.components import components
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.kernels.core.threads import run_spans, thread_count
 from texloom.stages.numerics.matrices import row_product
 from texloom.stages.vocabulary.arrays import Jacobian, Mask
@@ -242,14 +243,13 @@ def _replacements(
     Others have that of the nearest. Places that are not sharp enough at this level are compared at the coarser one.
     They are those of every so many pixels, and how many.
     """
-    from scipy.ndimage import distance_transform_edt
-    from scipy.spatial import KDTree
-
+    ndimage = loaded("scipy.ndimage")
+    spatial = loaded("scipy.spatial")
     whole, begun, grid = own.whole, own.whole, np.s_[:: own.every, :: own.every]
     further = None if coarser is None else coarser.of_grid(own.every, whole.shape)
     if further is not None:
         begun = whole | further.whole
-    reached = known[grid] & (own.every * distance_transform_edt(~begun) < _REACH * step)
+    reached = known[grid] & (own.every * ndimage.distance_transform_edt(~begun) < _REACH * step)
     missing = reached & ~whole
     fewer = own.every_second()
     if own.every < step and np.count_nonzero(missing) > _MAX_QUERIED and fewer.whole.any():
@@ -264,7 +264,7 @@ def _replacements(
         searched = np.flatnonzero(whole & compared.whole)
         searched = searched[:: max(1, searched.size // _MAX_SEARCHED)]
         if queried.any():
-            tree = KDTree(compared.vectors.reshape(-1, COMPONENTS)[searched])
+            tree = spatial.KDTree(compared.vectors.reshape(-1, COMPONENTS)[searched])
             nearest = tree.query(compared.vectors[queried], eps=_INEXACT, workers=thread_count())[1]
             targets[queried] = numbers[searched[nearest]]
     row, column = nearest_valid(whole | reached)

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float32, Float64, Int32, Int64
 
 from texloom.stages.common.surface.faces import Faces, Points
 from texloom.stages.common.surface.weld import weld
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.kernels.core.threads import thread_count
 
 _SPACING = 0.5  # px of the result between samples of borders
@@ -66,8 +67,7 @@ class Borders:
     """Samples of the borders of all charts."""
 
     def __init__(self, faces: Faces, chart: Int32[np.ndarray, "*faces"]):
-        from scipy.spatial import KDTree
-
+        spatial = loaded("scipy.spatial")
         corners = weld(np.concatenate([faces.points, faces.pixels], axis=2).reshape(-1, 5)).reshape(-1, 3)
         edges = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
         keys = edges[:, 0] * (corners.max() + 1) + edges[:, 1]
@@ -83,7 +83,7 @@ class Borders:
         self.faces, self.face = faces, face[edge]
         self.pixels = (1 - share) * begin[edge] + share * end[edge]
         self._far = 4.0 * max(faces.size)
-        self._tree = KDTree(self._apart(chart[self.face], self.pixels))
+        self._tree = spatial.KDTree(self._apart(chart[self.face], self.pixels))
 
     def _apart(self, chart: np.ndarray, pixels: np.ndarray) -> Float64[np.ndarray, "n 3"]:
         """Coordinates in which charts are far from each other."""
@@ -105,13 +105,12 @@ class Borders:
         beside : the texels near borders, in the order of their indices.
         step : px of the result in a texel's side.
         """
-        from scipy.spatial import KDTree
-
+        spatial = loaded("scipy.spatial")
         points, own = beside.points, np.arange(beside.flat.size)
         first = own
         if own.size:
             count = min(8, own.size)
-            distance, other = KDTree(points.position).query(points.position, count, workers=thread_count())
+            distance, other = spatial.KDTree(points.position).query(points.position, count, workers=thread_count())
             distance, other = distance.reshape(-1, count), other.reshape(-1, count)
             same = distance <= _SAME * points.lengths(step)[:, None]
             same &= np.einsum("ni,nki->nk", points.normal, points.normal[other]) > 0
@@ -141,13 +140,15 @@ class Borders:
         beside : the texels on the surface near borders.
         step : px of the result in a texel's side.
         """
-        from scipy.spatial import KDTree
-
+        spatial = loaded("scipy.spatial")
         links = Links(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2), np.float32))
         linked = np.zeros(flat.size, bool)
         if not beside.flat.size:
             return links, linked
-        around, within = KDTree(beside.points.position), KDTree(self._apart(beside.chart, beside.pixels))
+        around, within = (
+            spatial.KDTree(beside.points.position),
+            spatial.KDTree(self._apart(beside.chart, beside.pixels)),
+        )
         for begin in range(0, flat.size, _BATCH):
             part = slice(begin, begin + _BATCH)
             which, reached, gap = self._beyond(chart[part], pixels[part], beside, around, step)

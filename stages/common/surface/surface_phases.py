@@ -7,6 +7,7 @@ from texloom.stages.common.geometry.jacobians import inverted
 from texloom.stages.common.surface.chart_seams import linked, within
 from texloom.stages.common.surface.texels import Texels
 from texloom.stages.kernels.core.elementary_functions import phase_of, phasor, squared_size
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 
 _MAX_TURN = 0.25  # of a repetition between neighbouring texels
@@ -53,15 +54,14 @@ def surface_phases(levels: list[Texels], generators: Float[np.ndarray, "2 2"]) -
 
 def _synchronised(count: int, one: np.ndarray, other: np.ndarray, turn: np.ndarray) -> Float64[np.ndarray, "*n"]:
     """A phase for each node, in cycles, so that those of others are ``turn`` more than those of ones."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.linalg import splu
-
+    sparse = loaded("scipy.sparse")
+    linalg = loaded("scipy.sparse.linalg")
     relation = phasor(2 * np.pi * turn)
     pairs = np.concatenate([other, one]), np.concatenate([one, other])
-    agreed = coo_array((np.concatenate([relation, relation.conj()]), pairs), shape=(count, count)).tocsc()
+    agreed = sparse.coo_array((np.concatenate([relation, relation.conj()]), pairs), shape=(count, count)).tocsc()
     degree = np.bincount(pairs[0], minlength=count)
-    laplacian = coo_array((degree + _DAMPING, (np.arange(count), np.arange(count))), shape=(count, count))
-    solver = splu((laplacian - agreed).tocsc())
+    laplacian = sparse.coo_array((degree + _DAMPING, (np.arange(count), np.arange(count))), shape=(count, count))
+    solver = linalg.splu((laplacian - agreed).tocsc())
     vector = np.ones(count, np.complex128)
     for _ in range(_ROUNDS):
         vector = solver.solve(vector)
@@ -71,14 +71,14 @@ def _synchronised(count: int, one: np.ndarray, other: np.ndarray, turn: np.ndarr
 
 def _nearest(nodes: Texels, coarse: Texels) -> tuple[np.ndarray, np.ndarray]:
     """The node of the same chart nearest to each coarse texel, and the way from there in texture, px."""
-    from scipy.spatial import KDTree
+    spatial = loaded("scipy.spatial")
 
     def places(texels: Texels) -> np.ndarray:
         return np.asarray((texels.in_result(texels.flat, texels.place) + 0.5) * 2**texels.number - 0.5)
 
     there, here = places(nodes), places(coarse)
     far = 4.0 * max(np.abs(there).max(), np.abs(here).max())
-    apart = KDTree(np.column_stack([there, nodes.place * far]))
+    apart = spatial.KDTree(np.column_stack([there, nodes.place * far]))
     at = np.asarray(apart.query(np.column_stack([here, coarse.place * far]))[1])
     to_texture = inverted(nodes.jacobian[:, at])[0].reshape(-1, 2, 2).astype(np.float64)
     return at, np.einsum("nij,nj->ni", to_texture, here - there[at])

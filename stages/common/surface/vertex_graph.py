@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Float64
 
 from texloom.stages.common.surface.mesh import at_vertices, tangential, vertex_normals, vertices
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.vocabulary.arrays import Mesh
 
 _MIN_AGREEING = 1e-6  # product of neighbouring lines below which neither tells the sense of the other
@@ -47,11 +48,10 @@ class VertexGraph:
 
     @cached_property
     def _graph(self) -> tuple[Any, np.ndarray]:
-        from scipy.sparse import coo_array
-
+        sparse = loaded("scipy.sparse")
         count = self.corners.size
         pairs = np.concatenate([self.begin, self.end]), np.concatenate([self.end, self.begin])
-        graph = coo_array((np.ones(2 * self.begin.size), pairs), shape=(count, count)).tocsr()
+        graph = sparse.coo_array((np.ones(2 * self.begin.size), pairs), shape=(count, count)).tocsr()
         return graph, np.maximum(graph.sum(axis=1), 1)[:, None]
 
     def oriented(
@@ -61,21 +61,20 @@ class VertexGraph:
 
         Senses spread along the spanning tree of the edges whose lines differ least.
         """
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
-
+        sparse = loaded("scipy.sparse")
+        csgraph = loaded("scipy.sparse.csgraph")
         root = len(lines)
         agree = np.einsum("ni,ni->n", lines[self.begin], lines[self.end])
         less, more = np.sort(np.stack([self.begin, self.end])[:, np.abs(agree) > _MIN_AGREEING], axis=0)
         less, more = np.divmod(np.unique(less * root + more), root)
         cost = 1 / np.abs(np.einsum("ni,ni->n", lines[less], lines[more]))
-        edges = coo_array((cost, (less, more)), shape=(root, root)).tocsr()
-        part = connected_components(edges, directed=False)[1]
+        edges = sparse.coo_array((cost, (less, more)), shape=(root, root)).tocsr()
+        part = csgraph.connected_components(edges, directed=False)[1]
         _, first = np.unique(part, return_index=True)
-        tree = minimum_spanning_tree(edges).tocoo()
+        tree = csgraph.minimum_spanning_tree(edges).tocoo()
         links = np.concatenate([tree.row, first]), np.concatenate([tree.col, np.full(first.size, root)])
-        tree = coo_array((np.ones(links[0].size), links), shape=(root + 1, root + 1)).tocsr()
-        parent = breadth_first_order(tree, root, directed=False)[1]
+        tree = sparse.coo_array((np.ones(links[0].size), links), shape=(root + 1, root + 1)).tocsr()
+        parent = csgraph.breadth_first_order(tree, root, directed=False)[1]
         parent[root] = root
         whole = np.concatenate([lines, np.zeros((1, 3))])
         sense = np.where(np.einsum("ni,ni->n", whole, whole[parent]) < 0, -1.0, 1.0)

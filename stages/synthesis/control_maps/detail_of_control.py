@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Float32
 
+from texloom.stages.kernels.core.loading import loaded
+
 _DEVIATIONS = (2, 4, 8)  # px, of the blur of control, one after the other
 _MOST = 0.99  # share of the target's pixels with no more detail than is compared: the rest may be a line
 _SHARE = 1 / 8  # of the exemplar's shorter side, which a deviation does not exceed
@@ -39,10 +41,9 @@ def as_smooth_as(
 
 
 def _blurred(planes: Float32[np.ndarray, "h w k"], deviation: int, toroidal: bool) -> Float32[np.ndarray, "h w k"]:
-    from scipy.ndimage import gaussian_filter
-
+    ndimage = loaded("scipy.ndimage")
     mode = "wrap" if toroidal else "reflect"
-    blurred = gaussian_filter(planes, (deviation, deviation, 0), mode=mode, truncate=3)
+    blurred = ndimage.gaussian_filter(planes, (deviation, deviation, 0), mode=mode, truncate=3)
     return np.asarray(blurred, np.float32)
 
 

@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Float32, Float64
 
+from texloom.stages.kernels.core.loading import loaded
+
 _OVERUSE = 2.0  # times even use that the exemplar's pixels of a value may serve those of the target
 _LEVELS = 512  # of the values of a channel
 _SAME = 1e-3  # difference of ranks that is none
@@ -39,8 +41,7 @@ def evenly_demanded(
 def _spread(
     own: Float32[np.ndarray, "h w"], wanted: Float32[np.ndarray, "H W"], farthest: float
 ) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "H W"]]:
-    from scipy.optimize import isotonic_regression
-
+    optimize = loaded("scipy.optimize")
     counts, edges = np.histogram(wanted, _LEVELS)
     values = np.histogram(wanted, edges, weights=wanted.astype(np.float64))[0][counts > 0] / counts[counts > 0]
     shares = counts[counts > 0] / wanted.size
@@ -48,7 +49,7 @@ def _spread(
     below = np.searchsorted(sorted_own, np.append(edges[:-1], np.nextafter(edges[-1], np.inf))) / own.size
     supply = ((below[1:] + below[:-1]) / 2)[counts > 0]
     least: Float64[np.ndarray, "n"] = (shares.cumsum() - shares / 2) / _OVERUSE
-    above = isotonic_regression(supply - least, weights=shares).x
+    above = optimize.isotonic_regression(supply - least, weights=shares).x
     ranks = least + above.clip(0, 1 - 1 / _OVERUSE)
     moved = np.where(np.abs(ranks - supply) > _SAME, np.quantile(sorted_own, ranks), values)
     moved = moved.clip(values - farthest, values + farthest)

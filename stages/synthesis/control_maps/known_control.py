@@ -5,6 +5,8 @@ import itertools
 import numpy as np
 from jaxtyping import Float32
 
+from texloom.stages.kernels.core.loading import loaded
+
 _LEVELS = 64  # of a channel's range
 _OVERUSE = 3.0  # times even use that the exemplar's pixels of some values may serve those of the target
 _ENOUGH = 0.04  # of the exemplar's pixels, which may serve any number
@@ -33,8 +35,7 @@ def extrapolated(
     -------
     the control, and the share of its pixels that change by more than a twentieth of the range, 0..1.
     """
-    from scipy.spatial import KDTree
-
+    spatial = loaded("scipy.spatial")
     channels = own.shape[2]
     if channels not in (1, 2, 3) or strength <= 0:
         return wanted, 0.0
@@ -66,7 +67,7 @@ def extrapolated(
         return wanted, 0.0
     # a mean may lie in the gap between the values of two materials
     known = middles[supply > 0]
-    gap, nearest = KDTree(known).query(means[changed])
+    gap, nearest = spatial.KDTree(known).query(means[changed])
     means[changed] = np.where((gap > 1 / factor)[:, None], known[nearest], means[changed])
     moved = np.where(changed[numbers[1], None], means[numbers[1]], planes[1]).reshape(wanted.shape)
     return np.asarray(moved, np.float32), float(demand[change > _NOTABLE].sum())

@@ -11,6 +11,7 @@ from pydantic import Field
 from texloom.stages.common.grids.pyramid import resize, scale_sizes, scaled
 from texloom.stages.common.grids.size_checks import check_patch
 from texloom.stages.common.similarity.neighbourhoods import UNIT, fixed_point, places
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.numerics.matrices import matrix_product
 from texloom.stages.synthesis.edits.collage_phase import CollagePhase
@@ -246,14 +247,14 @@ def _joints(
 def _unlike(difference: Float32[np.ndarray, "p q"], wrap: Wraps) -> Mask:
     """Patches that are much less similar to the exemplar than those around them, which may be turned or scaled."""
     import cv2
-    from scipy.ndimage import percentile_filter
 
+    ndimage = loaded("scipy.ndimage")
     some = np.ascontiguousarray(difference[::_STEP, ::_STEP])
     size, radius = some.shape, _AROUND // _STEP // 2 + 1
     for axis, around in enumerate(wrap):  # the filter has one mode for both axes
         beyond = [(radius, radius) if axis == padded else (0, 0) for padded in (0, 1)]
         some = np.pad(some, beyond, mode="wrap" if around else "edge")
-    usual = percentile_filter(some, 100 * _SHARE, _AROUND // _STEP)
+    usual = ndimage.percentile_filter(some, 100 * _SHARE, _AROUND // _STEP)
     usual = usual[radius : radius + size[0], radius : radius + size[1]]
     usual = resize(usual[..., None], difference.shape[0], difference.shape[1], bilinear=True)[..., 0]
     across = (difference > np.maximum(_EXACT, _JOINT * usual)).astype(np.uint8)
@@ -266,8 +267,8 @@ def _unlike(difference: Float32[np.ndarray, "p q"], wrap: Wraps) -> Mask:
 def _kept(joints: Mask, params: LayoutParams) -> Mask:
     """The share ``strength`` of the pixels without joints that are farthest from them, without slivers."""
     import cv2
-    from scipy.ndimage import distance_transform_edt
 
+    ndimage = loaded("scipy.ndimage")
     if params.strength == 0 or joints.all():
         return np.zeros_like(joints)
     height, width = joints.shape
@@ -277,7 +278,7 @@ def _kept(joints: Mask, params: LayoutParams) -> Mask:
     padded = np.pad(joints, padding, mode="wrap")
     keep = ~padded
     if params.strength < 1 and joints.any():
-        distance = distance_transform_edt(keep)
+        distance = ndimage.distance_transform_edt(keep)
         keep = distance > np.quantile(distance[inner][~joints], 1 - params.strength)
     square = np.ones((_MIN_KEPT, _MIN_KEPT), np.uint8)
     keep = np.pad(keep, _MIN_KEPT, mode="edge").astype(np.uint8)
@@ -336,10 +337,11 @@ def _modes(wrap: Wraps) -> list[str]:
 
 def _guide(image: Image, sigma: float, wrap: Wraps) -> Float32[np.ndarray, "h w 4"]:
     """Colour after a blur, and the deviation of lightness from it."""
-    from scipy.ndimage import gaussian_filter
-
+    ndimage = loaded("scipy.ndimage")
     mode = _modes(wrap)
     lab = lab_from_linear(image.color)
-    coarse = np.stack([gaussian_filter(plane, sigma, mode=mode) for plane in np.moveaxis(lab, 2, 0)], axis=2)
-    detail = np.sqrt(gaussian_filter((lab[..., 0] - coarse[..., 0]) ** 2, sigma, mode=mode))
+    coarse = np.stack(
+        [ndimage.gaussian_filter(plane, sigma, mode=mode) for plane in np.moveaxis(lab, 2, 0)], axis=2
+    )
+    detail = np.sqrt(ndimage.gaussian_filter((lab[..., 0] - coarse[..., 0]) ** 2, sigma, mode=mode))
     return np.concatenate([coarse, detail[..., None]], axis=2).astype(np.float32)

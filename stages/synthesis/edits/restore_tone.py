@@ -9,6 +9,7 @@ from pydantic import Field
 
 from texloom.stages.common.features.slow_tone import ToneField, relative_tone, with_tone
 from texloom.stages.common.grids.pyramid import resize
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Params, stage
@@ -82,8 +83,7 @@ def restore_tone(
 
 def _slow_tone(control: Image, detail: float, wrap: Wraps) -> ToneField:
     """The picture's tone relative to its mean, blurred."""
-    from scipy import ndimage
-
+    ndimage = loaded("scipy.ndimage")
     factor = _SAMPLES / max(control.height, control.width)
     height, width = (max(1, round(side * factor)) for side in (control.height, control.width))
     color = resize(fill_excluded(control).color, height, width, bilinear=True)

@@ -4,6 +4,7 @@ import numpy as np
 
 from texloom.stages.common.grids.pyramid import resize, scale_sizes, scaled
 from texloom.stages.common.similarity.neighbourhoods import fixed_point
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.synthesis.optimisation import correspondence
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.features import PatchFeatures
@@ -76,11 +77,10 @@ def trace(
 
 def continued(match: Correspondence, keep: Mask, sides: tuple[int, int], margin: int) -> Correspondence:
     """``match`` with pixels within ``margin`` px of those that are not kept displaced as the nearest other one."""
-    from scipy.ndimage import distance_transform_edt
-
+    ndimage = loaded("scipy.ndimage")
     if keep.all():
         return match
-    far = distance_transform_edt(keep) > margin
+    far = ndimage.distance_transform_edt(keep) > margin
     if not far.any():
         far = keep
     row, column = nearest_valid(far)

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from texloom.stages.common.features.control import resize_control
 from texloom.stages.kernels.core.elementary_functions import exp, log
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.numerics.matrices import row_product
 from texloom.stages.synthesis.inverse.summary import SummaryParams, require_features, size_check, wanted_size
 from texloom.stages.vocabulary.arrays import Image, ScalarMap
@@ -59,10 +60,9 @@ class _Model:
 
     def learn(self, patches: np.ndarray, carried: np.ndarray, min_deviation: float) -> None:
         """One iteration with patches and their carried channels, one a row; [Jojic2003]_ (7) to (9)."""
-        import scipy.sparse
-
+        sparse = loaded("scipy.sparse")
         blocks = [self.posteriors(patches[first : first + _TILE]) for first in range(0, len(patches), _TILE)]
-        shares = scipy.sparse.vstack([scipy.sparse.csr_array(block) for block in blocks]).T.tocsr()
+        shares = sparse.vstack([sparse.csr_array(block) for block in blocks]).T.tocsr()
         weight = self._accumulated(shares @ np.ones((len(patches), self.side**2)))
         covered = weight[..., 0] > _MIN_WEIGHT
         mean, square, further = (

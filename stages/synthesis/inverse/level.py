@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float32, Int16, Int32, Int64
 from texloom.stages.analysis.similarity.k_coherence import Candidates, KCoherenceParams, similar_places
 from texloom.stages.analysis.similarity.tsvq import Leaf, Nodes, TsvqParams, cut, grow
 from texloom.stages.common.similarity.neighbourhoods import UNIT, Components, fixed_point, places, whole
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.kernels.core.threads import run_all, run_spans, spans
 
 _PIECES = 16  # of work that threads share; any number gives the same result
@@ -110,9 +111,8 @@ def nearest_in(allowed: Bool[np.ndarray, "h w"], wanted: np.ndarray) -> Int32[np
     clipped = np.clip(wanted, 0, limit).astype(np.int32)
     if allowed[clipped[0], clipped[1]].all():
         return clipped
-    from scipy.ndimage import distance_transform_edt
-
-    rows, columns = distance_transform_edt(~allowed, return_distances=False, return_indices=True)
+    ndimage = loaded("scipy.ndimage")
+    rows, columns = ndimage.distance_transform_edt(~allowed, return_distances=False, return_indices=True)
     return np.stack([rows[clipped[0], clipped[1]], columns[clipped[0], clipped[1]]]).astype(np.int32)
 
 
@@ -264,15 +264,14 @@ class Matching:
 
     def use(self) -> Float32[np.ndarray, "H W"]:
         """How many texture neighbourhoods are matched with those around each pixel, relative to the mean."""
-        from scipy.ndimage import uniform_filter
-
+        ndimage = loaded("scipy.ndimage")
         assert self.inverse is not None
         height, width = self.source.shape[1:]
         middle = self.level.size // 2
         rows, columns = self.inverse[:, self.level.counted].astype(np.int64) + middle
         numbers = rows % height * width + columns % width
         counts = np.bincount(numbers, minlength=height * width).reshape(height, width).astype(np.float64)
-        smooth = uniform_filter(counts, self.level.size, mode="wrap" if self.wrap else "nearest")
+        smooth = ndimage.uniform_filter(counts, self.level.size, mode="wrap" if self.wrap else "nearest")
         return np.asarray(smooth / smooth.mean(), np.float32)
 
     def mean_votes(self) -> tuple[Float32[np.ndarray, "H W c"], Float32[np.ndarray, "H W"]]:

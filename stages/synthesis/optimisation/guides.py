@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.stages.common.grids.pyramid import resize
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.synthesis.control_maps.correlation import median_cells
 from texloom.stages.synthesis.optimisation.scale import Scale
 from texloom.stages.vocabulary.arrays import Mask, ScalarMap
@@ -67,8 +68,7 @@ def expected_use(
     own, wanted : guides of exemplar and target. Where the target asks for nothing it uses all evenly.
     usable : the exemplar pixels that can be used; none if all can.
     """
-    from scipy.ndimage import uniform_filter
-
+    ndimage = loaded("scipy.ndimage")
     supplied = own.reshape(-1, own.shape[2]) if usable is None else own[usable]
     step = max(1, int(np.sqrt(wanted.shape[0] * wanted.shape[1] / _MAX_SAMPLES)))
     some = wanted[::step, ::step].reshape(-1, wanted.shape[2])
@@ -84,4 +84,4 @@ def expected_use(
     ratio = np.maximum(ratio, _MIN_USE)[cells[: len(supplied)]]
     shares = np.full(own.shape[:2], _MIN_USE)
     shares[np.ones(own.shape[:2], bool) if usable is None else usable] = ratio
-    return np.asarray(uniform_filter(shares, window, mode="nearest"), np.float32)
+    return np.asarray(ndimage.uniform_filter(shares, window, mode="nearest"), np.float32)

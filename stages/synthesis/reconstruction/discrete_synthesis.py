@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float32, Int16, Int32
 
 from texloom.stages.common.similarity.neighbourhoods import UNIT, fixed_point
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.kernels.core.threads import run_spans, thread_count
 from texloom.stages.numerics.matrices import eigenvectors, row_product, square_sums
 from texloom.stages.synthesis.reconstruction.expected_use import expected_use
@@ -86,12 +87,11 @@ class Neighbourhoods:
 
 def _candidates(vectors: Float32[np.ndarray, "h w d"]) -> Int32[np.ndarray, "h w s 2"]:
     """Similar pixels that are not next to a pixel; the pixel itself where there are none."""
-    from scipy.spatial import KDTree
-
+    spatial = loaded("scipy.spatial")
     height, width = vectors.shape[:2]
     flat = np.ascontiguousarray(vectors.reshape(height * width, -1)[:, :_SEARCH_DIMENSIONS])
     count = min(len(flat), 4 * _CANDIDATES)
-    tree = KDTree(flat, balanced_tree=False, compact_nodes=False)
+    tree = spatial.KDTree(flat, balanced_tree=False, compact_nodes=False)
     matches = tree.query(flat, k=count, eps=_SEARCH_TOLERANCE, workers=thread_count())[1].reshape(len(flat), count)
     own = np.arange(len(flat))[:, None]
     near = (
@@ -144,13 +144,14 @@ class DiscreteSolver:
         self.use: Float32[np.ndarray, "h w"] | None = None
 
     def _penalty(self, source: Sources) -> np.ndarray:
-        from scipy.ndimage import uniform_filter
-
+        ndimage = loaded("scipy.ndimage")
         height, width = self.exemplar.texture.shape[:2]
         rows, columns = np.moveaxis(self.pixels(source).astype(np.int64), 2, 0)
         places = rows * width + columns
         use = np.bincount(places.ravel(), minlength=height * width).reshape(height, width).astype(np.float32)
-        use = self._of_all_copies((1 - _SINGLE) * uniform_filter(use, _SIDE, mode="nearest") + _SINGLE * use)
+        use = self._of_all_copies(
+            (1 - _SINGLE) * ndimage.uniform_filter(use, _SIDE, mode="nearest") + _SINGLE * use
+        )
         self.use = use if self.use is None else _MOMENTUM * self.use + (1 - _MOMENTUM) * use
         return np.asarray(np.rint(np.minimum(self.use * self.penalty_per_use, 2.0**50)), np.int64)
 

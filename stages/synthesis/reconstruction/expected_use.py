@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float32
 
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.synthesis.control_maps.correlation import median_cells
 
 _MAX_SAMPLES = 2**16  # target pixels that demand is estimated from
@@ -26,14 +27,13 @@ def expected_use(
     use : how often each exemplar pixel occurs in what the exemplar stands for, relative to the others of its
         control; none for evenly.
     """
-    from scipy.ndimage import uniform_filter
-
+    ndimage = loaded("scipy.ndimage")
     pixels, targets = own.shape[0] * own.shape[1], wanted.shape[0] * wanted.shape[1]
     even = targets / pixels
     weights = np.ones(pixels) if use is None else np.maximum(use.ravel().astype(np.float64), _MIN_USE)
     if own.shape[2] == 0:
         shares = (even * weights / weights.mean()).reshape(own.shape[:2])
-        return np.asarray(uniform_filter(shares, window, mode="nearest"), np.float32)
+        return np.asarray(ndimage.uniform_filter(shares, window, mode="nearest"), np.float32)
     step = max(1, int(np.sqrt(targets / _MAX_SAMPLES)))
     some = wanted[::step, ::step].reshape(-1, wanted.shape[2])
     cells = median_cells(np.concatenate([own.reshape(pixels, -1), some]))
@@ -42,4 +42,4 @@ def expected_use(
     demand = np.bincount(cells[pixels:], minlength=count) * (targets / len(some))
     ratio = np.maximum(demand / np.maximum(supply, _MIN_USE), _MIN_USE * even)
     shares = (weights * ratio[cells[:pixels]]).reshape(own.shape[:2])
-    return np.asarray(uniform_filter(shares, window, mode="nearest"), np.float32)
+    return np.asarray(ndimage.uniform_filter(shares, window, mode="nearest"), np.float32)

@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Float32
 
+from texloom.stages.kernels.core.loading import loaded
+
 _WINDOW = 8  # px, side of a patch
 
 
@@ -13,9 +15,8 @@ def local_variance(planes: Float32[np.ndarray, "h w c"]) -> float:
     of low contrast. The square of the mean deviation is less than the mean variance where only parts vary, such as
     rocks below a sky, which would break up under penalties that suit the rocks.
     """
-    from scipy.ndimage import uniform_filter
-
-    mean = uniform_filter(planes, (_WINDOW, _WINDOW, 0), mode="nearest")
+    ndimage = loaded("scipy.ndimage")
+    mean = ndimage.uniform_filter(planes, (_WINDOW, _WINDOW, 0), mode="nearest")
     squares = np.square(planes - mean).sum(axis=2)
-    variances = uniform_filter(squares, _WINDOW, mode="nearest")
+    variances = ndimage.uniform_filter(squares, _WINDOW, mode="nearest")
     return float(np.sqrt(np.maximum(variances, 0)).mean(dtype=np.float64)) ** 2

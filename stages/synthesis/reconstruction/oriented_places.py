@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float32, UInt32
 
 from texloom.stages.common.geometry.jacobians import inverted
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.vocabulary.arrays import Image, Jacobian
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.normals import turned, with_unit_normals
@@ -96,10 +97,9 @@ def at_scale(
 
 def interpolated(image: Image, places: Places) -> Image:
     """The pixels at places, within each channel's range, by cubic splines: linear mixtures would blur."""
-    from scipy.ndimage import map_coordinates
-
+    ndimage = loaded("scipy.ndimage")
     planes = [
-        np.clip(map_coordinates(plane, places, order=3, mode="nearest"), plane.min(), plane.max())
+        np.clip(ndimage.map_coordinates(plane, places, order=3, mode="nearest"), plane.min(), plane.max())
         for plane in np.moveaxis(image.pixels, 2, 0)
     ]
     return image.elsewhere(np.stack(planes, axis=2))

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, Int64
 
 from texloom.stages.kernels.core.elementary_functions import log2
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.synthesis.control_maps.correlation import median_cells
 
 _BLOCK = 8  # px; pixels of a block get one piece of the exemplar
@@ -47,9 +48,8 @@ class _ControlCells:
 
     def nearest(self, wanted: Float32[np.ndarray, "H W k"]) -> Int64[np.ndarray, "H W"]:
         """The cells whose control is most similar."""
-        from scipy.spatial import KDTree
-
-        return np.asarray(KDTree(self.control).query(wanted)[1])
+        spatial = loaded("scipy.spatial")
+        return np.asarray(spatial.KDTree(self.control).query(wanted)[1])
 
     def difference(self, one: Int64[np.ndarray, "..."], other: Int64[np.ndarray, "..."]) -> np.ndarray:
         """Squared difference of the texture of two cells, relative to its variance in both."""
@@ -120,6 +120,5 @@ def reseeded(
 
 def _not_alone(marked: Bool[np.ndarray, "H W"]) -> Bool[np.ndarray, "H W"]:
     """The marked pixels that enough others around them are marked too."""
-    from scipy.ndimage import uniform_filter
-
-    return np.asarray(marked & (9 * uniform_filter(marked.astype(np.float32), 3) > _AROUND - 0.5))
+    ndimage = loaded("scipy.ndimage")
+    return np.asarray(marked & (9 * ndimage.uniform_filter(marked.astype(np.float32), 3) > _AROUND - 0.5))

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
 
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.numerics.matrices import eigenvectors, matrix_product, row_product, square_sums
 
 _MAX_PLACES = 1 << 14  # in an index; larger exemplars are sampled at every second or third row and column
@@ -79,8 +80,7 @@ class Boundaries:
         mask : boundary zones of a patch, ``zone`` px wide.
         variance : share of the zones' variance that the components keep.
         """
-        from scipy.spatial import cKDTree
-
+        spatial = loaded("scipy.spatial")
         stride = max(1, int(np.ceil(np.sqrt(free.size / _MAX_PLACES))))
         strided = np.argwhere(free[::stride, ::stride]) * stride
         places = strided if len(strided) else np.argwhere(free)[:_MAX_PLACES]
@@ -99,7 +99,7 @@ class Boundaries:
         mean, basis = _components(zone_values(places[:: max(1, -(-len(places) // _SAMPLE))]), variance)
         blocks = [places[first : first + _BLOCK] for first in range(0, len(places), _BLOCK)]
         vectors = np.concatenate([row_product(zone_values(block) - mean, basis) for block in blocks])
-        tree = cKDTree(vectors, balanced_tree=False)
+        tree = spatial.cKDTree(vectors, balanced_tree=False)
         return cls(features, mask, square, corners, places, stride, mean, basis, tree)
 
     def nearest(self, window: Float32[np.ndarray, "p q c"], count: int, slack: float) -> Int64[np.ndarray, "k 2"]:

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from texloom.stages.kernels.core.elementary_functions import complex_product, exp
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.synthesis.stitching.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
 from texloom.stages.synthesis.stitching.overlap import OverlapSearch
 from texloom.stages.synthesis.stitching.seams import (
@@ -161,9 +162,8 @@ class Synthesis:
 
     def _near(self, pixels: np.ndarray) -> np.ndarray:
         """``pixels`` dilated by `_BAND` px."""
-        from scipy.ndimage import maximum_filter
-
-        return np.asarray(maximum_filter(pixels, 2 * _BAND + 1, mode="constant"))
+        ndimage = loaded("scipy.ndimage")
+        return np.asarray(ndimage.maximum_filter(pixels, 2 * _BAND + 1, mode="constant"))
 
     # -- placement
 
@@ -177,8 +177,7 @@ class Synthesis:
 
     def entire_error(self, top: np.ndarray, window: int) -> np.ndarray:
         """The same over the whole overlap of a copy that puts each place of the exemplar at the window."""
-        from scipy import fft
-
+        fft = loaded("scipy.fft")
         places = self.shape - window + 1
         match, filled = self._part(top - places + 1, self.shape + places - 1)
         middle = self.search.middle
@@ -266,15 +265,18 @@ class Synthesis:
 
     def _location(self, visits: np.ndarray, window: int) -> np.ndarray:
         """Middle of the window to refine, by the seam costs in it divided by 1 + ``visits``."""
-        from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
-
+        ndimage = loaded("scipy.ndimage")
         mode = ["wrap" if around else "constant" for around in self.wrap]
-        sums = uniform_filter(self.seam_cost / (1 + visits), window, mode=mode)
+        sums = ndimage.uniform_filter(self.seam_cost / (1 + visits), window, mode=mode)
         if self.params.location == "costliest":
             return np.array(np.unravel_index(int(sums.argmax()), sums.shape))
         if self.params.location == "random":
             return self.rng.integers(0, self.size)
-        filters = [minimum_filter] if self.params.location == "minima" else [minimum_filter, maximum_filter]
+        filters = (
+            [ndimage.minimum_filter]
+            if self.params.location == "minima"
+            else [ndimage.minimum_filter, ndimage.maximum_filter]
+        )
         places = np.argwhere(
             np.logical_or.reduce([sums == extreme(sums, window, mode=mode) for extreme in filters])
         )

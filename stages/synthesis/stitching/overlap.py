@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int64
 
 from texloom.stages.kernels.core.elementary_functions import complex_product, power
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.vocabulary.arrays import Image
 
 WEIGHTS = (0.299, 0.587, 0.114)
@@ -40,8 +41,7 @@ class OverlapSearch:
     """
 
     def __init__(self, features: Float32[np.ndarray, "h w c"]):
-        from scipy import fft
-
+        fft = loaded("scipy.fft")
         self.shape = (features.shape[0], features.shape[1])
         # Templates do not cross the border, so that transforms need no padding for them.
         self.padded = tuple(fft.next_fast_len(side, real=True) for side in self.shape)
@@ -59,8 +59,7 @@ class OverlapSearch:
         template : features; any finite values where ``mask`` is false.
         mask : true somewhere; no larger than the exemplar.
         """
-        from scipy import fft
-
+        fft = loaded("scipy.fft")
         centred = np.where(mask[..., None], template - self.middle, np.float32(0))
         planes = fft.rfft2(np.moveaxis(centred, 2, 0), self.padded, workers=1)
         support = fft.rfft2(mask.astype(np.float32), self.padded, workers=1)

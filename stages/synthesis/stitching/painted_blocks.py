@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Int32
 
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.numerics.matrices import matrix_product
 from texloom.stages.vocabulary.arrays import Image
 
@@ -12,17 +13,16 @@ Blocks = list[tuple[tuple[slice, slice], Bool[np.ndarray, "m n"]]]
 
 def painted_blocks(layout: Image) -> Blocks:
     """The connected areas of one colour, in scan order of their first pixels."""
-    from scipy.ndimage import find_objects, label
-
+    ndimage = loaded("scipy.ndimage")
     codes = matrix_product(
         np.rint(np.clip(layout.color, 0, 1) * 65535).astype(np.int64), np.array([1, 2**16, 2**32])
     )
     numbers: Int32[np.ndarray, "h w"] = np.zeros(codes.shape, np.int32)
     count = 0
     for code in np.unique(codes):
-        parts, found = label(codes == code)
+        parts, found = ndimage.label(codes == code)
         numbers[parts > 0] = parts[parts > 0] + count
         count += found
     order = np.unique(numbers, return_index=True)[1].argsort(kind="stable")
-    boxes = find_objects(numbers)
+    boxes = ndimage.find_objects(numbers)
     return [(boxes[index], numbers[boxes[index]] == index + 1) for index in order]

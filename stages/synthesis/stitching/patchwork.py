@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float32, Int32, Int64
 from pydantic import Field
 
 from texloom.stages.kernels.core.elementary_functions import log2
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.synthesis.stitching.cuts import Strips, enclosed
 from texloom.stages.synthesis.stitching.exemplar import Exemplar, StitchingParams, check_exemplar
 from texloom.stages.synthesis.stitching.overlap import OverlapSearch, compared, pick
@@ -234,8 +235,7 @@ class Patchwork:
 
     def _choose(self, cell: _PatchRegion, overlap: int) -> _Patch:
         """The place of the exemplar that matches the synthesised region around the cell best."""
-        from scipy.ndimage import distance_transform_cdt
-
+        ndimage = loaded("scipy.ndimage")
         rows, top, bottom = self._grown(cell.top, cell.bottom, overlap, 0)
         columns, left, right = self._grown(cell.left, cell.right, overlap, 1)
         at = np.ix_(rows, columns)
@@ -245,7 +245,7 @@ class Patchwork:
         if cell.shape is None:
             distance = chessboard(inside.shape, Strips(top, left, bottom, right))
         else:
-            distance = distance_transform_cdt(~inside, "chessboard")
+            distance = ndimage.distance_transform_cdt(~inside, "chessboard")
             filled = filled & (distance <= overlap)
         existing = self.canvas[at]
         if filled.any():
@@ -410,12 +410,11 @@ def dilation_order(kept: Bool[np.ndarray, "m n"], rejected: Bool[np.ndarray, "m 
 
     Each ring is in scan order; pixels that the dilation does not reach come last.
     """
-    from scipy.ndimage import binary_dilation
-
+    ndimage = loaded("scipy.ndimage")
     reached, remaining = kept.copy(), rejected.copy()
     rings = []
     while remaining.any():
-        ring = binary_dilation(reached) & remaining
+        ring = ndimage.binary_dilation(reached) & remaining
         if not ring.any():
             ring = remaining.copy()
         rings.append(np.argwhere(ring))

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
 
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.vocabulary.arrays import Correspondence
 from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.scratch import bands
@@ -68,11 +69,10 @@ class SeamMap:
 
     def worst(self, side: int) -> Int64[np.ndarray, "2"]:
         """Top-left pixel of the window of ``side`` px with the costliest seams, divided by 1 + its visits."""
-        from scipy.ndimage import uniform_filter
-
+        ndimage = loaded("scipy.ndimage")
         around = max(1, side // 3 // _SQUARE)
         mode = ["wrap" if around else "constant" for around in self.wrap]
-        sums = uniform_filter(self.costs / (1 + self._visits), around, mode=mode)
+        sums = ndimage.uniform_filter(self.costs / (1 + self._visits), around, mode=mode)
         middle = np.array(np.unravel_index(int(sums.argmax()), sums.shape)) * _SQUARE + _SQUARE // 2
         top = middle - side // 2
         top = np.where(self.wrap, top % self.size, np.clip(top, 0, self.size - side))

@@ -5,6 +5,8 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float32, Int8, Int32, Int64
 
+from texloom.stages.kernels.core.loading import loaded
+
 UNIT = 512
 """fixed-point steps of a seam's cost: capacities are integers, so that sums are exact"""
 
@@ -150,9 +152,8 @@ def _sink_side(
     keep: np.ndarray, take: np.ndarray, tails: np.ndarray, heads: np.ndarray, capacities: np.ndarray
 ) -> Bool[np.ndarray, "n"]:  # type: ignore[name-defined]
     """The pixels on the sink's side of the minimum cut, which take the new patch; the fewest of several cuts."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import breadth_first_order, maximum_flow
-
+    sparse = loaded("scipy.sparse")
+    csgraph = loaded("scipy.sparse.csgraph")
     count = len(keep)
     source, sink = count, count + 1
     every = np.arange(count)
@@ -160,13 +161,13 @@ def _sink_side(
     tails = np.concatenate([tails, np.full(count, source), every])
     heads = np.concatenate([heads, every, np.full(count, sink)])
     values = np.concatenate([capacities, take - both, keep - both]).astype(np.int32)
-    graph = csr_array((values, (tails, heads)), shape=(count + 2, count + 2))
+    graph = sparse.csr_array((values, (tails, heads)), shape=(count + 2, count + 2))
     graph.sum_duplicates()
     graph.eliminate_zeros()
-    residual = csr_array(graph - maximum_flow(graph, source, sink, method="dinic").flow)
+    residual = sparse.csr_array(graph - csgraph.maximum_flow(graph, source, sink, method="dinic").flow)
     residual.data[residual.data < 0] = 0
     residual.eliminate_zeros()
-    reaching = breadth_first_order(csr_array(residual.T), sink, return_predecessors=False)
+    reaching = csgraph.breadth_first_order(sparse.csr_array(residual.T), sink, return_predecessors=False)
     side = np.zeros(count + 2, bool)
     side[reaching] = True
     return side[:count]

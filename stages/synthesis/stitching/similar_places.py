@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
+from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.numerics.matrices import eigenvectors, matrix_product, square_sums
 
 _WINDOW = 7  # px, side of the neighbourhoods that are compared
@@ -32,8 +33,7 @@ class SimilarPlaces:
     """rows and columns of the candidates, `NONE` or `UNKNOWN`"""
 
     def __init__(self, features: Float32[np.ndarray, "h w c"], count: int):
-        from scipy.spatial import cKDTree
-
+        spatial = loaded("scipy.spatial")
         height, width, _ = features.shape
         self.places = np.full((height, width, count, 2), NONE, np.int32)
         down, across = height - _WINDOW + 1, width - _WINDOW + 1
@@ -46,7 +46,7 @@ class SimilarPlaces:
         self.stride = int(np.ceil(np.sqrt(down * across / _MAX_INDEXED)))
         indexed = self.vectors[:: self.stride, :: self.stride]
         self.shape = indexed.shape[:2]
-        self.tree = cKDTree(indexed.reshape(-1, indexed.shape[2]), balanced_tree=False)
+        self.tree = spatial.cKDTree(indexed.reshape(-1, indexed.shape[2]), balanced_tree=False)
 
     def look_up(self, row: int, column: int) -> None:
         """Compute the candidates of a pixel, and of the block around it."""
