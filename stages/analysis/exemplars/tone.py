@@ -3,7 +3,7 @@
 import dataclasses
 import itertools
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import Any, Literal
 
@@ -14,6 +14,7 @@ from pydantic import Field
 from texloom.stages.common.features.slow_tone import BLACK, ToneField, relative_tone, with_tone
 from texloom.stages.common.grids.size_checks import check_side
 from texloom.stages.numerics.matrices import solve
+from texloom.stages.numerics.threshold import otsu_threshold
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Outline, Params, stage
@@ -28,6 +29,8 @@ _MEASURED_SIDE = 384  # px to which larger exemplars are reduced
 _MIN_VALID = 0.25  # share of a block's pixels that have to be valid
 _MIN_BLOCKS = 0.6  # share of the blocks that have to be valid
 _TAILS = (0.1, 0.9)  # quantiles of a block that bound its mean and have to drift with it
+_MIN_MODE = 0.08  # share of a block's pixels that a mode needs there
+_MODE_PASSES = 6
 _PASSES = 12  # of the robust fit
 _OUTLIER = 2.0  # standard deviations at which a block counts half
 _LOW, _NEXT = 2.0, 4.5  # spatial frequencies of the drift and of the texture that it is compared with, half waves
@@ -89,18 +92,20 @@ def outlines(params: ToneParams, known: Mapping[str, Any]) -> dict[str, Outline]
     return {} if image is None else {"image": Outline(image.height, image.width, image.channels)}
 
 
-@stage(version=1, check=check_image, outlines=outlines)
+@stage(version=2, check=check_image, outlines=outlines)
 def tone(image: Image, params: ToneParams) -> Tone:
     """Separate the drift of an exemplar's tone from its detail, so that distant parts fit together.
 
-    The logarithm of lightness, and chroma relative to lightness, are each compared between 8x8 blocks. A polynomial
-    of second degree is fitted to the means of the blocks, robustly: blocks with unusual objects count little. The
-    drift counts as significant where it
+    The logarithm of lightness, and chroma relative to lightness, are each compared between 8x8 blocks, and only
+    within each of the exemplar's two tones, such as stones and their joints: so their proportions, or a dark rim,
+    are no drift. A polynomial of second degree, with a level for each tone, is fitted to the means of the blocks,
+    robustly: blocks with unusual objects count little. The tones are told apart by Otsu's threshold on lightness
+    without the drift, in a few passes. The drift counts as significant where it
 
     - explains most of the variance between blocks, and has many times the power of the next higher spatial
       frequencies, while a random texture has about as much in both;
-    - moves dark and bright quantiles of the blocks along with the means, unlike a change in the proportions of
-      two materials; not asked of chroma where it and the lightness both drift as smoothly as light falls off;
+    - moves dark and bright quantiles along with the means, in each tone, or in the whole while each tone's mean
+      follows; not asked of chroma where it and the lightness both drift as smoothly as light falls off;
     - is visible: its range exceeds ``min_drift``, and a third of the deviation within blocks.
 
     Colours are then divided by the drift, which removes uneven light and preserves contrast: black remains black.
@@ -119,7 +124,7 @@ def tone(image: Image, params: ToneParams) -> Tone:
 
     References
     ----------
-    Ours. [HollandWelsch1977]_ for the robust fit, with Cauchy's weights.
+    Ours. [HollandWelsch1977]_ for the robust fit, with Cauchy's weights; [Otsu1979]_ for the threshold.
     """
     unchanged = Tone(image, np.zeros((_SAMPLES, _SAMPLES, 3), np.float32), 0.0, 0.0)
     if params.even == "never" or (params.even == "auto" and min(image.height, image.width) < _MIN_SIDE):
@@ -128,10 +133,11 @@ def tone(image: Image, params: ToneParams) -> Tone:
     known = lab if valid is None else lab[valid]
     scale = float(known[..., 0].mean(dtype=np.float64)) + float(BLACK)  # CIELAB units of 1 in a relative plane
     planes = relative_tone(lab)
-    drifts = [_drift(planes[..., 0], valid, scale, params)]
+    modes = _modes(planes[..., 0], valid)
+    drifts = [_drift(planes[..., 0], modes, scale, params)]
     if image.channels[0] != "Y":
         light = drifts[0].significant and drifts[0].smooth
-        drifts += [_drift(planes[..., place], valid, scale, params, light) for place in (1, 2)]
+        drifts += [_drift(planes[..., place], modes, scale, params, light) for place in (1, 2)]
     lightness, chroma = drifts[0].range, max((drift.range for drift in drifts[1:]), default=0.0)
     is_light = lightness > chroma and all(drift.smooth for drift in drifts if drift.range > _MAX_CHROMA)
     if params.even == "auto" and chroma > _MAX_CHROMA and not is_light:
@@ -176,61 +182,95 @@ def _reduced(image: Image) -> tuple[Float32[np.ndarray, "h w 3"], Mask | None]:
     return lab_from_linear(np.ascontiguousarray(color)), valid
 
 
-def _drift(plane: ScalarMap, valid: Mask | None, scale: float, params: ToneParams, light: bool = False) -> _Drift:
-    """The drift of ``plane``, of which 1 is ``scale`` CIELAB units.
+def _drift(plane: ScalarMap, modes: list[Mask], scale: float, params: ToneParams, light: bool = False) -> _Drift:
+    """The drift of ``plane``, of which 1 is ``scale`` CIELAB units, within each of ``modes``.
 
     Parameters
     ----------
-    light : the lightness drifts as smoothly as light; a plane that does too is lit alike, whatever its quantiles.
+    light : the lightness drifts as smoothly as light; a plane that does too is lit alike, whatever its modes.
     """
     none = _Drift(np.zeros(6), 0.0, False)
-    blocks = _blocks(plane, valid)
-    if sum(len(block) > 0 for block in blocks) < _MIN_BLOCKS * _BLOCKS**2:
+    blocks = [_blocks(plane, mode) for mode in modes]
+    whole = _blocks(plane, np.logical_or.reduce(modes))
+    if sum(len(block) >= _MIN_VALID * plane.size / _BLOCKS**2 for block in whole) < _MIN_BLOCKS * _BLOCKS**2:
         return none
-    means = _of_blocks(blocks, _trimmed_mean)
-    coefficients = _fitted(means)
+    means, weights = _of_blocks(blocks, _trimmed_mean), _weights(blocks)
+    coefficients, levels = _fitted(means, weights)
     drift = _polynomial(coefficients, (_BLOCKS, _BLOCKS))
     extent = float(np.ptp(drift)) * scale
-    explained = 1 - float(np.var(means - drift)) / max(float(np.var(means)), 1e-12)
-    power = _power(means)
+    even = _combined(means - levels[:, None, None], weights)
+    explained = 1 - float(np.var(even - drift)) / max(float(np.var(even)), 1e-12)
+    power = _power(even)
     smooth = explained >= _SMOOTH_EXPLAINED and power >= _SMOOTH_POWER
+    tails = [partial(_quantile, share=share) for share in _TAILS]
     if params.even == "auto" and not (
         extent >= params.min_drift
-        and extent >= _MIN_CONTRAST * scale * float(np.median([block.std() for block in blocks if len(block)]))
+        and extent >= _MIN_CONTRAST * scale * float(np.median([block.std() for block in whole if len(block)]))
         and explained >= _MIN_EXPLAINED
         and power >= _MIN_POWER
         and (
             (light and smooth)
-            or all(_shared(_of_blocks(blocks, partial(_quantile, share=share)), drift) for share in _TAILS)
+            or _follow(blocks, drift, tails)
+            or (_follow(blocks, drift, [_trimmed_mean]) and _follow([whole], drift, tails))
         )
     ):
         return none
     return _Drift(coefficients, extent, True, smooth)
 
 
-def _blocks(plane: ScalarMap, valid: Mask | None) -> list[np.ndarray]:
-    """Valid values of each block, sorted; none of a block where these are few."""
+def _modes(lightness: ScalarMap, valid: Mask | None) -> list[Mask]:
+    """The pixels of the two tones of an exemplar, such as stones and joints; drift moves none into the other.
+
+    The drift is measured within each, and without it they are told apart again.
+    """
+    counted = np.ones(lightness.shape, bool) if valid is None else valid
+    modes = [counted]
+    for _ in range(_MODE_PASSES):
+        blocks = [_blocks(lightness, mode) for mode in modes]
+        coefficients, _levels = _fitted(_of_blocks(blocks, _trimmed_mean), _weights(blocks))
+        even = lightness - _polynomial(coefficients, lightness.shape)
+        bright = even > otsu_threshold(even[counted])
+        modes = [counted & ~bright, counted & bright]
+    return modes
+
+
+def _blocks(plane: ScalarMap, counted: Mask) -> list[np.ndarray]:
+    """Values of each block that count, sorted."""
     rows, columns = (np.arange(_BLOCKS + 1) * side // _BLOCKS for side in plane.shape)
-    blocks = []
-    for top, bottom in itertools.pairwise(rows):
-        for left, right in itertools.pairwise(columns):
-            values = plane[top:bottom, left:right].ravel()
-            if valid is not None:
-                counted = values[valid[top:bottom, left:right].ravel()]
-                values = counted if len(counted) >= max(1, _MIN_VALID * values.size) else values[:0]
-            blocks.append(np.sort(values.astype(np.float64)))
-    return blocks
+    return [
+        np.sort(plane[top:bottom, left:right][counted[top:bottom, left:right]].astype(np.float64))
+        for top, bottom in itertools.pairwise(rows)
+        for left, right in itertools.pairwise(columns)
+    ]
 
 
-def _of_blocks(blocks: list[np.ndarray], measure: Callable[[np.ndarray], float]) -> Float64[np.ndarray, "8 8"]:
-    """A measure of each block; that of the nearest block where one is empty."""
-    values = np.array([measure(block) if len(block) else np.nan for block in blocks]).reshape(_BLOCKS, _BLOCKS)
-    row, column = nearest_valid(~np.isnan(values))
-    return values[row, column]
+def _weights(modes: list[list[np.ndarray]]) -> Float64[np.ndarray, "m 8 8"]:
+    """How much each mode counts in each block: by its pixels, and 0 where these are few."""
+    counts = np.array([[len(block) for block in blocks] for blocks in modes], np.float64)
+    counts[counts < _MIN_MODE * counts.sum(axis=0).mean()] = 0
+    return np.asarray(counts / max(counts.sum(axis=0).max(), 1)).reshape(-1, _BLOCKS, _BLOCKS)
+
+
+def _of_blocks(
+    modes: list[list[np.ndarray]], measure: Callable[[np.ndarray], float]
+) -> Float64[np.ndarray, "m 8 8"]:
+    """A measure of each mode in each block; 0 where it has no pixels."""
+    values = [[measure(block) if len(block) else 0.0 for block in blocks] for blocks in modes]
+    return np.array(values).reshape(-1, _BLOCKS, _BLOCKS)
 
 
 def _quantile(values: np.ndarray, share: float) -> float:
     return float(values[round(share * (len(values) - 1))])
+
+
+def _combined(
+    values: Float64[np.ndarray, "m 8 8"], weights: Float64[np.ndarray, "m 8 8"]
+) -> Float64[np.ndarray, "8 8"]:
+    """Mean over the modes; the value of the nearest block where none counts."""
+    total = weights.sum(axis=0)
+    mean = (values * weights).sum(axis=0) / np.maximum(total, 1e-12)
+    row, column = nearest_valid(total > 0)
+    return np.asarray(mean[row, column])
 
 
 def _trimmed_mean(values: np.ndarray) -> float:
@@ -245,18 +285,26 @@ def _basis(shape: tuple[int, int]) -> Float64[np.ndarray, "6 h w"]:
     return np.stack([np.ones(shape), down, across, down**2 - 1 / 3, down * across, across**2 - 1 / 3])
 
 
-def _fitted(values: Float64[np.ndarray, "8 8"]) -> Float64[np.ndarray, "6"]:
-    """Coefficients of the robust fit of `_basis`."""
-    basis = _basis((_BLOCKS, _BLOCKS))
-    weights = np.ones_like(values)
+def _fitted(
+    means: Float64[np.ndarray, "m 8 8"], weights: Float64[np.ndarray, "m 8 8"]
+) -> tuple[Float64[np.ndarray, "6"], Float64[np.ndarray, " m"]]:
+    """Coefficients of `_basis` but for the constant, which all modes share, and the level of each; robust."""
+    modes = len(means)
+    shared = _basis((_BLOCKS, _BLOCKS))[1:]
+    basis = np.zeros((modes + len(shared), *means.shape))
+    for mode in range(modes):
+        basis[mode, mode] = 1
+    basis[modes:] = shared[:, None]
+    robust = weights
     for _ in range(_PASSES):
-        weighted = basis * weights
-        normal = (weighted[:, None] * basis[None]).sum(axis=(2, 3))
-        coefficients = solve(normal, (weighted * values).sum(axis=(1, 2)))
-        residual = values - (coefficients[:, None, None] * basis).sum(axis=0)
-        deviation = 1.4826 * float(np.median(np.abs(residual))) + 1e-9
-        weights = 1 / (1 + np.square(residual / (_OUTLIER * deviation)))
-    return np.asarray(coefficients)
+        weighted = basis * robust
+        normal = (weighted[:, None] * basis[None]).sum(axis=(2, 3, 4))
+        normal += np.diag(np.where(np.arange(len(normal)) < modes, 1e-9, 0))  # where a mode counts nowhere
+        coefficients = solve(normal, (weighted * means).sum(axis=(1, 2, 3)))
+        residual = means - (coefficients[:, None, None, None] * basis).sum(axis=0)
+        deviation = 1.4826 * float(np.median(np.abs(residual[weights > 0]))) + 1e-9
+        robust = weights / (1 + np.square(residual / (_OUTLIER * deviation)))
+    return np.concatenate([[0.0], coefficients[modes:]]), np.asarray(coefficients[:modes])
 
 
 def _polynomial(coefficients: Float64[np.ndarray, "6"], shape: tuple[int, int]) -> Float64[np.ndarray, "h w"]:
@@ -275,10 +323,20 @@ def _power(values: Float64[np.ndarray, "8 8"]) -> float:
     return low / max(float(power[(frequency > _LOW) & (frequency <= _NEXT)].mean()), 1e-12)
 
 
-def _shared(values: Float64[np.ndarray, "8 8"], drift: Float64[np.ndarray, "8 8"]) -> bool:
-    """Another quantile of the blocks drifts in the same way."""
-    own = _polynomial(_fitted(values), (_BLOCKS, _BLOCKS))
-    return float((own * drift).sum()) >= _MIN_SHARED * float(np.square(drift).sum())
+def _follow(
+    modes: list[list[np.ndarray]],
+    drift: Float64[np.ndarray, "8 8"],
+    measures: Iterable[Callable[[np.ndarray], float]],
+) -> bool:
+    """All measures of all modes drift in the same way; not asked of a mode that is seen in few blocks."""
+    weights = _weights(modes)
+    seen = np.count_nonzero(weights, axis=(1, 2)) >= _MIN_BLOCKS * _BLOCKS**2
+    own = [
+        _polynomial(_fitted(values[[mode]], weights[[mode]])[0], drift.shape)
+        for values in (_of_blocks(modes, measure) for measure in measures)
+        for mode in np.flatnonzero(seen)
+    ]
+    return all(float((each * drift).sum()) >= _MIN_SHARED * float(np.square(drift).sum()) for each in own)
 
 
 def _field(drifts: list[_Drift], shape: tuple[int, int]) -> ToneField:

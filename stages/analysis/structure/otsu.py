@@ -5,11 +5,10 @@ import dataclasses
 import numpy as np
 from pydantic import Field
 
+from texloom.stages.numerics.threshold import otsu_threshold
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.masks import valid_pixels
-
-_BINS = 256
 
 
 class OtsuParams(Params):
@@ -27,21 +26,6 @@ class Otsu:
     """true on a feature; all false where the strength is constant"""
     threshold: float
     """strength above which a pixel belongs to a feature"""
-
-
-def otsu_threshold(values: np.ndarray) -> float:
-    """The threshold that maximises the variance between the classes below and above it [Otsu1979]_."""
-    low, high = float(values.min()), float(values.max())
-    if high <= low:
-        return high
-    counts, edges = np.histogram(values, bins=_BINS, range=(low, high))
-    middles = (edges[:-1] + edges[1:]) / 2
-    below = np.cumsum(counts)[:-1]
-    above = counts.sum() - below
-    sums = np.cumsum(counts * middles)
-    mean_below = sums[:-1] / np.maximum(below, 1)
-    mean_above = (sums[-1] - sums[:-1]) / np.maximum(above, 1)
-    return float(middles[:-1][np.argmax(below * above * (mean_below - mean_above) ** 2)])
 
 
 @stage(version=1)

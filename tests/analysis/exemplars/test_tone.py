@@ -88,6 +88,24 @@ def test_proportions_of_two_materials_are_no_drift(rng: np.random.Generator) -> 
     np.testing.assert_array_equal(tone(image, AUTO).image.pixels, image.pixels)
 
 
+@pytest.mark.parametrize("bend", [0.0, -0.5])
+@pytest.mark.parametrize("kind", ["from side to side", "at the rim"])
+def test_light_is_recovered_whatever_the_proportions_of_two_materials(
+    kind: str, bend: float, rng: np.random.Generator
+) -> None:
+    """Means of blocks follow the proportions: they were evened too, and dark rims glowed."""
+    shape = (256, 288)
+    down, across = np.meshgrid(*(np.linspace(-1, 1, side) for side in shape), indexing="ij")
+    dark = blobs(shape, rng) < (0.5 + 0.35 * across if kind == "from side to side" else 0.6 * (down**2 + across**2))
+    even = picture(
+        (np.where(dark, 0.05, 0.4) * np.exp(0.2 * rng.standard_normal(shape)))[..., None] * [1, 0.8, 0.5]
+    )
+    assert not tone(even, AUTO).tone.any()
+    result = tone(lit(even, ramp(shape, 0.4, 0.3, bend)), AUTO)
+    assert result.lightness > 10
+    assert remaining(result, even) < 0.06
+
+
 def test_a_change_of_hue_is_preserved_with_a_warning(
     rng: np.random.Generator, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -4,7 +4,8 @@ import numpy as np
 import pydantic
 import pytest
 
-from texloom.stages.analysis.structure.otsu import OtsuParams, otsu, otsu_threshold
+from texloom.stages.analysis.structure.otsu import OtsuParams, otsu
+from texloom.stages.numerics.threshold import otsu_threshold
 
 KEEP_ALL = OtsuParams(min_extent=0)
 
