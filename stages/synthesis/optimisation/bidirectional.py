@@ -125,7 +125,7 @@ def _places(scale: PatchScale) -> Bool[np.ndarray, "h_places w_places"] | None:
     return None if scale.allowed is None else scale.allowed.places
 
 
-@stage(version=1, check=check_patches)
+@stage(version=1, check=check_patches, exemplar_bytes=120)
 def bidirectional(
     image: Image,
     start: Correspondence,

@@ -276,7 +276,7 @@ class _Optimisation:
         return best_start(exemplar, [self.picture(match, scale) for match in matches], records)
 
 
-@stage(version=1, check=check_patches, in_bands=True)
+@stage(version=1, check=check_patches, in_bands=True, exemplar_bytes=90)
 def optimise(
     image: Image,
     start: Correspondence,
