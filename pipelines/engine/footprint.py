@@ -20,23 +20,6 @@ LARGE = 4096**2
 _DISK, _DISK_OF_CHANNEL = 55, 22  # bytes a pixel
 _SELF_TUNING = 2  # steps of synthesis, which these hold
 _DISK_OF_IMAGE = 12  # bytes a pixel and channel: read, made and stored
-_OF_EXEMPLAR: Mapping[str, int] = {
-    "analysis.offset_statistics": 300,
-    "evaluation.metrics": 140,
-    "synthesis.bidirectional": 120,
-    "synthesis.graph_cut": 60,
-    "synthesis.initialise": 90,
-    "synthesis.hybrid": 75,
-    "synthesis.adaptive": 75,
-    "synthesis.optimise": 90,
-    "synthesis.patch_based": 45,
-    "synthesis.quilting": 65,
-}
-"""bytes that a stage takes at least for a pixel of an exemplar of three channels: the growth of the largest memory
-from 1024x1024 to 2048 x 2048 px, of quilting to 4096 x 4096 px"""
-_OF_ANY_EXEMPLAR = 24  # of others: the exemplar and a copy of it
-_OF_RESULT: Mapping[str, int] = {"synthesis.graph_cut": 70, "synthesis.patch_based": 45, "synthesis.quilting": 45}
-_OF_ANY_RESULT = 40  # bytes a pixel, as above, of a step that has all of the result in memory
 _BASE = 16 * 10**8  # bytes of a step that works in bands
 _SHARE = 0.25  # of the memory limit, that it takes besides
 
@@ -82,9 +65,7 @@ def footprint(steps: Mapping[str, Step], scopes: list[Scope]) -> Footprint | Non
         is_result = pixels[name] > taken[name] and not step.stage.in_bands  # else it is of the exemplar's size
         own = pixels[name] if is_result else 0
         if max(own, taken[name]) > LARGE:
-            stage = step.stage.name
-            whole[name] = _OF_RESULT.get(stage, _OF_ANY_RESULT) * own
-            whole[name] += _OF_EXEMPLAR.get(stage, _OF_ANY_EXEMPLAR) * taken[name]
+            whole[name] = step.stage.result_bytes * own + step.stage.exemplar_bytes * taken[name]
     if largest <= LARGE:
         return Footprint(0, 0, whole)
     channels = max((len(source.channels) for scope in scopes for source in scope.sources.values()), default=3)

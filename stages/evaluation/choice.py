@@ -31,7 +31,7 @@ class Choice:
     """``chosen``, a label; ``because``, a sentence; ``totals`` and ``scores`` by label"""
 
 
-@stage(version=1)
+@stage(version=1, role="choice")
 def choice(
     first: Image,
     second: Image,

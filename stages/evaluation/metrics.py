@@ -107,7 +107,7 @@ LIMITS = (
 _OF_SOURCE_MAP = ("continuity", "use", "copying", "joints", "objects")
 
 
-@stage(version=4, in_bands=True)
+@stage(version=4, in_bands=True, exemplar_bytes=140, role="scores")
 def metrics(
     exemplar: Image,
     image: Image,

@@ -32,7 +32,7 @@ import textwrap
 import typing
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, ParamSpec, TypeVar
+from typing import Annotated, Any, Literal, ParamSpec, TypeVar
 
 import pydantic
 
@@ -171,6 +171,12 @@ Outlines = Callable[[Any, Mapping[str, Any]], Mapping[str, Outline]]
 """``outlines(params, known)``: output name to outline, as far as params and ``known``, see `Check`, tell it"""
 
 
+Role = Literal["", "scores", "choice"]
+"""what runs show of a stage's ``table``: the scores of a result, or a choice between results; else nothing"""
+EXEMPLAR_BYTES = 24  # the exemplar and a copy of it
+RESULT_BYTES = 40
+
+
 @dataclasses.dataclass(frozen=True)
 class Stage:
     """One stage as the runner sees it."""
@@ -199,6 +205,11 @@ class Stage:
     outlines: Outlines | None = None
     in_bands: bool = False
     """arrays of the result's size may be larger than the memory, see `texloom.stages.vocabulary.scratch`"""
+    exemplar_bytes: int = EXEMPLAR_BYTES
+    """memory that it takes at least for a pixel of an exemplar of three channels"""
+    result_bytes: int = RESULT_BYTES
+    """the same for a pixel of the result"""
+    role: Role = ""
     origin: str = ""
     """distribution and version of the plug-in that it comes from"""
 
@@ -213,7 +224,13 @@ declared: dict[str, Stage] = {}
 
 
 def stage(
-    version: int, check: Check | None = None, outlines: Outlines | None = None, in_bands: bool = False
+    version: int,
+    check: Check | None = None,
+    outlines: Outlines | None = None,
+    in_bands: bool = False,
+    exemplar_bytes: int = EXEMPLAR_BYTES,
+    result_bytes: int = RESULT_BYTES,
+    role: Role = "",
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Declare the decorated function a stage; it remains an ordinary function.
 
@@ -223,6 +240,9 @@ def stage(
     check : checks params and sources before anything runs, see `Check`; also all inputs of every call.
     outlines : tells the sizes of results before anything runs, for the checks of the stages that take them.
     in_bands : arrays of the result's size may be larger than the memory, see `texloom.stages.vocabulary.scratch`.
+    exemplar_bytes, result_bytes : memory for a pixel of an exemplar of three channels and of the result, at least:
+        the growth of the largest from 1024 x 1024 to 2048 x 2048 px. They decide what is refused, not results.
+    role : what runs show of its ``table``.
     """
 
     def register(function: Callable[P, R]) -> Callable[P, R]:
@@ -252,6 +272,9 @@ def stage(
             check=check,
             outlines=outlines,
             in_bands=in_bands,
+            exemplar_bytes=exemplar_bytes,
+            result_bytes=result_bytes,
+            role=role,
         )
         return function
 

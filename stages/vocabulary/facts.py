@@ -49,6 +49,18 @@ class Wraps(NamedTuple):
         """Whether it is a torus."""
         return self.down and self.across
 
+    def where_open(self, count: int) -> tuple[int, int]:
+        """``count`` down and across, 0 along axes that wrap."""
+        return (0 if self.down else count, 0 if self.across else count)
+
+    def where_closed(self, count: int) -> tuple[int, int]:
+        """``count`` down and across, 0 along axes that do not wrap."""
+        return (count if self.down else 0, count if self.across else 0)
+
+    def modes(self, open_mode: str) -> list[str]:
+        """How filters and padding go on beyond the borders along each axis: ``wrap`` or ``open_mode``."""
+        return ["wrap" if around else open_mode for around in self]
+
     def __bool__(self) -> bool:
         return self.down or self.across
 

@@ -179,8 +179,7 @@ class Level:
 
     def allowed(self, subpasses: int) -> Rect:
         """The pixels that can be computed in so many subpasses from the beginning of the level."""
-        down, across = (0 if around else -subpasses for around in self.wrap)
-        return self.everything.grown(down, across)
+        return self.everything.grown(*self.wrap.where_open(-subpasses))
 
     def reach(self, changed: Rect, by: int) -> Rect:
         """The pixels that ``changed`` can influence; all rows or columns where it crosses a border that wraps."""

@@ -186,7 +186,7 @@ def _found(
     from texloom.stages.kernels.patchmatch.search import Target, match_distances
 
     planes, usable = [exemplar.lab, lab_from_linear(layout.color)], exemplar.valid
-    extra = [0 if around else _PATCH - 1 for around in wrap]
+    extra = wrap.where_open(_PATCH - 1)
     match: Patches | None = None
     factors = scale_sizes(exemplar.image.height, exemplar.image.width, _COARSEST, _RATIO)
     least = 2 * _PATCH / min(layout.height, layout.width)
@@ -226,7 +226,7 @@ def _joints(
     if pieces is None:
         across = _unlike(difference, wrap)
     else:
-        edges = [(0, _PATCH - 1 if around else 0) for around in wrap]
+        edges = [(0, beyond) for beyond in wrap.where_closed(_PATCH - 1)]
         windows = np.lib.stride_tricks.sliding_window_view(np.pad(pieces, edges, mode="wrap"), (_PATCH, _PATCH))
         across = windows.min(axis=(2, 3)) != windows.max(axis=(2, 3))
     middle = _PATCH // 2
@@ -330,15 +330,10 @@ def _blur(image: Image, strength: float) -> float:
     return float(coarse ** (1 - strength) * _FINE_BLUR**strength)
 
 
-def _modes(wrap: Wraps) -> list[str]:
-    """How filters go on beyond the borders along each axis."""
-    return ["wrap" if around else "nearest" for around in wrap]
-
-
 def _guide(image: Image, sigma: float, wrap: Wraps) -> Float32[np.ndarray, "h w 4"]:
     """Colour after a blur, and the deviation of lightness from it."""
     ndimage = loaded("scipy.ndimage")
-    mode = _modes(wrap)
+    mode = wrap.modes("nearest")
     lab = lab_from_linear(image.color)
     coarse = np.stack(
         [ndimage.gaussian_filter(plane, sigma, mode=mode) for plane in np.moveaxis(lab, 2, 0)], axis=2

@@ -55,7 +55,7 @@ def _parts(region: Mask, margin: int, wrap: Wraps) -> np.ndarray:
     ndimage = loaded("scipy.ndimage")
     side = margin + 1 - margin % 2
     reach = side // 2
-    beyond = [reach if around else 0 for around in wrap]
+    beyond = wrap.where_closed(reach)
     wide = np.pad(region, [(one, one) for one in beyond], mode="wrap")
     grown = cv2.dilate(wide.astype(np.uint8), np.ones((side, side), np.uint8))
     grown = grown[tuple(slice(one, one + length) for one, length in zip(beyond, region.shape, strict=True))]

@@ -89,7 +89,7 @@ def _slow_tone(control: Image, detail: float, wrap: Wraps) -> ToneField:
     color = resize(fill_excluded(control).color, height, width, bilinear=True)
     planes = relative_tone(lab_from_linear(color))
     size = max(1, round(detail * _SAMPLES / _PASSES**0.5))
-    modes = [*("wrap" if around else "nearest" for around in wrap), "nearest"]
+    modes = [*wrap.modes("nearest"), "nearest"]
     for _ in range(_PASSES):
         planes = ndimage.uniform_filter(planes, (size, size, 1), mode=modes)
     return np.asarray(planes - planes.mean(axis=(0, 1)), np.float32)

@@ -3,7 +3,7 @@
 import dataclasses
 import logging
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
@@ -18,7 +18,7 @@ from texloom.stages.synthesis.edits.region_windows import Window, windows
 from texloom.stages.synthesis.edits.tracing import continued, trace
 from texloom.stages.synthesis.optimisation.inputs import check_patches
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
-from texloom.stages.synthesis.optimisation.optimise import Optimised, OptimiseParams, optimise
+from texloom.stages.synthesis.optimisation.optimise import PRESETS, Optimised, OptimiseParams, optimise
 from texloom.stages.synthesis.stitching.overlap import Errors, compared
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import InputError, Outline, stage
@@ -51,10 +51,13 @@ _MAX_PHASE = 1.5  # px by which a block may be out of phase with the lattice
 class ReviseParams(OptimiseParams):
     """Parameters of the optimisation, and the surroundings that it sees."""
 
+    presets: ClassVar = {
+        "default": {},
+        **{name: {**PRESETS[name], "coarsest": 100} for name in ("fast", "kaspar2015")},
+    }
+
     margin: int = Field(64, ge=16, le=1024)
     """px around the region that are compared with the exemplar; the rest of the texture is not looked at"""
-    coarsest: int = Field(100, ge=8)
-    """exemplar's shorter side at the first scale, px; never below one and a half patches"""
     occurrence: float = Field(0.0, ge=0, le=1e4)
     """weight of spatial uniformity, see `optimise`; a revised region is small, and similarity counts more"""
     smooth: tuple[str, ...] = ("albedo", "height", "normal", "ao")

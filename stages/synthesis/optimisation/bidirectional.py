@@ -1,8 +1,7 @@
 """Textures by bidirectional similarity: coherent with the exemplar, and complete."""
 
 import dataclasses
-from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Int16, UInt32
@@ -10,20 +9,12 @@ from pydantic import Field
 
 from texloom.stages.synthesis.optimisation import correspondence
 from texloom.stages.synthesis.optimisation.bidirectional_vote import ReversePatches, bidirectional_vote
+from texloom.stages.synthesis.optimisation.coarse_to_fine import PatchScale, coarse_to_fine, patch_scales
 from texloom.stages.synthesis.optimisation.correspondence import Patches, from_layers, to_layers
 from texloom.stages.synthesis.optimisation.inputs import check_patches, check_start
 from texloom.stages.synthesis.optimisation.match_search import Search
-from texloom.stages.synthesis.optimisation.plain import (
-    PlainOptimisation,
-    PlainParams,
-    PlainScale,
-    PlainTexture,
-    margin_of,
-    match_at,
-    plain_scales,
-    scaled_exemplar,
-)
-from texloom.stages.synthesis.optimisation.scale import Rounds, improve
+from texloom.stages.synthesis.optimisation.plain import PlainOptimisation, PlainParams, PlainTexture
+from texloom.stages.synthesis.optimisation.scale import Rounds
 from texloom.stages.synthesis.optimisation.vote import pad_torus, result_image
 from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image
 from texloom.stages.vocabulary.checkpoints import Checkpoints, NoCheckpoints
@@ -63,20 +54,34 @@ class Bidirectional(PlainTexture):
     part of completeness in it; share of target patches changed in the last iteration"""
 
 
+class _State(NamedTuple):
+    """What changes at a scale."""
+
+    match: Patches
+    reverse: ReversePatches
+
+
 class _Optimisation(PlainOptimisation[BidirectionalParams]):
     """The iterations at a scale."""
 
-    def rounds(
-        self, match: Patches, reverse: ReversePatches, scale: PlainScale, first: bool, random: np.random.Generator
-    ) -> Rounds:
-        """Improve ``match`` and ``reverse`` in place at one scale, iteration by iteration.
+    saved: ClassVar = BidirectionalScale
 
-        Parameters
-        ----------
-        first : ``reverse`` is random, and does not vote before its first search.
+    def begun(self, scale: PatchScale, before: _State | None, random: np.random.Generator) -> _State:
+        """Both matches of the scale before; of the first scale that of the start, and random ones."""
+        match = self.match_at(scale, None if before is None else before.match)
+        if before is None:
+            reverse = np.stack([random.integers(0, count, scale.places, np.int32) for count in scale.patches])
+            return _State(match, reverse)
+        return _State(match, correspondence.rescale(before.reverse, scale.places, scale.patches, scale.growth))
+
+    def rounds(self, state: _State, scale: PatchScale, random: np.random.Generator) -> Rounds:
+        """Improve both matches in place at one scale, iteration by iteration.
+
+        At the first scale the reverse ones are random, and do not vote before their first search.
         """
-        params, size, wrap = self.params, self.params.patch_size, self.params.tileable
-        exemplar, _, _ = self.compared.at(scale, False, margin_of(params))
+        (match, reverse), params = state, self.params
+        size, wrap = params.patch_size, params.tileable
+        exemplar, _, _ = self.compared.at(scale, False, params.beyond)
         channels = exemplar.shape[1] // scale.exemplar[1]
         planes = exemplar.reshape(*scale.exemplar, channels).astype(np.float32)
 
@@ -85,7 +90,7 @@ class _Optimisation(PlainOptimisation[BidirectionalParams]):
             rounded = np.rint(voted).astype(np.int16).reshape(voted.shape[0], -1)
             return pad_torus(rounded, channels, size, wrap) if wrap else rounded
 
-        target = vote(0.0 if first else params.completeness)
+        target = vote(0.0 if scale.level == 1 else params.completeness)
         forward = Search(exemplar, channels, size, scale.places, scale.patches, wrap, 0.0, 1.0, scale.allowed)
         while True:
             coherence, _, changed = forward.step(target, match, scale.effort, random)
@@ -96,21 +101,31 @@ class _Optimisation(PlainOptimisation[BidirectionalParams]):
             yield (1 - params.completeness) * coherence + completeness, completeness, changed
             target = vote(params.completeness)
 
-    def picture(self, match: Patches, reverse: ReversePatches, scale: PlainScale) -> Image:
+    def picture(self, state: _State, scale: PatchScale) -> Image:
         """The result at a scale: all channels, linear."""
         pixels = bidirectional_vote(
-            match, reverse, scaled_exemplar(self.image, scale), self.final, self.params.completeness,
+            *state, self.scaled_exemplar(scale), self.final, self.params.completeness,
             _places(scale), self.params.tileable,
         )  # fmt: skip
         return result_image(pixels, self.image)
 
+    def save(self, state: _State, scale: PatchScale, scales: list[dict[str, Any]]) -> BidirectionalScale:
+        """A checkpoint."""
+        return BidirectionalScale(
+            to_layers(state.match), to_layers(state.reverse), self.picture(state, scale), scales
+        )
 
-def _places(scale: PlainScale) -> Bool[np.ndarray, "h_places w_places"] | None:
+    def restored(self, saved: BidirectionalScale) -> _State:
+        """The state of a checkpoint."""
+        return _State(from_layers(saved.match), from_layers(saved.reverse))
+
+
+def _places(scale: PatchScale) -> Bool[np.ndarray, "h_places w_places"] | None:
     """The exemplar patches without masked pixels; none for all."""
     return None if scale.allowed is None else scale.allowed.places
 
 
-@stage(version=1, check=check_patches)
+@stage(version=1, check=check_patches, exemplar_bytes=120)
 def bidirectional(
     image: Image,
     start: Correspondence,
@@ -152,45 +167,8 @@ def bidirectional(
     similarity. [Barnes2009]_ for the search. The narrow last vote is ours.
     """
     check_start(image, start)
-    scales = plain_scales(image, start, params)
-    optimisation = _Optimisation(image, params)
-    match, reverse, done = _run(optimisation, scales, start, rng.spawn(len(scales)), checkpoints)
-    whole = optimisation.picture(match, reverse, scales[-1])
-    return Bidirectional.cropped(whole, match, image, params, done)
-
-
-def _run(
-    optimisation: _Optimisation,
-    scales: list[PlainScale],
-    start: Correspondence,
-    randoms: list[np.random.Generator],
-    checkpoints: Checkpoints,
-) -> tuple[Patches, ReversePatches, list[dict[str, Any]]]:
-    """Optimise scale by scale, from the last checkpoint on; both matches at full size, and the scales' records."""
-    params = optimisation.params
-    match: Patches | None = None
-    reverse: ReversePatches | None = None
-    done: list[dict[str, Any]] = []
-    level = 0
-    resumed = checkpoints.latest(BidirectionalScale)
-    if resumed is not None:
-        level, state = resumed
-        match, reverse, done = from_layers(state.match), from_layers(state.reverse), list(state.scales)
-    for scale, random in list(zip(scales, randoms, strict=True))[level:]:
-        first = reverse is None
-        match = match_at(scales, scale, match, start, params)
-        if reverse is None:
-            places = [random.integers(0, count, scale.places, np.int32) for count in scale.patches]
-            reverse = np.stack(places)
-        else:
-            growth = scale.factor / scales[scale.level - 2].factor
-            reverse = correspondence.rescale(reverse, scale.places, scale.patches, growth)
-        rounds = optimisation.rounds(match, reverse, scale, first, random)
-        preview = partial(optimisation.picture, match, reverse, scale)
-        done.append(improve(rounds, scale, scales, params.tolerance, preview))
-        if scale.level < len(scales):
-            state = BidirectionalScale(to_layers(match), to_layers(reverse), preview(), list(done))
-            checkpoints.save(scale.level, state)
-    assert match is not None
-    assert reverse is not None
-    return match, reverse, done
+    scales = patch_scales(image, start, params)
+    optimisation = _Optimisation(image, start, params)
+    state, done = coarse_to_fine(optimisation, scales, rng.spawn(len(scales)), params.tolerance, checkpoints)
+    whole = optimisation.picture(state, scales[-1])
+    return Bidirectional.cropped(whole, state.match, image, params, done)

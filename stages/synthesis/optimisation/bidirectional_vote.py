@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float32, Int32
 
 from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.synthesis.optimisation.correspondence import Patches
-from texloom.stages.synthesis.optimisation.vote import Window, vote_pixels
+from texloom.stages.synthesis.optimisation.vote import Window, vote_pixels, weights_along
 from texloom.stages.vocabulary.facts import Wraps
 
 ReversePatches: TypeAlias = Int32[np.ndarray, "2 h_places w_places"]
@@ -54,7 +54,7 @@ def bidirectional_vote(
         wrap=wrap,
     )
     weights = window.astype(np.float64)
-    down, across = map(_weights_along, (patches_down, patches_across), (weights, weights), wrap)
+    down, across = map(weights_along, (patches_down, patches_across), (window, window), wrap)
     # Each term is a mean over its patches.
     forward_weight, reverse_weight = (1 - completeness) / match[0].size, completeness / len(places)
     lines = np.repeat(weights, channels)
@@ -73,7 +73,3 @@ def bidirectional_vote(
         voted += own[..., None] * strip
         strip[known] = voted[known] / total[known][:, None]
     return target
-
-
-def _weights_along(patches: int, window: np.ndarray, wraps: bool) -> np.ndarray:
-    return np.full(patches, window.sum()) if wraps else np.convolve(np.ones(patches), window)

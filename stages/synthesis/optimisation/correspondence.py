@@ -85,10 +85,8 @@ def _placed(shift: Float64[np.ndarray, "p q"], axis: int, places: int, first: in
 
 def target_sides(match: Patches, patch_size: int, wrap: Wraps) -> tuple[int, int]:
     """Height and width of the target of a match: along an axis that wraps there are as many pixels as patches."""
-    down, across = (
-        count + (0 if around else patch_size - 1) for count, around in zip(match.shape[1:], wrap, strict=True)
-    )
-    return down, across
+    extra = wrap.where_open(patch_size - 1)
+    return match.shape[1] + extra[0], match.shape[2] + extra[1]
 
 
 def to_pixels(

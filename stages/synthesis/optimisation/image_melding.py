@@ -2,27 +2,19 @@
 
 import dataclasses
 import functools
-from functools import partial
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 from jaxtyping import Float32, UInt32
 from pydantic import Field
 
 from texloom.stages.common.grids.pyramid import resize
+from texloom.stages.synthesis.optimisation.coarse_to_fine import PatchScale, coarse_to_fine, patch_scales
 from texloom.stages.synthesis.optimisation.correspondence import Patches, from_layers, to_layers
 from texloom.stages.synthesis.optimisation.inputs import check_patches, check_start
 from texloom.stages.synthesis.optimisation.melding import Bounds, Melding
-from texloom.stages.synthesis.optimisation.plain import (
-    PlainOptimisation,
-    PlainParams,
-    PlainScale,
-    PlainTexture,
-    match_at,
-    plain_scales,
-    scaled_exemplar,
-)
-from texloom.stages.synthesis.optimisation.scale import Rounds, improve
+from texloom.stages.synthesis.optimisation.plain import PlainOptimisation, PlainParams, PlainTexture
+from texloom.stages.synthesis.optimisation.scale import Rounds
 from texloom.stages.synthesis.optimisation.vote import result_image, vote_pixels
 from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image
 from texloom.stages.vocabulary.checkpoints import Checkpoints, NoCheckpoints
@@ -32,7 +24,6 @@ from texloom.stages.vocabulary.declare import stage
 _COLORS = 3
 
 Planes: TypeAlias = Float32[np.ndarray, "H W c"]
-CoarserPlanes: TypeAlias = Float32[np.ndarray, "coarser_H coarser_W c"]
 
 
 class ImageMeldingParams(PlainParams):
@@ -81,15 +72,17 @@ class _State:
 class _Optimisation(PlainOptimisation[ImageMeldingParams]):
     """The iterations at a scale."""
 
+    saved: ClassVar = ImageMeldingScale
+
     @functools.cached_property
     def _planes(self) -> Float32[np.ndarray, "h w c"]:
         return np.concatenate([lab_from_linear(self.image.color), self.compared.maps], axis=2)
 
-    def planes(self, scale: PlainScale) -> Float32[np.ndarray, "h w c"]:
+    def planes(self, scale: PatchScale) -> Float32[np.ndarray, "h w c"]:
         """The exemplar's CIELAB colour and maps at a scale."""
         return resize(self._planes, *scale.exemplar)
 
-    def melding(self, scale: PlainScale) -> Melding:
+    def melding(self, scale: PatchScale) -> Melding:
         """Search and vote at a scale."""
         params = self.params
         bounds = Bounds(params.min_gain, params.max_gain, params.bias_lightness, params.bias_color)
@@ -98,13 +91,14 @@ class _Optimisation(PlainOptimisation[ImageMeldingParams]):
             self.planes(scale), params.patch_size, params.gradient_weight, bounds, allowed, params.tileable
         )
 
-    def first_target(self, match: Patches, scale: PlainScale, before: CoarserPlanes | None) -> Planes:
-        """The target with which a scale begins: that of the scale before enlarged, or a plain vote."""
-        if before is not None:
-            return resize(before, *scale.target, bilinear=True)
-        return vote_pixels(match, self.planes(scale), self.even, self.params.tileable)
+    def begun(self, scale: PatchScale, before: _State | None, random: np.random.Generator) -> _State:  # noqa: ARG002
+        """The match and the enlarged target of the scale before; of the first scale the start, and a plain vote."""
+        match = self.match_at(scale, None if before is None else before.match)
+        if before is None:
+            return _State(match, vote_pixels(match, self.planes(scale), self.even, self.params.tileable))
+        return _State(match, resize(before.target, *scale.target, bilinear=True))
 
-    def rounds(self, state: _State, scale: PlainScale, random: np.random.Generator) -> Rounds:
+    def rounds(self, state: _State, scale: PatchScale, random: np.random.Generator) -> Rounds:
         """Improve ``state`` at one scale, iteration by iteration."""
         planes, melding = self.planes(scale), self.melding(scale)
         while True:
@@ -112,9 +106,9 @@ class _Optimisation(PlainOptimisation[ImageMeldingParams]):
             state.target = melding.vote(state.match, state.target, planes, self.even)
             yield energy
 
-    def picture(self, state: _State, scale: PlainScale) -> Image:
+    def picture(self, state: _State, scale: PatchScale) -> Image:
         """The result at a scale: all channels, linear."""
-        pixels = vote_pixels(state.match, scaled_exemplar(self.image, scale), self.final, self.params.tileable)
+        pixels = vote_pixels(state.match, self.scaled_exemplar(scale), self.final, self.params.tileable)
         colors = self.planes(scale)[..., :_COLORS]
         target = state.target[..., :_COLORS]
         melding = self.melding(scale)
@@ -123,6 +117,14 @@ class _Optimisation(PlainOptimisation[ImageMeldingParams]):
         count = 1 if self.image.channels[0] == "Y" else _COLORS
         pixels[..., :count] = color[..., 1:2] if count == 1 else color
         return result_image(pixels, self.image)
+
+    def save(self, state: _State, scale: PatchScale, scales: list[dict[str, Any]]) -> ImageMeldingScale:
+        """A checkpoint."""
+        return ImageMeldingScale(to_layers(state.match), state.target, self.picture(state, scale), scales)
+
+    def restored(self, saved: ImageMeldingScale) -> _State:
+        """The state of a checkpoint."""
+        return _State(from_layers(saved.match), saved.target)
 
 
 @stage(version=1, check=check_patches)
@@ -168,37 +170,8 @@ def image_melding(
     They bound the change of a patch's mean; the gain is about it, so that it cannot brighten bright patches.
     """
     check_start(image, start)
-    scales = plain_scales(image, start, params)
-    optimisation = _Optimisation(image, params)
-    state, done = _run(optimisation, scales, start, rng.spawn(len(scales)), checkpoints)
+    scales = patch_scales(image, start, params)
+    optimisation = _Optimisation(image, start, params)
+    state, done = coarse_to_fine(optimisation, scales, rng.spawn(len(scales)), params.tolerance, checkpoints)
     whole = optimisation.picture(state, scales[-1])
     return ImageMelding.cropped(whole, state.match, image, params, done)
-
-
-def _run(
-    optimisation: _Optimisation,
-    scales: list[PlainScale],
-    start: Correspondence,
-    randoms: list[np.random.Generator],
-    checkpoints: Checkpoints,
-) -> tuple[_State, list[dict[str, Any]]]:
-    """Optimise scale by scale, from the last checkpoint on; the state at full size, and a record of each scale."""
-    params = optimisation.params
-    state: _State | None = None
-    done: list[dict[str, Any]] = []
-    level = 0
-    resumed = checkpoints.latest(ImageMeldingScale)
-    if resumed is not None:
-        level, saved = resumed
-        state, done = _State(from_layers(saved.match), saved.target), list(saved.scales)
-    for scale, random in list(zip(scales, randoms, strict=True))[level:]:
-        match = match_at(scales, scale, None if state is None else state.match, start, params)
-        target = optimisation.first_target(match, scale, None if state is None else state.target)
-        state = _State(match, target)
-        preview = partial(optimisation.picture, state, scale)
-        done.append(improve(optimisation.rounds(state, scale, random), scale, scales, params.tolerance, preview))
-        if scale.level < len(scales):
-            saved = ImageMeldingScale(to_layers(match), state.target, preview(), list(done))
-            checkpoints.save(scale.level, saved)
-    assert state is not None
-    return state, done

@@ -445,7 +445,7 @@ def outlines(params: InitialiseParams, known: Mapping[str, Any]) -> dict[str, Ou
     return {} if size is None else {"match": Outline(*size)}
 
 
-@stage(version=2, check=check_exemplar, outlines=outlines, in_bands=True)
+@stage(version=2, check=check_exemplar, outlines=outlines, in_bands=True, exemplar_bytes=90)
 def initialise(
     image: Image,
     params: InitialiseParams,

@@ -10,7 +10,7 @@ from texloom.stages.common.similarity.neighbourhoods import UNIT, fixed_point
 from texloom.stages.kernels.core.threads import run_all, run_spans, spans
 from texloom.stages.synthesis.optimisation.correspondence import Patches
 from texloom.stages.synthesis.optimisation.match_search import Effort
-from texloom.stages.synthesis.optimisation.vote import Window
+from texloom.stages.synthesis.optimisation.vote import Window, weights_along
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
 _STRIP = 32  # rows; thinner strips propagate good matches too slowly
@@ -81,7 +81,7 @@ class Melding:
         height, width, channels = whole.shape
         fixed = np.moveaxis(fixed_point(whole).reshape(height, width, channels), 2, 0)
         if wrap:
-            beyond = [(0, self.size - 1 if around else 0) for around in wrap]
+            beyond = [(0, extra) for extra in wrap.where_closed(self.size - 1)]
             fixed = np.pad(fixed, [(0, 0), *beyond], mode="wrap")
         fixed = np.ascontiguousarray(fixed)
         sums = [box_sums(plane.astype(np.int64), self.size) for plane in fixed[:_COLORS]]
@@ -173,16 +173,11 @@ class Melding:
 
         (row, column), size = match, self.size
         weights = window.astype(np.float32)
-        along = [
-            np.full(count, weights.sum(), np.float32)
-            if around
-            else np.convolve(np.ones(count, np.float32), weights)
-            for count, around in zip(row.shape, self.wrap, strict=True)
-        ]
+        along = list(map(weights_along, row.shape, (window, window), self.wrap))
         sums = np.empty((along[0].size, row.shape[1] + size - 1), np.float32)
         own = np.ascontiguousarray(plane)
         run_spans(fitted_votes, (row, column, own, gain, bias, weights, self.wrap, sums), along[0].size, 16)
-        return np.asarray(sums[:, : along[1].size] / np.outer(*along))
+        return np.asarray(sums[:, : along[1].size] / np.outer(*along).astype(np.float32))
 
 
 def meld(

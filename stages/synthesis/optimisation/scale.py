@@ -42,13 +42,6 @@ class Scale:
         return float(self.iterations * self.patches[0] * self.patches[1])
 
 
-def improve(
-    rounds: Rounds, scale: Scale, scales: Sequence[Scale], tolerance: float, preview: Callable[[], Image]
-) -> dict[str, Any]:
-    """`improve_all` for one result."""
-    return improve_all([rounds], scale, scales, tolerance, [preview])[0]
-
-
 def improve_all(
     runs: Sequence[Rounds],
     scale: Scale,

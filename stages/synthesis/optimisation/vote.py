@@ -36,7 +36,8 @@ def window(patch_size: int, sigma: float | None = None) -> Window:
     return np.maximum(1, np.rint(peak * weights)).astype(np.int32)
 
 
-def _weights_along(patches: int, window: Window, wraps: bool) -> np.ndarray:
+def weights_along(patches: int, window: Window, wraps: bool) -> np.ndarray:
+    """Sum of the weights of all votes for each line of pixels along an axis of so many patches."""
     if wraps:
         return np.full(patches, window.sum(), np.int64)
     return np.convolve(np.ones(patches, np.int64), window.astype(np.int64))
@@ -71,7 +72,7 @@ def mean_vote(
 
     votes = Votes(match[0], match[1], exemplar.astype(np.float32), channels, patch_size, wrap)
     even = window(patch_size)
-    down, across = map(_weights_along, match.shape[1:], (even, even), wrap)
+    down, across = map(weights_along, match.shape[1:], (even, even), wrap)
     shares = run_shares(even, channels), _sums_down(even)
     weights = np.repeat(across, channels).astype(np.float64), down.astype(np.float64)
     padded = (match.shape[1] + patch_size - 1, (match.shape[2] + patch_size - 1) * channels)
@@ -101,7 +102,7 @@ def pad_torus(
     target: Int16[np.ndarray, "H Wc"], channels: int, patch_size: int, wrap: Wraps
 ) -> Int16[np.ndarray, "padded_H padded_Wc"]:
     """Repeat the first rows and columns behind the last along axes that wrap, so that every patch is whole."""
-    down, across = (patch_size - 1 if around else 0 for around in wrap)
+    down, across = wrap.where_closed(patch_size - 1)
     return np.ascontiguousarray(np.pad(target, ((0, down), (0, across * channels)), mode="wrap"))
 
 
@@ -122,7 +123,7 @@ def vote_pixels(
     flat = np.ascontiguousarray(pixels.reshape(height, width * channels))
     votes = Votes(match[0], match[1], flat, channels, window.size, wrap)
     shares = run_shares(window, channels), _sums_down(window)
-    down, across = map(_weights_along, match.shape[1:], (window, window), wrap)
+    down, across = map(weights_along, match.shape[1:], (window, window), wrap)
     above, left = margin
     inner = slice(left, across.size - left)
     result = empty((down.size - 2 * above, across.size - 2 * left, channels), np.float32)

@@ -4,7 +4,7 @@ import dataclasses
 import logging
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import pydantic
@@ -22,10 +22,10 @@ from texloom.stages.common.grids.pyramid import MAX_ROW_VALUES, scale_sizes, sca
 from texloom.stages.common.grids.size_checks import check_patch
 from texloom.stages.synthesis.control_maps.correlation import correlation
 from texloom.stages.synthesis.control_maps.known_control import notes_on_target
+from texloom.stages.synthesis.optimisation.coarse_to_fine import Method, coarse_to_fine, coarsest_side
 from texloom.stages.synthesis.optimisation.match_search import Effort
-from texloom.stages.synthesis.optimisation.plain import coarsest_side
 from texloom.stages.synthesis.optimisation.presets import with_preset
-from texloom.stages.synthesis.optimisation.scale import Scale, improve
+from texloom.stages.synthesis.optimisation.scale import Rounds, Scale
 from texloom.stages.synthesis.reconstruction.solvers import (
     Inputs,
     Match,
@@ -176,7 +176,7 @@ def _scales(
     ratio = params.ratio if patches else max(params.ratio, _DISCRETE_RATIO)
     factors = scale_sizes(*exemplar, coarsest, ratio)
     extra = size - 1
-    lost = [0 if around else extra for around in params.tileable]
+    lost = params.tileable.where_open(extra)
     decrease = params.last_iterations / params.first_iterations
     scales = []
     for level, factor in enumerate(factors, 1):
@@ -291,54 +291,55 @@ def reconstruct(
     if start is not None:
         start = start + np.uint32(inputs.margin)
     solvers = _solvers(inputs, scales, params, target_jacobian)
-    match, done = _run(solvers, scales, start, params, rng, checkpoints)
+    first_random, *randoms = rng.spawn(len(scales) + 1)
+    method: Method[Match, Scale] = _Reconstruction(solvers, scales, start, first_random)
+    match, done = coarse_to_fine(method, scales, randoms, params.tolerance, checkpoints)
     picture, source = solvers[-1].picture(match, scales[-1])
     source = ((source.astype(np.int64) - inputs.margin) % shape).astype(np.uint32)
     return Reconstructed(picture.wrapping(params.tileable), source, share, notes, done)
 
 
-def _run(
-    solvers: list[Solver],
-    scales: list[Scale],
-    start: Correspondence | None,
-    params: ReconstructParams,
-    rng: np.random.Generator,
-    checkpoints: Checkpoints,
-) -> tuple[Match, list[dict[str, Any]]]:
-    """Solve each scale by its solver, from the last checkpoint on; the match at full size, a record of each."""
-    first_random, *randoms = rng.spawn(len(scales) + 1)
-    match: Match | None = None
-    done: list[dict[str, Any]] = []
-    first = 0
-    resumed = checkpoints.latest(ReconstructScale)
-    if resumed is not None:
-        first, state = resumed
-        layers = state.match.astype(np.int32) if state.places is None else state.places
-        match, done = np.ascontiguousarray(np.moveaxis(layers, 2, 0)), list(state.scales)
-    for level, random in list(zip(scales, randoms, strict=True))[first:]:
-        solver = solvers[level.level - 1]
-        if match is not None:
-            coarser, before = solvers[level.level - 2], scales[level.level - 2]
+@dataclasses.dataclass(frozen=True)
+class _Reconstruction:
+    """Each scale by its solver."""
+
+    solvers: list[Solver]
+    scales: list[Scale]
+    start: Correspondence | None
+    random: np.random.Generator
+    """for the blocks of a start"""
+    saved: ClassVar = ReconstructScale
+
+    def begun(self, scale: Scale, before: Match | None, random: np.random.Generator) -> Match:  # noqa: ARG002
+        """The match with which a scale begins."""
+        solver = self.solvers[scale.level - 1]
+        if before is not None:
+            coarser, last = self.solvers[scale.level - 2], self.scales[scale.level - 2]
             if solver is not coarser:
-                match = np.moveaxis(coarser.picture(match, before)[1], 2, 0).astype(np.int32)
-            match = solver.finer(match, level, level.factor / before.factor)
-        elif start is not None:
-            match = solver.from_pixels(start, level)
-        else:
-            match = solver.from_blocks(level, first_random)
-        rounds = solver.rounds(match, level, random)
+                before = np.moveaxis(coarser.picture(before, last)[1], 2, 0).astype(np.int32)
+            return solver.finer(before, scale, scale.factor / last.factor)
+        if self.start is not None:
+            return solver.from_pixels(self.start, scale)
+        return solver.from_blocks(scale, self.random)
 
-        def preview(solver: Solver = solver, match: Match = match, level: Scale = level) -> Image:
-            return solver.picture(match, level)[0]
+    def rounds(self, match: Match, scale: Scale, random: np.random.Generator) -> Rounds:
+        """Improve ``match`` in place, round by round."""
+        return self.solvers[scale.level - 1].rounds(match, scale, random)
 
-        done.append(improve(rounds, level, scales, params.tolerance, preview))
-        if level.level < len(scales):
-            between = np.issubdtype(match.dtype, np.floating)
-            places = np.ascontiguousarray(np.moveaxis(match, 0, 2)) if between else None
-            state = ReconstructScale(nearest(match), preview(), places, list(done))
-            checkpoints.save(level.level, state)
-    assert match is not None
-    return match, done
+    def picture(self, match: Match, scale: Scale) -> Image:
+        """The result at a scale."""
+        return self.solvers[scale.level - 1].picture(match, scale)[0]
+
+    def save(self, match: Match, scale: Scale, scales: list[dict[str, Any]]) -> ReconstructScale:
+        """A checkpoint."""
+        between = np.issubdtype(match.dtype, np.floating)
+        places = np.ascontiguousarray(np.moveaxis(match, 0, 2)) if between else None
+        return ReconstructScale(nearest(match), self.picture(match, scale), places, scales)
+
+    def restored(self, saved: ReconstructScale) -> Match:
+        """The match of a checkpoint."""
+        layers = saved.match.astype(np.int32) if saved.places is None else saved.places
+        return np.ascontiguousarray(np.moveaxis(layers, 2, 0))
 
 
 def _solvers(

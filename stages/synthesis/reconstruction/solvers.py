@@ -233,7 +233,7 @@ class PatchSolver(Solver):
         """Fixed-point features of the target's control, (H, W, k), padded by a patch less one where it wraps."""
         planes = self.inputs.wanted(scale)
         if self.wrap:
-            beyond = [(0, self.patch_size - 1 if around else 0) for around in self.wrap]
+            beyond = [(0, extra) for extra in self.wrap.where_closed(self.patch_size - 1)]
             planes = np.pad(planes, [*beyond, (0, 0)], mode="wrap")
         return np.asarray(fixed_point(planes).reshape(planes.shape))
 

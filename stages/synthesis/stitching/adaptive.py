@@ -31,7 +31,7 @@ class Adaptive(Stitched):
     """number of resynthesised pixels, counted each time"""
 
 
-@stage(version=1, check=check_patch)
+@stage(version=1, check=check_patch, exemplar_bytes=75)
 def adaptive(
     image: Image, params: AdaptiveParams, rng: np.random.Generator, layout: Image | None = None
 ) -> Adaptive:

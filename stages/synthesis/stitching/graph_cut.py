@@ -266,7 +266,7 @@ class Synthesis:
     def _location(self, visits: np.ndarray, window: int) -> np.ndarray:
         """Middle of the window to refine, by the seam costs in it divided by 1 + ``visits``."""
         ndimage = loaded("scipy.ndimage")
-        mode = ["wrap" if around else "constant" for around in self.wrap]
+        mode = self.params.tileable.modes("constant")
         sums = ndimage.uniform_filter(self.seam_cost / (1 + visits), window, mode=mode)
         if self.params.location == "costliest":
             return np.array(np.unravel_index(int(sums.argmax()), sums.shape))
@@ -283,7 +283,7 @@ class Synthesis:
         return np.asarray(places[self.rng.integers(len(places))])
 
 
-@stage(version=1, check=partial(check_exemplar, min_side=_MIN_SIDE))
+@stage(version=1, check=partial(check_exemplar, min_side=_MIN_SIDE), exemplar_bytes=60, result_bytes=70)
 def graph_cut(image: Image, params: GraphCutParams, rng: np.random.Generator) -> GraphCut:
     """Lay copies of the exemplar over the result, each joined along the minimum cut.
 

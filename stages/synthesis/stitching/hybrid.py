@@ -24,7 +24,7 @@ class Hybrid(Stitched):
     """number of resynthesised pixels, counted each time"""
 
 
-@stage(version=1, check=check_patch)
+@stage(version=1, check=check_patch, exemplar_bytes=75)
 def hybrid(image: Image, params: HybridParams, rng: np.random.Generator, layout: Image | None = None) -> Hybrid:
     """Fill the result with patches, split those that fit badly, and resynthesise pixels that still do.
 

@@ -192,7 +192,7 @@ def _spread(places: np.ndarray, min_separation: int) -> np.ndarray:
     return np.array(kept)
 
 
-@stage(version=1, check=check_sides)
+@stage(version=1, check=check_sides, exemplar_bytes=45, result_bytes=45)
 def patch_based(image: Image, params: PatchBasedParams, rng: np.random.Generator) -> Stitched:
     """Lay square patches of the exemplar in scan order and blend them where they overlap.
 

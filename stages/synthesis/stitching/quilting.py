@@ -224,7 +224,7 @@ class _Quilt:
         return self.uses[first[0] : last[0], first[1] : last[1]]
 
 
-@stage(version=1, check=check_block)
+@stage(version=1, check=check_block, exemplar_bytes=65, result_bytes=45)
 def quilting(image: Image, params: QuiltingParams, rng: np.random.Generator) -> Stitched:
     """Quilt a texture from square blocks of the exemplar.
 

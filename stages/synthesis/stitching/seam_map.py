@@ -71,8 +71,7 @@ class SeamMap:
         """Top-left pixel of the window of ``side`` px with the costliest seams, divided by 1 + its visits."""
         ndimage = loaded("scipy.ndimage")
         around = max(1, side // 3 // _SQUARE)
-        mode = ["wrap" if around else "constant" for around in self.wrap]
-        sums = ndimage.uniform_filter(self.costs / (1 + self._visits), around, mode=mode)
+        sums = ndimage.uniform_filter(self.costs / (1 + self._visits), around, mode=self.wrap.modes("constant"))
         middle = np.array(np.unravel_index(int(sums.argmax()), sums.shape)) * _SQUARE + _SQUARE // 2
         top = middle - side // 2
         top = np.where(self.wrap, top % self.size, np.clip(top, 0, self.size - side))

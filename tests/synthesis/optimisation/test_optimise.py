@@ -446,7 +446,7 @@ def test_a_preset_replaces_defaults() -> None:
         assert OptimiseParams(preset=name).model_dump(include=set(values)) == values  # type: ignore[arg-type]
         params = OptimiseParams(preset=name, ratio=1.7, tolerance=0.5)  # type: ignore[arg-type]
         assert (params.ratio, params.tolerance) == (1.7, 0.5)
-        assert params.coarse_sweeps == OptimiseParams(preset=name).coarse_sweeps  # type: ignore[arg-type]
+        assert params.schedule == OptimiseParams(preset=name).schedule  # type: ignore[arg-type]
         assert OptimiseParams(**params.model_dump()) == params
     assert OptimiseParams() == OptimiseParams(preset="default")
 
@@ -454,7 +454,7 @@ def test_a_preset_replaces_defaults() -> None:
 @pytest.mark.parametrize(
     "params",
     [{"preset": "best"}, {"preset": 3}, {"patch_size": 2}, {"patch_size": 33}, {"occurrence": -1}, {"ratio": 1.0},
-     {"ratio": float("nan")}, {"first_iterations": 0}, {"final_sigma": 0}, {"patchsize": 8}],
+     {"ratio": float("nan")}, {"first_iterations": 0}, {"patchsize": 8}],
 )  # fmt: skip
 def test_wrong_parameters_are_refused(params: dict[str, Any]) -> None:
     with pytest.raises(pydantic.ValidationError) as caught:
@@ -622,7 +622,7 @@ def test_keeping_everything_is_a_copy(large: Image) -> None:
         run(large, start, keep=np.ones((60, 50), bool))
 
 
-@pytest.mark.parametrize("name", ["overuse", "fewer_iterations", "distance_per_try"])
+@pytest.mark.parametrize("name", ["occurrence", "occurrence_coarse", "regularity"])
 def test_values_beyond_all_measure_are_refused(name: str) -> None:
     """They ended in an OverflowError."""
     with pytest.raises(pydantic.ValidationError, match="less than or equal to"):
