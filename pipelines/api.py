@@ -64,6 +64,8 @@ def synthesize(
     tileable: bool | str = False,
     seed: int = SEED,
     preset: str | None = None,
+    crop: str | None = None,
+    reduce: float | str | None = None,
     mask: PathOrArray | None = None,
     params: Mapping[str, Any] | None = None,
     store: str | os.PathLike[str] | None = None,
@@ -82,6 +84,8 @@ def synthesize(
         ``"y"`` from top to bottom alone, false or ``"off"``.
     seed : equal seeds give equal results.
     preset : of the method's parameters, as ``fast``.
+    crop, reduce : the part of the exemplar that is used, as ``"1024x768+200+0"`` (width x height + left + top), and
+        the factor by which it is made smaller; ``mask`` with it.
     mask : what may be used: a boolean array (h, w), true there; or the path of a picture, white there. What is
         false or black is excluded.
     params : further parameters, of the flow or of a step: ``{"STEP.PARAM": value}``.
@@ -111,7 +115,10 @@ def synthesize(
     opened_store = Store(Path(store or os.environ.get("TEXLOOM_STORE") or cache_store()))
     given = image if mask is None else masked(image, mask)
     with _references({}, opened_store.root):
-        asked = _request(method, {}, params, size=size, tileable=tileable or None, preset=preset, seed=seed)
+        asked = _request(
+            method, {}, params, size=size, tileable=tileable or None, preset=preset, seed=seed,
+            crop=crop, reduce=_text(reduce),
+        )  # fmt: skip
         flow = load_flow(find_flow(asked.flow), asked.overrides)
         source = _only_source(flow, method)
         flow, made = for_texture(flow, method)
@@ -134,6 +141,8 @@ def run(
     preset: str | None = None,
     exports: Mapping[str, str] | None = None,
     item: str | None = None,
+    crop: str | None = None,
+    reduce: float | str | None = None,
     store: str | os.PathLike[str] | None = None,
     out: str | os.PathLike[str] | None = None,
     force: bool = False,
@@ -158,6 +167,7 @@ def run(
     seeds : so many from ``seed`` on, or a range, at most 1000: the flow then runs with each.
     exports : more files to write, name to ``STEP.OUTPUT``.
     item : the only item of a set that is wanted, without the steps that gather.
+    crop, reduce : the part of the first source that is used, and how much smaller it is made; see `synthesize`.
     store : folder of the results; the default is TEXLOOM_STORE, else the folder ``artifacts`` if there is one here
         that is empty or a store, else ``store`` in the user's cache folder for texloom. Arrays are filed there too,
         under ``sources``, so that every runner can read them.
@@ -191,7 +201,8 @@ def run(
     with _references(sources or {}, opened_store.root, opened_store) as references:
         asked = _request(
             flow, references, params, size=size, seed=seed, seeds=seeds, tileable=tileable, preset=preset,
-            exports=exports or {}, item=item, store=store, out=None if out is None else Path(out).expanduser(),
+            exports=exports or {}, item=item, crop=crop, reduce=_text(reduce), store=store,
+            out=None if out is None else Path(out).expanduser(),
             force=force, runner=runner, workers=workers, address=address, layout=layout, texel_size=texel_size,
             color_space=color_space, udim=udim,
         )  # fmt: skip
@@ -210,6 +221,8 @@ def plan(
     tileable: bool | str | None = None,
     preset: str | None = None,
     item: str | None = None,
+    crop: str | None = None,
+    reduce: float | str | None = None,
     store: str | os.PathLike[str] | None = None,
 ) -> list[StepPlan]:
     """What `run` would do with the same arguments: which steps are cached, which would run, and why.
@@ -218,7 +231,8 @@ def plan(
 
     Parameters
     ----------
-    flow, sources, params, size, seed, seeds, tileable, preset, item, store : see `run`.
+    flow, sources, params, size, seed, seeds, tileable, preset, item, crop, reduce, store : see
+        `run`.
 
     Returns
     -------
@@ -242,7 +256,7 @@ def plan(
     with tempfile.TemporaryDirectory() as folder, _references(sources or {}, Path(folder)) as references:
         asked = _request(
             flow, references, params, size=size, seed=seed, seeds=seeds, tileable=tileable, preset=preset,
-            item=item, store=store,
+            item=item, crop=crop, reduce=_text(reduce), store=store,
         )  # fmt: skip
         opened = open_request(asked)[0]
         _masked_notes(sources or {}, opened.flow)
@@ -269,6 +283,10 @@ def _request(
         seeds=tuple(seeds[: MOST_SEEDS + 1]) if isinstance(seeds, range) else seeds,
         **fields,
     )
+
+
+def _text(value: float | str | None) -> str | None:
+    return None if value is None else str(value)
 
 
 def _texts(params: Mapping[str, Any] | None) -> dict[str, str | tuple[Any, ...]]:

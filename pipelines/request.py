@@ -10,7 +10,7 @@ import pydantic
 
 from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.model import Overrides
-from texloom.pipelines.request_fields import DELIVERY, MOST_SEEDS, OPTIONS, RUNNER, SHORT
+from texloom.pipelines.request_fields import DELIVERY, MOST_SEEDS, OPTIONS, PART, RUNNER, SHORT
 from texloom.stages.vocabulary.sizes import parse_size
 from texloom.stages.vocabulary.tileable import parse_tileable, tileable_value
 
@@ -40,6 +40,8 @@ class RunRequest(pydantic.BaseModel):
     runner: str | None = None
     workers: int | None = None
     address: str | None = None
+    crop: str | None = None
+    reduce: str | None = None
     layout: str | None = None
     texel_size: str | None = None
     color_space: str | None = None
@@ -65,7 +67,7 @@ class RunRequest(pydantic.BaseModel):
         runner = {name.replace("runner", "name"): value for name, value in self._given(RUNNER).items()}
         return Overrides(
             self.sources, self._params(), self.seed, self.seeds, runner, self.pictures, self.exports,
-            self._given(DELIVERY), self.item,
+            self._given(DELIVERY), self._given(PART), self.item,
         )  # fmt: skip
 
     def _given(self, names: tuple[str, ...]) -> dict[str, Any]:

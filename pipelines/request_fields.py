@@ -59,6 +59,16 @@ OPTIONS = {
         "Folder of the results; also TEXLOOM_STORE.  [default: artifacts, if there is such a folder here, empty or "
         "a store, else one in the user's cache folder]"
     ),
+    "crop": Option(
+        "Take a part of the first source, and of masks and guides of its size, px: 1024x768+200+0 for 1024 wide "
+        "and 768 high, 200 from the left and 0 from the top, or 1024x768 of the middle.",
+        metavar="WIDTHxHEIGHT[+LEFT+TOP]",
+    ),
+    "reduce": Option(
+        "Make these smaller by a factor on the sides, such as 0.5, after --crop; pixels are then so much larger "
+        "than --texel-size.",
+        metavar="FACTOR",
+    ),
     "layout": Option(
         "Write material sets with the file names, packed channels, normals and bits of a program: unreal, unity, "
         "blender, gltf, arnold, substance.",
@@ -103,6 +113,7 @@ OPTIONS = {
 }
 """the fields of `texloom.pipelines.request.RunRequest`, in the order of ``--help``"""
 
+PART = ("crop", "reduce")
 DELIVERY = ("layout", "texel_size", "color_space", "udim")
 RUNNER = ("runner", "workers", "address")
 SHORT = ("size", "tileable", "preset")

@@ -13,14 +13,20 @@ from collections.abc import Mapping
 from texloom.pipelines.byte_size import format_byte_size
 from texloom.pipelines.engine.scope import Scope
 from texloom.pipelines.flow.model import Step
+from texloom.pipelines.media.sources import Source
 from texloom.pipelines.memory import machine_memory, memory_limit
+from texloom.stages.kernels.core.threads import thread_count
+from texloom.stages.vocabulary.sizes import format_size
 
 LARGE = 4096**2
 """pixels of an exemplar or result above which memory and disk are estimated"""
 _DISK, _DISK_OF_CHANNEL = 55, 22  # bytes a pixel
 _SELF_TUNING = 2  # steps of synthesis, which these hold
 _DISK_OF_IMAGE = 12  # bytes a pixel and channel: read, made and stored
+_BYTES, _FEWEST_BYTES = (50, 250), 35 * 10**7
+"""that self-tuning takes for a pixel of a large exemplar and of the result, and besides"""
 _BASE = 16 * 10**8  # bytes of a step that works in bands
+_MINUTE = 60  # s
 _SHARE = 0.25  # of the memory limit, that it takes besides
 
 
@@ -52,6 +58,26 @@ class Footprint:
         if not self.disk:
             return f"takes {memory} of memory or more"
         return f"takes up to {format_byte_size(self.disk)} of disk, and {memory} of memory"
+
+
+def expectation(steps: Mapping[str, Step], scope: Scope, exemplar: Source) -> str:
+    """What a large exemplar takes of time and memory, roughly, and what takes less; in one line."""
+    height, width = exemplar.height, exemplar.width
+    synthesis = (step for step in steps.values() if step.stage.name.startswith("synthesis."))
+    made = max((scope.pixels_of(step) for step in synthesis), default=0)
+
+    def taken(pixels: int) -> str:
+        costs = [step.stage.seconds for step in steps.values()]
+        seconds = sum(pixels * of_exemplar + made * of_result for of_exemplar, of_result in costs) / 1e6
+        seconds /= thread_count()
+        time = f"{seconds:.0f} s" if seconds < _MINUTE else f"{seconds / _MINUTE:.0f} min"
+        return f"{time} and {format_byte_size(_FEWEST_BYTES + _BYTES[0] * pixels + _BYTES[1] * made)} of memory"
+
+    part = f"a part (--crop {width // 2}x{height // 2}) or half the size (--reduce 0.5)"
+    return (
+        f"sources.{exemplar.name}: {format_size(exemplar)} take about {taken(height * width)} on this machine; "
+        f"{part} takes {taken(height * width // 4)}"
+    )
 
 
 def footprint(steps: Mapping[str, Step], scopes: list[Scope]) -> Footprint | None:

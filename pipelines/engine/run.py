@@ -17,7 +17,7 @@ from texloom.pipelines.byte_size import format_byte_size
 from texloom.pipelines.engine import user_cache
 from texloom.pipelines.engine.code_digest import code_digest
 from texloom.pipelines.engine.exports import Export, States, is_noted
-from texloom.pipelines.engine.footprint import Footprint, footprint
+from texloom.pipelines.engine.footprint import Footprint, expectation, footprint
 from texloom.pipelines.engine.input_files import FilesRead
 from texloom.pipelines.engine.keys import KeyParts, canonical_json, fixed_parts, key_parts
 from texloom.pipelines.engine.scope import Scope, ScopeInputs, used_sources
@@ -40,6 +40,7 @@ from texloom.pipelines.store.ownership import keeps_no_key
 from texloom.pipelines.store.run_log import LoggedRun
 from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
 from texloom.pipelines.store.types import Hint
+from texloom.stages.common.grids.working_size import reduction
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.sizes import format_size, size_value
@@ -119,12 +120,25 @@ class Run:
     @property
     def notes(self) -> list[str]:
         """What there is to know of the store, and of the sources that are open by now."""
-        return [*self.store_notes, *(note for scope in self.known_scopes for note in scope.notes)]
+        return [*self.notes_before, *(note for scope in self.known_scopes for note in scope.notes)]
 
     @cached_property
     def store_notes(self) -> list[str]:
         """What there is to know of the store."""
         return [note for note in (passed_over(self.store.root), keeps_no_key()) if note is not None]
+
+    @cached_property
+    def notes_before(self) -> list[str]:
+        """What there is to know before anything runs: of the store, and of what a large exemplar takes."""
+        first = next(iter(self.flow.sources), None)
+        for scope in self.sample_scopes():
+            if first is None or not scope.has_source(first):
+                continue
+            exemplar = scope.source(first)
+            is_large = exemplar.kind == "picture" and reduction(exemplar.height, exemplar.width) > 1
+            if is_large and any(step.state in ("run", "wait") for step in self.plan()):
+                return [*self.store_notes, expectation(self.flow.steps, scope, exemplar)]
+        return self.store_notes
 
     @property
     def known_scopes(self) -> list[Scope]:

@@ -413,7 +413,7 @@ class _Attempt:
         """Run what is not cached, and write the exports."""
         run = self.run
         run.shared.lost.clear()
-        for note in run.store_notes:
+        for note in run.notes_before:
             self.listener(Note(note))
         self._tell_notes(run.shared)
         shared = ScopeRun(run, run.shared, "shared")

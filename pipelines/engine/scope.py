@@ -59,6 +59,7 @@ class Scope:
                 for name, path in opened.items()
                 if name in self.used
             }
+        self._take_parts(flow)
         self._values: dict[str, Image | np.ndarray] | None = None
         self._lock = threading.Lock()
         self._outlines: dict[Reference, Outline] = {}
@@ -73,6 +74,17 @@ class Scope:
             ]
         for step in self._steps:
             self._check(step)
+
+    def _take_parts(self, flow: Flow) -> None:
+        """Take the part that is asked for of the first source, and of those that belong to it and have its size."""
+        first = next(iter(flow.parts), None)
+        if first is None or not self.has_source(first):
+            return
+        of_whole = self.source(first).whole or self.source(first)
+        for name, part in flow.parts.items():
+            opened = self.sources.get(name)
+            if opened is not None and (opened.height, opened.width) == (of_whole.height, of_whole.width):
+                self.sources[name] = opened.taken(part)
 
     def _check(self, step: Step) -> None:
         """Check what is known of a step before anything runs, and note what it tells of its results."""

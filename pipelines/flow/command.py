@@ -23,13 +23,13 @@ def command_of(flow: Flow, item: Item | None = None) -> str:
     for name, text in flow.overrides.texts.items():
         words += param_words(name, text)
     words += [word for file, name in flow.overrides.exports.items() for word in ("--export", f"{file}={name}")]
-    words += delivery_words(flow.overrides.delivery)
+    words += option_words({**flow.overrides.part, **flow.overrides.delivery})
     words += _seed_words(flow, item)
     return shlex.join(["texloom", *words])
 
 
-def delivery_words(options: Mapping[str, str]) -> list[str]:
-    """The options that say how exports are written."""
+def option_words(options: Mapping[str, str]) -> list[str]:
+    """Options that have a value each, by the names of their fields."""
     return [word for name, text in sorted(options.items()) for word in (f"--{name.replace('_', '-')}", text)]
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from texloom.pipelines.errors import refused
-from texloom.pipelines.flow.command import delivery_words, param_words
+from texloom.pipelines.flow.command import option_words, param_words
 from texloom.pipelines.flow.items import Item
 from texloom.pipelines.flow.loader import absolute
 from texloom.pipelines.flow.model import Flow
@@ -61,7 +61,7 @@ def _run(flow: Flow) -> list[str]:
     for name, text in overrides.texts.items():
         words += param_words(name, _located(flow, name, text))
     words += [word for file, taken in overrides.exports.items() for word in ("--export", f"{file}={taken}")]
-    words += delivery_words(overrides.delivery)
+    words += option_words({**overrides.part, **overrides.delivery})
     if overrides.seed is not None or overrides.seeds is not None:
         first, last = flow.seeds[0], flow.seeds[-1]
         words += ["--seed", str(first)] if first == last else ["--seeds", f"{first}-{last}"]

@@ -33,11 +33,13 @@ from texloom.pipelines.flow.schema import (
     REQUIRED,
     SETS,
     SOURCE,
+    DeliveryPart,
     FlowPart,
     FolderPart,
     IncludePart,
     SetPart,
     StepPart,
+    TakenPart,
     VariantPart,
     is_optional,
     parse_flow,
@@ -262,14 +264,16 @@ class _Composer:
             draft.steps = {name: step.with_references(_unless_former) for name, step in draft.steps.items()}
         return draft
 
+    def options(self, given: DeliveryPart | TakenPart | None, field: str) -> dict[str, Entry]:
+        texts = {} if given is None else given.model_dump(exclude_none=True)
+        return {name: self.entry(text, f"{field}.{name}") for name, text in texts.items()}
+
     def included(self, parts: list[tuple[Any, str]], first: bool) -> Draft:
         """The draft of the flow that is included, or an empty one."""
         part = self.part
         own = Draft(part.flow or self.path.stem, self.path, tuple(part.seed) if part.seed else None)
         own.runner = None if part.runner is None else self.entry(part.runner, "runner")
-        if part.delivery is not None:
-            given = part.delivery.model_dump(exclude_none=True)
-            own.delivery = {name: self.entry(text, f"delivery.{name}") for name, text in given.items()}
+        own.delivery, own.part = self.options(part.delivery, "delivery"), self.options(part.part, "part")
         fields: dict[str, Any] = {}
         where = ""
         for one, place in parts:
@@ -291,6 +295,7 @@ class _Composer:
         base.name, base.path = own.name, own.path
         base.seed, base.runner = own.seed or base.seed, own.runner or base.runner
         base.delivery |= own.delivery
+        base.part |= own.part
         base.steps = {name: dataclasses.replace(step, own=False) for name, step in base.steps.items()}
         return base
 

@@ -128,6 +128,8 @@ class Draft:
     runner: Entry | None = None
     delivery: dict[str, Entry] = dataclasses.field(default_factory=dict)
     """options of `texloom.pipelines.media.delivery.parse_delivery`"""
+    part: dict[str, Entry] = dataclasses.field(default_factory=dict)
+    """options of `texloom.pipelines.media.part.parse_part`"""
     sources: dict[str, Entry] = dataclasses.field(default_factory=dict)
     steps: dict[str, DraftStep] = dataclasses.field(default_factory=dict)
     exports: dict[str, Entry] = dataclasses.field(default_factory=dict)

@@ -31,8 +31,9 @@ from texloom.pipelines.flow.schema import (
 )
 from texloom.pipelines.flow.source_files import is_pattern, source_of, stack_of
 from texloom.pipelines.flow.step_params import StepParams, document_params, resolved
-from texloom.pipelines.media.delivery import Delivery, parse_delivery
+from texloom.pipelines.media.delivery import Delivery, Fail, of_option, parse_delivery
 from texloom.pipelines.media.material_set import is_map_set
+from texloom.pipelines.media.part import WHOLE, Part, parse_part
 from texloom.pipelines.media.stack import SCHEME
 from texloom.pipelines.media.writers.registry import MODELS, writer_of
 from texloom.pipelines.store.types import TEXT_NAMES, Hint
@@ -71,23 +72,38 @@ def check_flow(document: Any, path: Path, overrides: Overrides = _NOTHING_CHANGE
         for target, given in overrides.params.items()
     }
     draft = compose(document, path, values)
-    delivery = _delivery(draft, overrides)
+    part = parse_part(*_options(draft.part, overrides.part))
+    delivery = parse_delivery(*_options(draft.delivery, overrides.delivery)).reduced(part.reduce)
     if "texel_size" in draft.params and delivery.texel_size is not None:
         values.setdefault("texel_size", delivery.texel_size)
     draft.exports |= {file: _export(file, reference) for file, reference in overrides.exports.items()}
-    return _Checker(draft, overrides, values, delivery).flow()
+    flow = _Checker(draft, overrides, values, delivery).flow()
+    return flow if part == WHOLE else _of_part(flow, draft, part)
 
 
-def _delivery(draft: Draft, overrides: Overrides) -> Delivery:
-    """How exports are written: the flow's ``delivery`` with the options of the command line."""
-    declared = {name: entry.value for name, entry in draft.delivery.items()}
+def _options(declared: Mapping[str, Entry], asked: Mapping[str, str]) -> tuple[dict[str, str], Fail]:
+    """Options as a flow declares them, with those of the command line; and the error of one."""
 
     def fail(name: str, problem: str) -> InputError:
-        if name in draft.delivery and name not in overrides.delivery:
-            return draft.delivery[name].fail(problem)
-        return refused(f"--{name.replace('_', '-')}: {problem}")
+        if name in declared and name not in asked:
+            return declared[name].fail(problem)
+        return of_option(name, problem)
 
-    return parse_delivery({**declared, **overrides.delivery}, fail)
+    return {**{name: entry.value for name, entry in declared.items()}, **asked}, fail
+
+
+def _of_part(flow: Flow, draft: Draft, part: Part) -> Flow:
+    """The flow with a part of its first source; `InputError` where something names pixels of the whole."""
+    option = "--reduce" if part.size is None else "--crop"
+    first = next(iter(flow.sources), None)
+    if first is None or first in flow.meshes:
+        raise refused(f"{option}: {flow.name} takes no picture")
+    for step in flow.steps.values():
+        for param in document_params(type(step.params)):
+            if getattr(step.params, param) is not None:
+                raise refused(f"{option}: steps.{step.name}.params.{param} has positions in the whole picture")
+    belonging = [name for name in flow.sources if getattr(draft.sources[name].value, "pair", None) == first]
+    return dataclasses.replace(flow, parts=dict.fromkeys([first, *belonging], part))
 
 
 def _export(file: str, reference: str) -> Entry:

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from texloom.pipelines.errors import refused
 from texloom.pipelines.media.delivery import AS_IS, Delivery
+from texloom.pipelines.media.part import Part
 from texloom.stages.vocabulary.declare import Params, Stage
 
 _SHIPPED = Path(__file__).parents[2] / "configs"
@@ -129,6 +130,8 @@ class Overrides:
     """more files to write, each with the source or ``STEP.OUTPUT`` that goes into it"""
     delivery: Mapping[str, str] = dataclasses.field(default_factory=dict)
     """options of `texloom.pipelines.media.delivery.parse_delivery`"""
+    part: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """options of `texloom.pipelines.media.part.parse_part`"""
     item: str | None = None
     """the only item of a set that is wanted"""
 
@@ -180,6 +183,8 @@ class Flow:
     """name to folder of the finished results that it compares"""
     delivery: Delivery = AS_IS
     """how exports are written"""
+    parts: Mapping[str, Part] = dataclasses.field(default_factory=dict)
+    """what is taken of the first source and, where they have its size, of those that belong to it"""
     item: str | None = None
     """the only item that runs"""
     picture: str | None = None

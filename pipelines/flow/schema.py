@@ -77,6 +77,12 @@ def _rounds(value: Any) -> int:
     return value
 
 
+def _factor(value: Any) -> str:
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        _fail("must be a factor as 0.5")
+    return str(value)
+
+
 def _expect(kind: type[Any], problem: str) -> BeforeValidator:
     """Refuses what is not of ``kind``, or empty, with ``problem``."""
 
@@ -219,6 +225,13 @@ class DeliveryPart(_Part):
     udim: _Text = None
 
 
+class TakenPart(_Part):
+    """What is taken of the first source; see `texloom.pipelines.media.part.parse_part`."""
+
+    crop: _Text = None
+    reduce: Annotated[str, BeforeValidator(_factor)] | None = None
+
+
 class FlowPart(VariantPart):
     """A flow file."""
 
@@ -228,14 +241,15 @@ class FlowPart(VariantPart):
     seed: Annotated[list[int], BeforeValidator(_seeds)] | None = None
     runner: Any = None
     delivery: Annotated[DeliveryPart, _mapping_of("'layout', 'texel_size', 'color_space' and 'udim'")] | None = None
+    part: Annotated[TakenPart, _mapping_of("'crop' and 'reduce'")] | None = None
     params: Annotated[dict[_Name, _Targets], _optional] = {}
     for_: Annotated[dict[_Name, _Variants], _optional] = Field({}, alias="for")
     repeat: Annotated[int, BeforeValidator(_rounds)] | None = None
 
 
 _FIELDS = (
-    "flow", "group", "listed", "seed", "runner", "delivery", "include", "with", "for", "repeat", "sources", "steps",
-    "params", "exports",
+    "flow", "group", "listed", "seed", "runner", "delivery", "part", "include", "with", "for", "repeat", "sources",
+    "steps", "params", "exports",
 )  # fmt: skip
 _VARIANT_FIELDS = ("include", "with", "sources", "steps", "exports")
 _PARTS: dict[str, tuple[str, ...]] = {
@@ -273,7 +287,7 @@ def _explained(error: Any) -> tuple[list[str], str]:
     kind, came = error["type"], shown(error["input"])
     if kind == "extra_forbidden":
         parent = place[-2] if len(place) > 1 else ""
-        single: dict[str, type[_Part]] = {"include": IncludePart, "delivery": DeliveryPart}
+        single: dict[str, type[_Part]] = {"include": IncludePart, "delivery": DeliveryPart, "part": TakenPart}
         known = tuple(single[parent].model_fields) if parent in single else _PARTS[place[-3]]
         return place, f"unknown{hint(place[-1], known)}"
     if kind == "key":

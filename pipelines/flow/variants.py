@@ -56,7 +56,9 @@ class _Merger:
 
     def draft(self) -> Draft:
         first = self.drafts[self.labels[0]]
-        whole = Draft(first.name, first.path, first.seed, first.runner, first.delivery, lacking=self.lacking)
+        whole = Draft(
+            first.name, first.path, first.seed, first.runner, first.delivery, first.part, lacking=self.lacking
+        )
         for label, draft in self.drafts.items():
             whole.included += [path for path in draft.included if path not in whole.included]
             whole.sources = {**draft.sources, **whole.sources}

@@ -57,6 +57,12 @@ class Delivery:
                 pixels[..., places] = converted(pixels[..., places], matrix)
         return image.with_pixels(pixels)
 
+    def reduced(self, factor: float) -> Delivery:
+        """Of a picture that becomes smaller by a factor: so much larger is the side of its pixels."""
+        if self.texel_size is None or factor == 1:
+            return self
+        return dataclasses.replace(self, texel_size=self.texel_size / factor)
+
     def size(self, height: int, width: int) -> tuple[float, float] | None:
         """Height and width of a result of so many pixels, m."""
         return None if self.texel_size is None else (height * self.texel_size, width * self.texel_size)
@@ -78,11 +84,12 @@ Fail = Callable[[str, str], InputError]
 """makes the error of an option, by its name and the problem"""
 
 
-def _of_option(name: str, problem: str) -> InputError:
+def of_option(name: str, problem: str) -> InputError:
+    """The error of an option of the command line."""
     return refused(f"--{name.replace('_', '-')}: {problem}")
 
 
-def parse_delivery(options: Mapping[str, str], fail: Fail = _of_option) -> Delivery:
+def parse_delivery(options: Mapping[str, str], fail: Fail = of_option) -> Delivery:
     """The delivery by options of the command line or fields of a flow; `InputError` names one that is wrong.
 
     Parameters

@@ -18,6 +18,7 @@ from texloom.pipelines.errors import closest, one_line
 from texloom.pipelines.media import contradictions, locate, material_set, meshes, stack, udim
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.material_set import Map
+from texloom.pipelines.media.part import WHOLE, Part
 from texloom.pipelines.memory import check_memory
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -50,6 +51,21 @@ class Source:
     map_bits: Mapping[str, int] = dataclasses.field(default_factory=dict)
     """of each map, by its role, of one picture as of an albedo; see ``bits``"""
     kind: Literal["picture", "mesh"] = "picture"
+    part: Part = WHOLE
+    """what is taken of ``whole``"""
+    whole: Source | None = None
+    """the source as it is in the file, where a part is taken"""
+
+    def taken(self, part: Part) -> Source:
+        """The part as a source; `SourceError` where it is not inside."""
+        if part == WHOLE:
+            return self
+        try:
+            height, width = part.outline(self.height, self.width)
+        except InputError as error:
+            raise SourceError(f"{error} (sources.{self.name}: {stack.path_of(self.reference)})") from None
+        digest = part.digest(self.digest)
+        return dataclasses.replace(self, height=height, width=width, digest=digest, part=part, whole=self)
 
     @property
     def picture(self) -> str:
@@ -80,6 +96,8 @@ class Source:
 
     def read(self) -> Image:
         """Decode a picture; `SourceError` where it is broken, not finite, or has changed since it was opened."""
+        if self.whole is not None:
+            return self.part.of(self.whole.read(), is_label=self.name.endswith("_guide"))
         with _place(self.name, self.reference):
             if stack.is_stack(self.reference):
                 return stack.read(self.maps)

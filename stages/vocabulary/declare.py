@@ -175,6 +175,7 @@ Role = Literal["", "scores", "choice"]
 """what runs show of a stage's ``table``: the scores of a result, or a choice between results; else nothing"""
 EXEMPLAR_BYTES = 24  # the exemplar and a copy of it
 RESULT_BYTES = 40
+SECONDS = (0.2, 0.5)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -209,6 +210,8 @@ class Stage:
     """memory that it takes at least for a pixel of an exemplar of three channels"""
     result_bytes: int = RESULT_BYTES
     """the same for a pixel of the result"""
+    seconds: tuple[float, float] = SECONDS
+    """of one processor, for a million pixels of a large exemplar and of the result, roughly"""
     role: Role = ""
     origin: str = ""
     """distribution and version of the plug-in that it comes from"""
@@ -230,6 +233,7 @@ def stage(
     in_bands: bool = False,
     exemplar_bytes: int = EXEMPLAR_BYTES,
     result_bytes: int = RESULT_BYTES,
+    seconds: tuple[float, float] = SECONDS,
     role: Role = "",
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Declare the decorated function a stage; it remains an ordinary function.
@@ -242,6 +246,7 @@ def stage(
     in_bands : arrays of the result's size may be larger than the memory, see `texloom.stages.vocabulary.scratch`.
     exemplar_bytes, result_bytes : memory for a pixel of an exemplar of three channels and of the result, at least:
         the growth of the largest from 1024 x 1024 to 2048 x 2048 px. They decide what is refused, not results.
+    seconds : of one processor, for a million pixels of a large exemplar and of the result, roughly.
     role : what runs show of its ``table``.
     """
 
@@ -274,6 +279,7 @@ def stage(
             in_bands=in_bands,
             exemplar_bytes=exemplar_bytes,
             result_bytes=result_bytes,
+            seconds=seconds,
             role=role,
         )
         return function

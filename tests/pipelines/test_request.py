@@ -52,7 +52,9 @@ NOT_OF = {
     "studio": {
         **dict.fromkeys(("pictures", "seeds", "item"), "the page makes one result at a time"),
         **dict.fromkeys(("store", "out", "force", "exports"), "the page keeps its results in its store"),
-        **dict.fromkeys(("texel_size", "color_space", "udim"), "the page has no such form; the flow file has"),
+        **dict.fromkeys(
+            ("crop", "reduce", "texel_size", "color_space", "udim"), "the page has no such form; the flow file has"
+        ),
         **dict.fromkeys(("runner", "workers", "address"), IN_ONE_PROCESS),
     },
 }

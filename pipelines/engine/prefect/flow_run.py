@@ -94,6 +94,7 @@ def parameters_of(run: Run, out: Path) -> dict[str, Any]:
         "runner": run.flow.runner.name,
         "workers": run.flow.runner.workers,
         "address": run.flow.runner.address,
+        **run.flow.overrides.part,
         **run.flow.overrides.delivery,
     }
 

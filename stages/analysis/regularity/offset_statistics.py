@@ -84,7 +84,7 @@ def _offsets(image: Image, params: OffsetStatisticsParams) -> Vectors:
     return np.asarray(offsets[count[number.ravel()] > _MAX_ISOLATED], np.float32)
 
 
-@stage(version=1, exemplar_bytes=300)
+@stage(version=1, exemplar_bytes=300, seconds=(0.5, 0))
 def offset_statistics(image: Image, params: OffsetStatisticsParams) -> OffsetStatistics:
     """Match the features of an exemplar with each other and estimate the density of their offsets.
 

@@ -18,7 +18,7 @@ class SignedDistance:
     """Euclidean distance, px: positive outside features, negative inside; 0 only without features"""
 
 
-@stage(version=1)
+@stage(version=1, seconds=(0.5, 0))
 def signed_distance(structure: Mask) -> SignedDistance:
     """Distance to the nearest feature pixel outside, minus the distance to the nearest other pixel inside.
 

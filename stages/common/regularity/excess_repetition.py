@@ -75,7 +75,7 @@ def repetition(
             cv2.resize(tone, (tone.shape[1] // step, tone.shape[0] // step), interpolation=cv2.INTER_AREA)
             for tone in (exemplar, result)
         )
-        valid = (_reduced(valid[0], step), _reduced(valid[1], step))
+        valid = (whole_squares(valid[0], step), whole_squares(valid[1], step))
     reach = (int(0.6 * result.shape[0]), int(0.6 * result.shape[1]))
     known = (min(exemplar.shape[0] // 2, reach[0]), min(exemplar.shape[1] // 2, reach[1]))
     correlation = autocorrelation(exemplar, known, valid[0])
@@ -93,10 +93,10 @@ def repetition(
     return max(float(excess[row, column]), 0.0), (int(row - reach[0]) * step, int(column - reach[1]) * step)
 
 
-def _reduced(mask: Bool[np.ndarray, "h w"] | None, step: int) -> Bool[np.ndarray, "H W"] | None:
-    """True where all of a coarser pixel is true; where there is none, where any of it is."""
-    if mask is None:
-        return None
+def whole_squares(mask: Bool[np.ndarray, "h w"] | None, step: int) -> Bool[np.ndarray, "H W"] | None:
+    """True where all of a square of ``step`` px is true; where there is none, where any of it is."""
+    if mask is None or step == 1:
+        return mask
     height, width = mask.shape[0] // step, mask.shape[1] // step
     blocks = mask[: height * step, : width * step].reshape(height, step, width, step)
     reduced = blocks.all(axis=(1, 3))

@@ -35,20 +35,26 @@ class Patches:
     """All patches of a picture, samples ``step`` px apart, by the pixel of their upper left sample.
 
     The samples of a line are kept side by side, as runs of values are gathered faster than single ones.
+
+    Parameters
+    ----------
+    mean : if given, it is subtracted, and the picture is smoothed for the step.
     """
 
-    def __init__(self, lab: Float32[np.ndarray, "h w c"], step: int):
-        import cv2
-
+    def __init__(self, lab: Float32[np.ndarray, "h w c"], step: int, mean: np.ndarray | None = None):
         height, width, channels = lab.shape
         reach = (SIDE - 1) * step + 1
         self.step = step
         self.shape = (height - reach + 1, width - reach + 1)
         lines = np.zeros((channels, step, height, -(-width // step)), np.float32)
-        for of_channel, plane in zip(lines, cv2.split(lab), strict=True):
+        for number, of_channel in enumerate(lines):  # one after the other, as each needs copies
+            plane = np.ascontiguousarray(lab[..., number])
+            if mean is not None:
+                plane = smoothed(plane - mean[number], step)
             for of_phase, phase in zip(of_channel, range(step), strict=True):
                 part = plane[:, phase::step]
                 of_phase[:, : part.shape[1]] = part
+        self._lines, self._width = lines, width
         channel, phase, line, sample = lines.strides
         self._runs: np.ndarray = np.ndarray(
             (step, self.shape[0], lines.shape[3] - SIDE + 1, channels, SIDE),
@@ -57,29 +63,49 @@ class Patches:
             strides=(phase, line, sample, channel, step * line),
         )
 
+    def plane(self, channel: int) -> Float32[np.ndarray, "h w"]:
+        """The samples of a channel at their pixels."""
+        lines = self._lines[channel].transpose(1, 2, 0)
+        return np.ascontiguousarray(lines.reshape(len(lines), -1)[:, : self._width])
+
     def at(self, rows: np.ndarray, columns: np.ndarray) -> Float32[np.ndarray, "n e"]:
         """Patches at some pixels as rows: every channel's SIDE x SIDE samples."""
         runs = self._runs[columns % self.step, rows, columns // self.step]
         return runs.view(np.float32).reshape(len(runs), runs.shape[1] * SIDE**2)
 
 
-def sample_patches(patches: Patches, count: int, seed: int, whole: Whole | None) -> Float32[np.ndarray, "count e"]:
-    """``count`` random patches as rows, of those that are ``whole``; None allows all."""
+def random_corners(
+    shape: tuple[int, int], count: int, seed: int, whole: Whole | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of ``count`` random patches of a picture that has ``shape`` of them.
+
+    Of those that are ``whole``; None allows all.
+    """
     rng = np.random.default_rng(seed)
     if whole is None:
-        return patches.at(rng.integers(0, patches.shape[0], count), rng.integers(0, patches.shape[1], count))
+        return rng.integers(0, shape[0], count), rng.integers(0, shape[1], count)
     places = np.flatnonzero(whole)
-    return patches.at(*np.divmod(places[rng.integers(0, places.size, count)], whole.shape[1]))
+    rows, columns = np.divmod(places[rng.integers(0, places.size, count)], whole.shape[1])
+    return rows, columns
 
 
-def smoothed(lab: Float32[np.ndarray, "h w c"], step: int) -> Float32[np.ndarray, "h w c"]:
+def few_patches(
+    lab: Float32[np.ndarray, "h w c"], rows: np.ndarray, columns: np.ndarray
+) -> Float32[np.ndarray, "n e"]:
+    """As `Patches.at` of neighbouring samples, without a copy of the picture."""
+    side = np.arange(SIDE)
+    patches = lab[rows[:, None, None] + side[:, None], columns[:, None, None] + side]
+    return np.ascontiguousarray(np.moveaxis(patches, 3, 1)).reshape(len(rows), -1)
+
+
+def smoothed(lab: Float32[np.ndarray, "h w *c"], step: int) -> Float32[np.ndarray, "h w *c"]:
     """Low-pass filtered for samples ``step`` px apart."""
     return lab if step == 1 else blurred(lab, step / 2)
 
 
 def principal_directions(patches: Patches, whole: Whole | None = None) -> Float32[np.ndarray, "e d"]:
     """Directions in which the patches of a picture vary most."""
-    sample = sample_patches(patches, 2048, 2, whole)
+    sample = patches.at(*random_corners(patches.shape, 2048, 2, whole))
     sample -= sample.mean(axis=0)
     _, vectors = eigenvectors(square_sums(sample))
     return np.ascontiguousarray(vectors[:, : -_COMPONENTS - 1 : -1].astype(np.float32))
@@ -122,14 +148,21 @@ class NearestPatches:
 
     Parameters
     ----------
-    lab : CIELAB of the exemplar, or L alone, smoothed for the scale.
+    lab : CIELAB of the exemplar, or L alone.
     step : px between samples.
     whole : the patches that count; None for all.
+    mean : see `Patches`.
     """
 
-    def __init__(self, lab: Float32[np.ndarray, "h w c"], step: int, whole: Whole | None):
+    def __init__(
+        self,
+        lab: Float32[np.ndarray, "h w c"],
+        step: int,
+        whole: Whole | None,
+        mean: np.ndarray | None = None,
+    ):
         self.step = step
-        self.patches = Patches(lab, step)
+        self.patches = Patches(lab, step, mean)
         self.directions = principal_directions(self.patches, whole)
         height, width = self.patches.shape
         self.stride = int(np.ceil(np.sqrt(height * width / _MAX_TARGETS)))

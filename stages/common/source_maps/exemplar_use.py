@@ -1,7 +1,7 @@
 """How often the pixels of an exemplar are used by a result."""
 
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Float32, Int32
 
 from texloom.stages.vocabulary.arrays import Correspondence, Mask
 from texloom.stages.vocabulary.scratch import bands
@@ -9,12 +9,12 @@ from texloom.stages.vocabulary.scratch import bands
 _BOX = 9  # px over which use is averaged, about a patch
 
 
-def source_counts(match: Correspondence, shape: tuple[int, int]) -> Int64[np.ndarray, "h w"]:
+def source_counts(match: Correspondence, shape: tuple[int, int]) -> Int32[np.ndarray, "h w"]:
     """How often each pixel of an exemplar of ``shape`` is a source."""
-    counts = np.zeros(shape[0] * shape[1], np.int64)
+    counts = np.zeros(shape[0] * shape[1], np.int32)
     for band in bands(len(match), match):
         places = match[band, :, 0].astype(np.int64) * shape[1] + match[band, :, 1]
-        counts += np.bincount(places.ravel(), minlength=counts.size)
+        np.add.at(counts, places.ravel(), 1)
     return counts.reshape(shape)
 
 

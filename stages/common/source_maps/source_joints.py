@@ -1,23 +1,28 @@
 """Joints of a source map: where they are, and how unlike the exemplar's own patches are those across them."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from texloom.stages.common.similarity.patch_distance import SIDE, NearestPatches, Patches, Places, smoothed
+from texloom.stages.common.similarity.patch_distance import SIDE, NearestPatches, Patches, Places
 from texloom.stages.kernels.core.threads import run_spans, thread_count
 from texloom.stages.vocabulary.arrays import Correspondence, Mask, ScalarMap
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 from texloom.stages.vocabulary.masks import count_excluded
 
-STEPS = (1, 2, 4)
-"""px between the samples of a patch, for each scale"""
-
+_STEPS = (1, 2, 4)  # px between the samples of a patch, for each scale
 _MAX_CELLS = 2048
 _MIN_CELL = 4  # px
 
 
 class NoPatchError(ValueError):
     """Masks leave no patch of the exemplar."""
+
+
+def steps_for(shorter: int) -> list[int]:
+    """Px between the samples of a patch, for each scale for which a picture's shorter side suffices."""
+    return [step for step in _STEPS if shorter >= 4 * SIDE * step]
 
 
 def cell_side(pixels: int) -> int:
@@ -62,7 +67,7 @@ class PatchRatios:
     ----------
     lab : CIELAB of the exemplar, or L alone.
     valid : its pixels that count; None for all.
-    shorter : the shorter side of exemplar and result, px; scales for which it is too short are omitted.
+    steps : px between samples, for each scale; see `steps_for`.
 
     Raises
     ------
@@ -70,17 +75,15 @@ class PatchRatios:
         the mask leaves no patch.
     """
 
-    def __init__(self, lab: Float32[np.ndarray, "h w c"], valid: Mask | None, shorter: int):
+    def __init__(self, lab: Float32[np.ndarray, "h w c"], valid: Mask | None, steps: Sequence[int]):
         self.mean = (lab.reshape(-1, lab.shape[2]) if valid is None else lab[valid]).mean(axis=0)
         self.scales = []
-        for step in STEPS:
-            if shorter < 4 * SIDE * step:
-                continue
+        for step in steps:
             reach = (SIDE - 1) * step + 1
             whole = None if valid is None else count_excluded(valid, reach, reach) == 0
             if whole is not None and not whole.any():
                 raise NoPatchError(f"masks leave no patch of {reach} px")
-            nearest = NearestPatches(smoothed(lab - self.mean, step), step, whole)
+            nearest = NearestPatches(lab, step, whole, self.mean)
             self.scales.append((nearest, max(nearest.own_distance(), 1e-12)))
 
     def at(
@@ -94,8 +97,7 @@ class PatchRatios:
         valid : its pixels that are not masked; None for all.
         wrap : where the result wraps.
         """
-        centred = result - self.mean
-        distances = [self._of(scale, centred, places, wrap) / own for scale, own in self.scales]
+        distances = [self._of(scale, result, places, wrap) / own for scale, own in self.scales]
         ratios = np.stack(distances, axis=1)
         if valid is not None:
             for ratio, (scale, _) in zip(ratios.T, self.scales, strict=True):
@@ -106,14 +108,14 @@ class PatchRatios:
         return ratios
 
     def _of(
-        self, scale: NearestPatches, centred: np.ndarray, places: Places, wrap: Wraps
+        self, scale: NearestPatches, result: np.ndarray, places: Places, wrap: Wraps
     ) -> Float64[np.ndarray, "*n"]:
         half = (SIDE - 1) * scale.step // 2
         corners = places - half
         if wrap:
             beyond = 2 * half * np.array(wrap, np.int64)
-            centred = np.pad(centred, [(int(one), int(one)) for one in (*beyond, 0)], mode="wrap")
+            result = np.pad(result, [(int(one), int(one)) for one in (*beyond, 0)], mode="wrap")
             corners = corners + beyond
-        patches = Patches(smoothed(centred, scale.step), scale.step)
+        patches = Patches(result, scale.step, self.mean)
         corners = np.clip(corners, 0, np.array(patches.shape) - 1)
         return scale.distances(patches.at(*corners.T)).astype(np.float64)

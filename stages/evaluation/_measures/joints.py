@@ -11,6 +11,7 @@ from texloom.stages.common.source_maps.source_joints import (
     PatchRatios,
     cell_side,
     joint_contrast,
+    steps_for,
     worst_of_cells,
 )
 from texloom.stages.evaluation._measures.pictures import UnmeasurableError, require_side, require_variation
@@ -71,11 +72,16 @@ def measure_joints(task: Task) -> Joints:
     if not len(places):
         return Joints(places, np.zeros((0, 1)), cell)
     shorter = min(task.exemplar.shorter, task.result.shorter)
-    try:
-        measure = PatchRatios(task.exemplar.compared, task.exemplar.valid, shorter)
+    try:  # scale by scale, as each has a copy of the exemplar
+        of_scales = [
+            PatchRatios(task.exemplar.compared, task.exemplar.valid, [step]).at(
+                task.result.compared, places, task.result.valid, task.wraps
+            )
+            for step in steps_for(shorter)
+        ]
     except NoPatchError as error:
         raise UnmeasurableError(str(error)) from None
-    ratios = measure.at(task.result.compared, places, task.result.valid, task.wraps)
+    ratios = np.concatenate(of_scales, axis=1)
     known = np.isfinite(ratios).any(axis=1)
     if not known.any():
         raise UnmeasurableError("masks leave no patch at a joint")

@@ -12,10 +12,10 @@ from texloom.stages.common.similarity.patch_distance import (
     Patches,
     Places,
     Whole,
+    few_patches,
     nearest_rows,
     principal_directions,
-    sample_patches,
-    smoothed,
+    random_corners,
     with_squares,
 )
 from texloom.stages.evaluation._measures.pictures import (
@@ -30,7 +30,7 @@ from texloom.stages.evaluation._measures.pixels import halved, quantiles
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import GIVEN, Task
 from texloom.stages.numerics.matrices import row_product
-from texloom.stages.vocabulary.arrays import Correspondence
+from texloom.stages.vocabulary.arrays import Correspondence, Mask
 
 _PATCHES = 8192  # of the sliced distance; their sampling noise is a fifth of the distance between two crops
 _PROJECTIONS = 64
@@ -52,7 +52,8 @@ def projected(picture: Picture, levels: int = 4) -> list[Float32[np.ndarray, "q 
         whole = picture.windows(SIDE, SIDE)
         if not any_true(whole):
             break
-        patches = sample_patches(Patches(picture.compared, 1), _PATCHES, 0, whole)
+        shape = (picture.tone.shape[0] - SIDE + 1, picture.tone.shape[1] - SIDE + 1)
+        patches = few_patches(picture.compared, *random_corners(shape, _PATCHES, 0, whole))
         known.append(quantiles(row_product(patches, directions[: patches.shape[1]])))
         picture = _half_size(picture)
     return known
@@ -166,7 +167,7 @@ def copied_patches(match: Correspondence, width: int, step: int, whole: Whole | 
     places = places[:: 1 + len(places) // _MAX_INDEXED]
     of_places = sources[places[:, 0], places[:, 1]]
     for offset, of_patches in zip(offsets, samples, strict=True):
-        number = np.full(last + 1, -1)
+        number = np.full(last + 1, -1, np.int32)
         number[of_patches] = np.arange(len(of_patches))
         numbers = number[of_places]
         corners = places - offset
@@ -174,6 +175,15 @@ def copied_patches(match: Correspondence, width: int, step: int, whole: Whole | 
         if whole is not None:
             counted[counted] = whole[*corners[counted].T]
         yield numbers[counted], corners[counted]
+
+
+def _variance(patches: Patches, channels: int, counted: Mask | None) -> float:
+    """Sum of the variances of the channels."""
+    total = 0.0
+    for channel in range(channels):
+        plane = patches.plane(channel)
+        total += float(channel_variances((plane if counted is None else plane[counted])[..., None]).sum())
+    return total
 
 
 def _counted(index: PatchIndex) -> np.ndarray:
@@ -208,9 +218,9 @@ def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
     counted = task.exemplar.counted
     rows = []
     for step in steps:
-        labs = [smoothed(picture.compared - mean, step) for picture in (task.exemplar, task.result, task.shuffled)]
         wholes = [whole_patches(picture, step) for picture in (task.exemplar, task.result)]
-        patches = [Patches(lab, step) for lab in labs]
+        pictures = (task.exemplar, task.result, task.shuffled)
+        patches = [Patches(picture.compared, step, mean) for picture in pictures]
         directions = principal_directions(patches[0], wholes[0])
         exemplar, result = (
             index_patches(one, directions, whole=whole) for one, whole in zip(patches, wholes, strict=False)
@@ -225,7 +235,7 @@ def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
                 nearest_distance(exemplar, result, copies=copies),
                 nearest_distance(shuffled, exemplar, 128),
                 # a plain picture's distance
-                float(channel_variances(labs[0] if counted is None else labs[0][counted]).sum()),
+                _variance(patches[0], len(mean), counted),
             ]
         )
     levels = np.array(rows) / variance

@@ -90,7 +90,7 @@ def prepare(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[Pi
     ----------
     keep : true where the result was given and not made.
     """
-    labs = [lab_from_linear(np.minimum(fill_excluded(picture).color, _MAX_LIGHT)) for picture in (exemplar, image)]
+    labs = [_lab(fill_excluded(picture)) for picture in (exemplar, image)]
     valid = [valid_pixels(picture) for picture in (exemplar, image)]
     values = labs[0].reshape(-1, 3) if valid[0] is None else labs[0][valid[0]]
     values = values[:: reduction(exemplar.height, exemplar.width) ** 2].astype(np.float64)
@@ -104,10 +104,20 @@ def prepare(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[Pi
     return Picture(labs[0], tones[0], valid[0], None, grey), Picture(labs[1], tones[1], valid[1], made, grey)
 
 
+def _lab(image: Image) -> ColorField:
+    """CIELAB of light that is clipped to `_MAX_LIGHT`; in bands, as color spaces need copies."""
+    lab = np.empty((image.height, image.width, 3), np.float32)
+    for band in bands(image.height):
+        lab[band] = lab_from_linear(np.minimum(image.elsewhere(image.pixels[band]).color, _MAX_LIGHT))
+    return lab
+
+
 def _tone(lab: ColorField, mean: np.ndarray, axis: np.ndarray, deviation: float) -> Float32[np.ndarray, "h w"]:
     """See `Picture.tone`; in bands, as double precision takes twice the picture's memory."""
-    parts = [((lab[band] - mean) @ axis / deviation).astype(np.float32) for band in bands(len(lab))]
-    return np.concatenate(parts)
+    tone = np.empty(lab.shape[:2], np.float32)
+    for band in bands(len(lab)):
+        tone[band] = (lab[band] - mean) @ axis / deviation
+    return tone
 
 
 def channel_variances(lab: Float32[np.ndarray, "*n c"]) -> Float64[np.ndarray, "*c"]:

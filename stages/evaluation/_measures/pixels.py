@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
+from texloom.stages.common.grids.working_size import reduction
 from texloom.stages.common.similarity.patch_distance import blurred
 from texloom.stages.evaluation._measures.pictures import (
     FLAT,
@@ -22,6 +23,7 @@ from texloom.stages.vocabulary.arrays import Mask
 from texloom.stages.vocabulary.facts import TORUS, Wraps
 
 _QUANTILES = 1024
+_STRIP = 256  # rows of a large picture whose contrast is computed at once
 _MAX_PIXELS = 1 << 18  # of which quantiles are taken
 
 
@@ -48,7 +50,7 @@ def color_distance(one: Picture, other: Picture) -> Float32[np.ndarray, "3"]:
 
 def color_spread(picture: Picture) -> float:
     """Mean distance from the mean colour, CIELAB units, mean of the channels; that of a plain picture."""
-    values = picture.colors
+    values = picture.colors[:: reduction(*picture.tone.shape) ** 2]
     return float(np.abs(values - values.mean(axis=0, dtype=np.float64)).mean())
 
 
@@ -85,6 +87,9 @@ def local_contrast(tone: Float32[np.ndarray, "h w"], side: int) -> Float32[np.nd
     """Standard deviation in every window of ``side`` px that lies inside the picture."""
     import cv2
 
+    if len(tone) > _STRIP + side and reduction(*tone.shape) > 1:
+        tops = range(0, len(tone) - side + 1, _STRIP)
+        return np.concatenate([local_contrast(tone[top : top + _STRIP + side - 1], side) for top in tops])
     mean = cv2.boxFilter(tone, cv2.CV_64F, (side, side))
     square = cv2.sqrBoxFilter(tone, cv2.CV_64F, (side, side))
     before, after = side // 2, side - side // 2 - 1

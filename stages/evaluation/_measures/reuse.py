@@ -19,8 +19,8 @@ def match_entropy(match: Correspondence, shape: tuple[int, int], count: int | No
     ``count``: valid pixels, if not all.
     """
     pixels = match.shape[0] * match.shape[1]
-    shares = source_counts(match, shape).ravel() / pixels
-    shares = shares[shares > 0]
+    counts = source_counts(match, shape)
+    shares = counts[counts > 0] / pixels
     most = np.log(min(count or shape[0] * shape[1], pixels))
     return float(-(shares * np.log(shares)).sum() / most) if most > 0 else 1.0
 
@@ -54,8 +54,8 @@ def copied_segments(match: Correspondence, made: Mask | None = None, copies: Mas
     import cv2
 
     height, width = match.shape[:2]
-    rows = match[..., 0].astype(np.int64) - np.arange(height)[:, None]
-    columns = match[..., 1].astype(np.int64) - np.arange(width)[None, :]
+    rows = match[..., 0].astype(np.int32) - np.arange(height, dtype=np.int32)[:, None]
+    columns = match[..., 1].astype(np.int32) - np.arange(width, dtype=np.int32)[None, :]
     kept = [(np.diff(rows, axis=axis) == 0) & (np.diff(columns, axis=axis) == 0) for axis in (0, 1)]
     # Pixels, and between them what joins them: OpenCV labels what is true, not what is equal.
     joined = np.zeros((2 * height - 1, 2 * width - 1), np.uint8)

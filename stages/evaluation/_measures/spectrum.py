@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from texloom.stages.common.regularity.excess_repetition import autocorrelation, repetition
+from texloom.stages.common.grids.working_size import reduction, square_means
+from texloom.stages.common.regularity.excess_repetition import autocorrelation, repetition, whole_squares
 from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,
@@ -22,14 +23,19 @@ def autocorrelation_difference(task: Task) -> Figures:
     require_side(32, task.exemplar)
     require_side(16, task.result)
     task.require_all_made()
-    reach = min(task.exemplar.shorter, task.result.shorter) // 4
+    # Of large exemplars, structure is coarse.
+    step = min(reduction(*task.source_shape), task.result.shorter // 16)
+    reach = min(task.exemplar.shorter, task.result.shorter) // (4 * step)
 
     def distance(one: Picture, other: Picture) -> float:
-        first, second = (autocorrelation(picture.tone, (reach, reach), picture.valid) for picture in (one, other))
+        first, second = (
+            autocorrelation(square_means(picture.tone, step), (reach, reach), whole_squares(picture.valid, step))
+            for picture in (one, other)
+        )
         return float(np.sqrt(((first - second) ** 2).mean()))
 
     ceiling = distance(task.exemplar, task.shuffled)
-    if ceiling <= _NOISE / np.sqrt(task.source_area):
+    if ceiling <= _NOISE * step / np.sqrt(task.source_area):
         raise UnmeasurableError("the exemplar has no structure beyond single pixels")
     return Figures(distance(task.exemplar, task.result), 0.0, ceiling)
 

@@ -15,6 +15,7 @@ from texloom.stages.common.source_maps.source_joints import (
     PatchRatios,
     cell_side,
     joint_contrast,
+    steps_for,
     worst_of_cells,
 )
 from texloom.stages.synthesis.edits.region_windows import windows
@@ -117,7 +118,7 @@ class _Measures:
         filled = FilledExemplar.of(exemplar)
         self.valid, self.lab = filled.valid, filled.lab
         self.cell = cell_side(sides[0] * sides[1])
-        self.ratios = PatchRatios(self.lab, self.valid, min(*self.lab.shape[:2], *sides))
+        self.ratios = PatchRatios(self.lab, self.valid, steps_for(min(*self.lab.shape[:2], *sides)))
 
     def joints(self, image: Image, match: Correspondence, wrap: Wraps) -> tuple[Places, Float64[np.ndarray, "*n"]]:
         """The joint of largest contrast in every cell that has one, and its ratio."""

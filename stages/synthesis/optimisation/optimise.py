@@ -276,7 +276,7 @@ class _Optimisation:
         return best_start(exemplar, [self.picture(match, scale) for match in matches], records)
 
 
-@stage(version=1, check=check_patches, in_bands=True, exemplar_bytes=90)
+@stage(version=1, check=check_patches, in_bands=True, exemplar_bytes=90, seconds=(0.7, 9))
 def optimise(
     image: Image,
     start: Correspondence,

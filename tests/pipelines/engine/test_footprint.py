@@ -83,3 +83,13 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(
     with pytest.raises(InputError, match=r"steps\.texture: takes 12\.1 GB of memory or more"):
         opened("quilting", 16384, store).check(tmp_path / "out")
     assert not store.exists()
+
+
+def test_what_a_large_exemplar_takes_is_told_before_it_runs(tmp_path: Path) -> None:
+    large = picture(tmp_path / "large.png", 2048)
+    (note,) = opened("self_tuning", 1024, tmp_path / "store", large).notes_before
+    assert note.startswith("sources.exemplar: 2048 x 2048 px take about ")
+    assert "(--crop 1024x1024) or half the size (--reduce 0.5) takes " in note
+    smaller = Overrides({"exemplar": str(large)}, part={"reduce": "0.5"})
+    assert not open_run("self_tuning", smaller, Store(tmp_path / "store")).notes_before
+    assert not opened("self_tuning", 1024, tmp_path / "store", picture(tmp_path / "small.png", 512)).notes_before

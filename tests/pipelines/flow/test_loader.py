@@ -17,6 +17,7 @@ from tests.conftest import ROOT
 from texloom.pipelines import yaml as plain_yaml
 from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.flow.model import Overrides, Reference
+from texloom.pipelines.media.part import Part
 from texloom.pipelines.yaml import parse_yaml
 from texloom.stages.synthesis.optimisation.optimise import PRESETS
 from texloom.stages.vocabulary.declare import InputError
@@ -305,8 +306,8 @@ WRONG = {  # change of GOOD => error
     f"{EDGES} => parms: 1, {EDGES}": "steps.edges.parms: unknown; did you mean 'params'?",
     "exports: => export:": "export: unknown; did you mean 'exports'?",
     "exports: => zzz:": (
-        "zzz: unknown; there are flow, group, listed, seed, runner, delivery, include, with, for, repeat, sources, "
-        "steps, params, exports"
+        "zzz: unknown; there are flow, group, listed, seed, runner, delivery, part, include, with, for, repeat, "
+        "sources, steps, params, exports"
     ),
     'exports: => "a\\nb\\e[0m":': "a\\nb\\x1b[0m: unknown",
     # flow, seed, exports
@@ -602,6 +603,19 @@ def test_a_flow_states_how_exports_are_written(write: Any, tmp_path: Path) -> No
     assert load_flow(tmp_path / "more.yaml").delivery == dataclasses.replace(delivery, texel_size=0.01)
     (tmp_path / "each.yaml").write_text("flow: each\nfor: {a: {include: flow.yaml}, b: {include: flow.yaml}}\n")
     assert load_flow(tmp_path / "each.yaml").delivery.layout == "unity"
+
+
+def test_a_flow_states_what_is_taken_of_its_exemplar(write: Any, tmp_path: Path) -> None:
+    path = write("exports:", "part: {crop: 40x30+8+4, reduce: 0.5}\ndelivery: {texel_size: 1mm}\nexports:")
+    flow = load_flow(path)
+    assert flow.parts == {next(iter(flow.sources)): Part((30, 40), (4, 8), 0.5)}
+    assert flow.delivery.texel_size == 0.002
+    (tmp_path / "more.yaml").write_text("flow: more\ninclude: flow.yaml\npart: {reduce: .25}\n")
+    changed = load_flow(tmp_path / "more.yaml", Overrides(part={"crop": "20x10"}))
+    assert list(changed.parts.values()) == [Part((10, 20), None, 0.25)]
+    for stated, problem in (("{reduce: 3}", "part.reduce: must be a factor"), ("{cut: 3}", "part.cut: unknown")):
+        with pytest.raises(InputError, match=re.escape(problem)):
+            load_flow(write("exports:", f"part: {stated}\nexports:"))
 
 
 @pytest.mark.parametrize(
