@@ -17,7 +17,7 @@ from texloom.pipelines.memory import machine_memory, memory_limit
 
 LARGE = 4096**2
 """pixels of an exemplar or result above which memory and disk are estimated"""
-_DISK, _DISK_OF_CHANNEL = 55, 22  # bytes a pixel
+_DISK, _DISK_OF_CHANNEL = 63, 22  # bytes a pixel
 _SELF_TUNING = 2  # steps of synthesis, which these hold
 _DISK_OF_IMAGE = 12  # bytes a pixel and channel: read, made and stored
 _OF_EXEMPLAR: Mapping[str, int] = {
