@@ -124,7 +124,8 @@ def open_source(name: str, reference: str) -> Source:
         if material_set.is_map_set(reference):
             maps, told = material_set.open_set(reference)
             _check_memory(material_set.memory_of(maps))
-            told = (*told, *contradictions.told_of(maps))
+            maps, more = contradictions.checked(maps)
+            told = (*told, *more)
             channels, digest = material_set.channels_of(maps), material_set.digest_of(maps)
             notes = _notes(name, reference, *told)
             bits_of = {one.role: one.bits for one in maps}
