@@ -1,7 +1,7 @@
 """Conventions of a material's maps that its content contradicts, as one line each with the option that corrects it.
 
-Content decides where green of normals points if only the names of other maps imply it and heights clearly
-contradict them; all else is read as it is said. Normals without a third channel, which are rebuilt, are told too.
+Content decides where green of normals points if nothing but the names of other maps says it, and heights clearly
+do; all else is read as it is said. Normals without a third channel, which are rebuilt, are told too.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _COMPARED = ({"normal", "height"}, {"roughness", "specular"})
 def checked(maps: Sequence[Map]) -> tuple[tuple[Map, ...], tuple[str, ...]]:
     """The maps of a material, with green of normals as their content has it, and what is told; decodes some."""
     known = known_files.current()
-    digest = material_set.digest_of(maps) + "".join(one.implied for one in maps)
+    digest = material_set.digest_of(maps) + "".join(str(one.implied) for one in maps)
     found = None if known is None else known.told(digest)
     if found is None:
         green = _clear_green(maps)
@@ -42,42 +42,42 @@ def checked(maps: Sequence[Map]) -> tuple[tuple[Map, ...], tuple[str, ...]]:
         if known is not None:
             known.tell(digest, found)
     green, *told = found
-    lines = [_told_of_names(one, green) for one in maps if one.implied]
-    return _with_green(maps, green), (*lines, *told)
+    lines = [_told_of_green(one, green) for one in maps if one.implied is not None]
+    return _with_green(maps, green), (*filter(None, lines), *told)
 
 
 def _with_green(maps: Sequence[Map], green: str) -> tuple[Map, ...]:
     """The maps, with green of normals where content has decided it."""
     return tuple(
         dataclasses.replace(one, facts=dataclasses.replace(one.facts, green=green))
-        if one.implied and green
+        if one.implied is not None and green
         else one
         for one in maps
     )
 
 
-def _told_of_names(normal: Map, green: str) -> str:
-    """What names imply of green, and what came of it."""
+def _told_of_green(normal: Map, green: str) -> str:
+    """What names imply of green, and what content has decided; empty where there is neither."""
     implied = normal.facts.green
-    line = f"{Path(normal.reference).name}: green of normals points {implied} in names as of {normal.implied}"
-    if not green:
-        return line
-    return (
-        f"{line}, but clearly {green} by the slopes of the height, and is read so; 'normal_convention: "
-        f"{CONVENTION_OF[implied]}' in a YAML file of maps undoes it"
-    )
+    named = f"points {implied} in names as of {normal.implied}" if normal.implied else ""
+    if green:
+        measured = f"points {green} by the slopes of the height"
+        undone = f"'normal_convention: {CONVENTION_OF[implied or 'up']}' in a YAML file of maps undoes it"
+        named = f"{named}, but clearly {measured}" if named else measured
+        named = f"{named}, and is read so; {undone}"
+    return f"{Path(normal.reference).name}: green of normals {named}" if named else ""
 
 
 def _clear_green(maps: Sequence[Map]) -> str:
-    """Where green points by heights that clearly contradict what names imply; else an empty text."""
+    """Where green points by heights, if that is clear and otherwise than nothing but names say; else empty."""
     by_role = {one.role: one for one in maps}
-    if not ("height" in by_role and "normal" in by_role and by_role["normal"].implied):
+    if not ("height" in by_role and "normal" in by_role) or by_role["normal"].implied is None:
         return ""
     image = material_set.read((by_role["normal"], by_role["height"]), maps[0].height, maps[0].width)
     found = plausible_green(image)
     if found is None or min(map(abs, found["correlation"])) < _CLEAR:
         return ""
-    return "" if found["green"] == by_role["normal"].facts.green else str(found["green"])
+    return "" if found["green"] == (by_role["normal"].facts.green or "up") else str(found["green"])
 
 
 def _found(maps: Sequence[Map]) -> tuple[str, ...]:

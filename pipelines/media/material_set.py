@@ -99,8 +99,9 @@ class Map:
     """channels of the file"""
     twins: tuple[Map, ...] = ()
     """other files that hold the same map and are not read, as normals of DirectX beside those of OpenGL"""
-    implied: str = ""
-    """the programs whose names imply where green points, where nothing else says so"""
+    implied: str | None = None
+    """the programs whose names imply where green points, where nothing else says so; empty if none do, and green is
+    assumed to point up; None where it is said, and of other maps than normals"""
 
     @property
     def is_plain(self) -> bool:
@@ -445,14 +446,14 @@ def _opened(role: str, given: Claim, settings: Mapping[str, Any]) -> Map:
         channels = (f"{role}.R", f"{role}.G", f"{role}.B")
     stem = stem_of(path) if picture_files.is_path(reference) else role
     facts = Facts.of(seen.facts).of_map(role)
-    note, implied = seen.note, ""
+    note, implied = seen.note, None
     if role == "normal":
         said = recognised_plane(stem)
         green = given.green or (said[2] if said and said[0] == "normal" else "")
         if (convention := settings.get("normal_convention")) is not None:
             green = CONVENTIONS[convention]
-        if not (green or facts.green) and "green" in settings:
-            green, implied = settings["green"], settings["implied"]
+        if not (green or facts.green):
+            green, implied = settings.get("green", ""), settings.get("implied", "")
         facts = dataclasses.replace(facts, green=green or facts.green)
     if role == "height" and (height_unit := settings.get(HEIGHT_UNIT)) is not None:
         facts = dataclasses.replace(facts, unit=height_unit)

@@ -45,8 +45,14 @@ def test_green_by_slopes_of_heights_or_alone(tmp_path: Path, with_height: bool) 
     maps = {"height": height} if with_height else {}
     assert told(tmp_path / "gl", normal, **maps) == ()
     (note,) = told(tmp_path / "dx", normal * [1, -1, 1], **maps)
-    assert note.startswith("normal: green seems to point down (")
-    assert "a name that ends in dx, or 'normal_convention: directx' in a YAML file" in note
+    if with_height:
+        assert note.startswith(
+            "normal.png: green of normals points down by the slopes of the height, and is read so"
+        )
+        assert "'normal_convention: opengl' in a YAML file" in note
+    else:
+        assert note.startswith("normal: green seems to point down (")
+        assert "a name that ends in dx, or 'normal_convention: directx' in a YAML file" in note
     (tmp_path / "dx" / "normal.png").rename(tmp_path / "dx" / "normal_dx.png")
     assert open_source("exemplar", str(tmp_path / "dx")).notes == ()
 
@@ -62,7 +68,9 @@ def test_content_decides_green_that_only_names_of_other_maps_imply(tmp_path: Pat
     source = open_source("exemplar", str(folder))
     (note,) = source.notes
     assert "T_Stones_N.png: green of normals points down in names as of Unreal Engine" in note
-    assert ("clearly up by the slopes" in note and "'normal_convention: directx'" in note) == (points == "up")
+    assert ("clearly points up by the slopes" in note and "'normal_convention: directx'" in note) == (
+        points == "up"
+    )
     assert next(one for one in source.maps if one.role == "normal").facts.green == points
     image = source.read()
     y = image.pixels[..., image.channels.index("normal.Y")]
@@ -118,7 +126,7 @@ def test_udim_tiles_are_measured_as_one(tmp_path: Path) -> None:
     source = open_source("exemplar", str(tmp_path / "dx"))
     assert (source.height, source.width) == SIDES
     assert len(source.notes) == 1
-    assert "green seems to point down" in source.notes[0]
+    assert "green of normals points down by the slopes" in source.notes[0]
 
 
 def test_a_depth_and_gloss_are_told(tmp_path: Path) -> None:
