@@ -59,7 +59,7 @@ def make(gallery: dict[str, Any], options: argparse.Namespace) -> list[str]:
         if options.only and name not in options.only:
             continue
         print(f"texloom run {line}", flush=True)
-        code, seconds = run(name, line)
+        code, seconds = run(name, line, flows.get(name, {}).get("store", name))
         if code:
             failed.append(name)
         elif name in flows:
@@ -183,11 +183,11 @@ def retouch(folder: Path) -> None:
 # -- the runs
 
 
-def run(name: str, line: str) -> tuple[int, float | None]:
-    """Run a command; its exit code, and its processor seconds unless it had a store before."""
+def run(name: str, line: str, store: str) -> tuple[int, float | None]:
+    """Run a command; its exit code, and its processor seconds unless it had a store of its own before."""
     program = shlex.quote(str(Path(sys.executable).with_name("texloom")))
-    command = f"{program} run {line} --out runs/{name} --store stores/{name}"
-    is_new = not (WORK / "stores" / name).exists()
+    command = f"{program} run {line} --out runs/{name} --store stores/{store}"
+    is_new = store != name or not (WORK / "stores" / name).exists()
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     environment = {**os.environ, "TEXLOOM_THREADS": "1"}
     done = subprocess.run(["/bin/bash", "-c", command], cwd=WORK, env=environment, check=False)  # noqa: S603

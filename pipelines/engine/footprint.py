@@ -20,7 +20,7 @@ from texloom.stages.vocabulary.sizes import format_size
 
 LARGE = 4096**2
 """pixels of an exemplar or result above which memory and disk are estimated"""
-_DISK, _DISK_OF_CHANNEL = 55, 22  # bytes a pixel
+_DISK, _DISK_OF_CHANNEL = 63, 22  # bytes a pixel
 _SELF_TUNING = 2  # steps of synthesis, which these hold
 _DISK_OF_IMAGE = 12  # bytes a pixel and channel: read, made and stored
 _BYTES, _FEWEST_BYTES = (50, 250), 35 * 10**7

@@ -108,7 +108,7 @@ class Run:
             if item.name in flow.exports and self._scope_of(flow.exports[item.name]) != "item":
                 raise InputError(f"{flow.where('exports', item.name)}: an item and its folder have this name")
         self._known_files = _known_files() if len(self.items) >= _MANY else None
-        self.shared = Scope(flow, known=self._known_files)
+        self.shared = Scope(flow, store, known=self._known_files)
         self.scopes: dict[str, Scope | None] = {}
         """item to where its steps find what they take; none if its files are refused"""
         self._fixed: dict[str, tuple[str, Mapping[str, Any]]] = {}
@@ -150,7 +150,7 @@ class Run:
         known = self.known_scopes
         if self.items and len(known) == 1:
             with contextlib.suppress(InputError):  # which is told when the item's turn comes
-                known.append(Scope(self.flow, self.items[0], self.shared))
+                known.append(Scope(self.flow, self.store, self.items[0], self.shared))
         return known
 
     def new_out(self) -> Path:
@@ -294,7 +294,7 @@ class Run:
         plans = self._plan_scope(self.shared, "shared", earlier)
         for item in self.items:
             try:
-                scope = Scope(self.flow, item, self.shared)
+                scope = Scope(self.flow, self.store, item, self.shared)
             except InputError as error:
                 self.scopes[item.name] = None
                 first = next(step for step in self.flow.steps.values() if step.scope == "item")

@@ -432,7 +432,7 @@ class _Attempt:
         for item in self.run.items:
             self.run.scopes[item.name] = None
             try:
-                self.run.scopes[item.name] = scope = Scope(self.run.flow, item, self.run.shared)
+                self.run.scopes[item.name] = scope = Scope(self.run.flow, self.run.store, item, self.run.shared)
             except InputError as error:
                 self._end_item(item.name, str(error))
             else:

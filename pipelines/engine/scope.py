@@ -7,15 +7,13 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
-
 from texloom.pipelines.engine.events import label
 from texloom.pipelines.engine.task import Inputs, Output
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.flow.items import Item
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
 from texloom.pipelines.media.known_files import KnownFiles, using
-from texloom.pipelines.media.sources import Source, SourceError, open_mesh, open_source
+from texloom.pipelines.media.sources import Source, SourceError, SourceValue, open_mesh, open_patches, open_source
 from texloom.pipelines.store.outputs import Array, Outputs, copied
 from texloom.pipelines.store.store import Artifact, Store
 from texloom.stages.vocabulary.arrays import Image
@@ -28,12 +26,18 @@ class Scope:
     """Where steps find what they take: the sources and artifacts of an item, or those that all items share."""
 
     def __init__(
-        self, flow: Flow, item: Item | None = None, shared: Scope | None = None, known: KnownFiles | None = None
+        self,
+        flow: Flow,
+        store: Store,
+        item: Item | None = None,
+        shared: Scope | None = None,
+        known: KnownFiles | None = None,
     ):
         """Open the sources and check what stages say of them; nothing is decoded or written.
 
         Parameters
         ----------
+        store : where earlier results are found.
         known : files that need not be opened again, also for the items' scopes.
 
         Raises
@@ -55,12 +59,16 @@ class Scope:
         self._known: KnownFiles | None = known if shared is None else shared._known
         with using(self._known):
             self.sources = {
-                name: (open_mesh if name in flow.meshes else open_source)(name, path)
+                name: open_mesh(name, path)
+                if name in flow.meshes
+                else open_patches(name, path, store)
+                if name in flow.results
+                else open_source(name, path)
                 for name, path in opened.items()
                 if name in self.used
             }
         self._take_parts(flow)
-        self._values: dict[str, Image | np.ndarray] | None = None
+        self._values: dict[str, SourceValue] | None = None
         self._lock = threading.Lock()
         self._outlines: dict[Reference, Outline] = {}
         self.notes = [note for source in self.sources.values() for note in source.notes]
@@ -147,7 +155,7 @@ class Scope:
         """What a step is called here."""
         return label(step.name, self.name if step.scope == "item" else None)
 
-    def values(self) -> Mapping[str, Image | np.ndarray]:
+    def values(self) -> Mapping[str, SourceValue]:
         """The decoded sources of this scope, kept until `forget_values`.
 
         Raises
@@ -163,7 +171,7 @@ class Scope:
                 self._values = values
             return self._values
 
-    def _check_values(self, step: Step, values: Mapping[str, Image | np.ndarray]) -> None:
+    def _check_values(self, step: Step, values: Mapping[str, SourceValue]) -> None:
         """Check the content of the sources that a step takes."""
         sources = {name: values[given.name] for name, given in step.inputs.items() if given.output is None}
         if step.stage.check is None or not sources:
@@ -174,7 +182,7 @@ class Scope:
         except InputError as error:
             raise SourceError(self._explained(step, error)) from None
 
-    def decoded(self, source: Source) -> Image | np.ndarray:
+    def decoded(self, source: Source) -> SourceValue:
         """A decoded source, kept if it is one of this scope or of the shared one."""
         if self.sources.get(source.name) == source:
             return self.values()[source.name]
@@ -199,7 +207,7 @@ class ScopeInputs(Inputs):
         self._values: dict[Reference, Any] = {}
         self._lock = threading.Lock()
 
-    def source(self, source: Source) -> Image | np.ndarray:
+    def source(self, source: Source) -> SourceValue:
         """See `Inputs`."""
         return self.scope.decoded(source)
 

@@ -8,7 +8,6 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import pydantic
 
 from texloom.pipelines.engine.events import Listener, Note, StepProgress
@@ -16,12 +15,11 @@ from texloom.pipelines.engine.keys import KeyParts, generator, key_parts
 from texloom.pipelines.engine.stage_call import call_stage
 from texloom.pipelines.engine.stage_log import logging_to
 from texloom.pipelines.flow.model import Reference, Step
-from texloom.pipelines.media.sources import Source
+from texloom.pipelines.media.sources import Source, SourceValue
 from texloom.pipelines.store.outputs import Outputs
 from texloom.pipelines.store.store import BrokenArtifactError, Store
 from texloom.stages.kernels.core.threads import sharing
 from texloom.stages.lookup.registry import find_stage
-from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, Stage
 from texloom.stages.vocabulary.progress import listening
 
@@ -110,7 +108,7 @@ class Inputs:
     def __init__(self, store: Store):
         self.store = store
 
-    def source(self, source: Source) -> Image | np.ndarray:
+    def source(self, source: Source) -> SourceValue:
         """A decoded source."""
         return source.value()
 

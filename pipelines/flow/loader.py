@@ -41,6 +41,7 @@ from texloom.pipelines.yaml import parse_yaml, read_document
 from texloom.stages.lookup.registry import find_stage, stage_names
 from texloom.stages.vocabulary.arrays import Image, Mesh
 from texloom.stages.vocabulary.declare import InputError, Stage
+from texloom.stages.vocabulary.voted_patches import VotedPatches
 
 __all__ = ["check_flow", "find_flow", "load_flow", "nearest_stage"]
 
@@ -55,6 +56,7 @@ _EXPORTABLE = {
 _MAPS = "maps/"
 _IMAGE = Hint.of(Image)
 _MESH = Hint.of(Mesh)
+_PATCHES = Hint.of(VotedPatches)
 _NOTHING_CHANGED = Overrides()
 
 
@@ -176,6 +178,7 @@ class _Checker:
         """the optional sources that an including flow leaves out for good"""
         self.stages: dict[str, Stage] = {}
         self.meshes: tuple[str, ...] = ()
+        self.results: tuple[str, ...] = ()
 
     def fail(self, place: str, problem: str) -> InputError:
         return refused(f"{self.path}: {place}: {problem}")
@@ -184,7 +187,7 @@ class _Checker:
         draft = self.draft
         self._check_sources()
         self.stages = {name: self._stage(step.stage) for name, step in draft.steps.items()}
-        self.meshes = self._mesh_sources()
+        self.meshes, self.results = self._sources_taken_as(_MESH), self._sources_taken_as(_PATCHES)
         takers = {name: self._taker(name, step) for name, step in draft.steps.items()}
         takers |= {file: self._export_taker(file, entry) for file, entry in draft.exports.items()}
         self._leave_out(Presence(takers, self.dropped, is_set=True))
@@ -238,8 +241,8 @@ class _Checker:
         overrides = dataclasses.replace(self.overrides, params=step_params.texts(self.overrides.params))
         return Flow(
             draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, surfaces, self.meshes,
-            of_maps, own, tuple(draft.included), flow_params, missing, left_out, overrides, delivery=delivery,
-            skipped=skipped, unwritten=unwritten, optional=optional,
+            self.results, of_maps, own, tuple(draft.included), flow_params, missing, left_out, overrides,
+            delivery=delivery, skipped=skipped, unwritten=unwritten, optional=optional,
         )  # fmt: skip
 
     def _check_sources(self) -> None:
@@ -481,20 +484,21 @@ class _Checker:
         studio = "; `texloom studio` makes one" if short.endswith("geometry") else ""
         return refused(f"sources.{source}: {short}: {problem}; give --set {short}=FILE{studio}")
 
-    def _mesh_sources(self) -> tuple[str, ...]:
-        """The sources that a step takes as a mesh."""
+    def _sources_taken_as(self, kind: Hint) -> tuple[str, ...]:
+        """The sources that a step takes as a mesh, or as an earlier result."""
         taken = {
             text
             for name, step in self.draft.steps.items()
             for key, entry in step.inputs.items()
-            if key in self.stages[name].inputs and Hint.of(self.stages[name].inputs[key]) == _MESH
+            if key in self.stages[name].inputs and Hint.of(self.stages[name].inputs[key]) == kind
             for text in texts_of(entry.value)
         }
         return tuple(name for name in self.draft.sources if name in taken)
 
     def _type_of(self, reference: Reference) -> Hint:
         if reference.output is None:
-            return _MESH if reference.name in self.meshes else _IMAGE
+            name = reference.name
+            return _MESH if name in self.meshes else _PATCHES if name in self.results else _IMAGE
         return Hint.of(self.stages[reference.name].outputs[reference.output])
 
     def _input(self, entry: Entry, wanted: Hint, *place: object) -> Alternatives:

@@ -163,6 +163,8 @@ class Flow:
     """model to the mesh on which its picture lies"""
     meshes: tuple[str, ...] = ()
     """the sources that are meshes"""
+    results: tuple[str, ...] = ()
+    """the sources that are earlier results"""
     of_maps: tuple[str, ...] = ()
     """the exports that are written only where the source that they are like is a map set"""
     own_examples: tuple[str, ...] = ()

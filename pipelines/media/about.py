@@ -50,8 +50,9 @@ def about_material(reference: Path) -> dict[str, Any]:
         opened, notes = material_set.open_set(str(reference))
         if problem := check_memory(material_set.memory_of(opened)):
             raise Refusal(problem)
+        opened, more = contradictions.checked(opened)
         image = material_set.read(opened, opened[0].height, opened[0].width)
-        notes = (*notes, *contradictions.told_of(opened))
+        notes = (*notes, *more)
     except Refusal as error:
         raise InputError(one_line(f"{reference}: {error}")) from None
     except OSError as error:

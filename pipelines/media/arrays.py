@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from texloom.pipelines.media import locate, material_set
+from texloom.pipelines.media import contradictions, locate, material_set
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.map_names import recognised, recognised_plane
 from texloom.pipelines.media.material_set import HEIGHT_UNIT
@@ -148,7 +148,7 @@ def masked(image: Picture, mask: PathOrArray) -> dict[str, PathOrArray]:
         return {**image, "mask": mask}
     if isinstance(image, str | os.PathLike) and material_set.is_map_set(os.fspath(image)):
         try:
-            maps, _ = material_set.open_set(os.fspath(image))
+            maps, _ = contradictions.checked(material_set.open_set(os.fspath(image))[0])
         except (Refusal, OSError) as error:
             raise InputError(f"image: {image}: {error}") from None
         said = {"up": "normal_gl", "down": "normal_dx"}

@@ -1,41 +1,83 @@
 """Conventions of a material's maps that its content contradicts, as one line each with the option that corrects it.
 
-Nothing is decided by them. Normals without a third channel, which are rebuilt, are told too.
+Content decides where green of normals points if nothing but the names of other maps says it, and heights clearly
+do; all else is read as it is said. Normals without a third channel, which are rebuilt, are told too.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float32
 
 from texloom.pipelines.media import known_files, locate, material_set
-from texloom.pipelines.media.conventions import CONVENTION_OF
+from texloom.pipelines.media.conventions import COLORS, CONVENTION_OF
 from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.media.plausibility import plausible_green, plausible_integrable_green
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import linear_from_srgb, srgb_from_linear
 from texloom.stages.vocabulary.normals import rebuilt
 
+_EMPTY = 2 / 255  # largest difference in a channel that holds nothing
 _OFF = 0.1  # of unit length
 _MANY = 0.1  # share of pixels
 _FAR = 0.25  # of unit length; lossy files of normals have up to 0.13
 _AGREES = 0.6  # correlation
+_CLEAR = 0.6  # the same of slopes along both axes
 _COMPARED = ({"normal", "height"}, {"roughness", "specular"})
 """roles of maps that contradict each other"""
 
 
-def told_of(maps: Sequence[Map]) -> tuple[str, ...]:
-    """What is told of the maps of a material, see `contradictions`; decodes them."""
+def checked(maps: Sequence[Map]) -> tuple[tuple[Map, ...], tuple[str, ...]]:
+    """The maps of a material, with green of normals as their content has it, and what is told; decodes some."""
     known = known_files.current()
-    digest = material_set.digest_of(maps)
+    digest = material_set.digest_of(maps) + "".join(str(one.implied) for one in maps)
     found = None if known is None else known.told(digest)
     if found is None:
-        found = _found(maps)
+        green = _clear_green(maps)
+        found = (green, *_found(_with_green(maps, green)), *_ignored(maps))
         if known is not None:
             known.tell(digest, found)
-    return found
+    green, *told = found
+    lines = [_told_of_green(one, green) for one in maps if one.implied is not None]
+    return _with_green(maps, green), (*filter(None, lines), *told)
+
+
+def _with_green(maps: Sequence[Map], green: str) -> tuple[Map, ...]:
+    """The maps, with green of normals where content has decided it."""
+    return tuple(
+        dataclasses.replace(one, facts=dataclasses.replace(one.facts, green=green))
+        if one.implied is not None and green
+        else one
+        for one in maps
+    )
+
+
+def _told_of_green(normal: Map, green: str) -> str:
+    """What names imply of green, and what content has decided; empty where there is neither."""
+    implied = normal.facts.green
+    named = f"points {implied} in names as of {normal.implied}" if normal.implied else ""
+    if green:
+        measured = f"points {green} by the slopes of the height"
+        undone = f"'normal_convention: {CONVENTION_OF[implied or 'up']}' in a YAML file of maps undoes it"
+        named = f"{named}, but clearly {measured}" if named else measured
+        named = f"{named}, and is read so; {undone}"
+    return f"{Path(normal.reference).name}: green of normals {named}" if named else ""
+
+
+def _clear_green(maps: Sequence[Map]) -> str:
+    """Where green points by heights, if that is clear and otherwise than nothing but names say; else empty."""
+    by_role = {one.role: one for one in maps}
+    if not ("height" in by_role and "normal" in by_role) or by_role["normal"].implied is None:
+        return ""
+    image = material_set.read((by_role["normal"], by_role["height"]), maps[0].height, maps[0].width)
+    found = plausible_green(image)
+    if found is None or min(map(abs, found["correlation"])) < _CLEAR:
+        return ""
+    return "" if found["green"] == (by_role["normal"].facts.green or "up") else str(found["green"])
 
 
 def _found(maps: Sequence[Map]) -> tuple[str, ...]:
@@ -50,7 +92,40 @@ def _found(maps: Sequence[Map]) -> tuple[str, ...]:
     if normal is None:
         return tuple(contradictions(image, None))
     pixels = locate.decode(normal.reference, normal.digest, data=True).pixels
-    return tuple(contradictions(image, material_set.stored_vectors(normal, pixels)))
+    raw, has_x_in_alpha = material_set.stored_vectors(normal, pixels), material_set.has_x_in_alpha(pixels)
+    if not has_x_in_alpha:
+        return tuple(contradictions(image, raw))
+    told = "normal: x is read from alpha, y from green (DXT5nm), and z was rebuilt from them"
+    return (told, *contradictions(image, None))
+
+
+def _ignored(maps: Sequence[Map]) -> Iterator[str]:
+    """The channels of files that hold something and are not read, each file's in one line."""
+    files: dict[str, list[Map]] = {}
+    for one in maps:
+        files.setdefault(one.reference, []).append(one)
+    for reference, held in files.items():
+        used = {one.plane for one in held if one.plane} or {"R", "G", "B", "Y"}
+        used |= {"A"} if any(one.role == "albedo" for one in held) else set()
+        left = [name for name in held[0].file_channels if name not in used]
+        if not left:
+            continue
+        pixels = locate.decode(reference, held[0].digest, data=held[0].role not in COLORS).pixels
+        if held[0].role == "normal" and material_set.has_x_in_alpha(pixels):
+            continue
+        planes = dict(zip(held[0].file_channels, np.moveaxis(pixels, 2, 0), strict=False))
+        others = [planes[name] for name in used if name in planes]
+        full = [
+            name
+            for name in left
+            if np.ptp(planes[name]) > _EMPTY
+            and not any(np.abs(planes[name] - other).max() <= _EMPTY for other in others)
+        ]
+        if full:
+            yield (
+                f"{Path(reference).name}: {', '.join(full)} not read; in a YAML file of maps, as 'roughness: "
+                f"{{file: {Path(reference).name}, channel: {full[0]}}}', it is"
+            )
 
 
 def contradictions(image: Image, raw: Float32[np.ndarray, "h w 3"] | None) -> Iterator[str]:

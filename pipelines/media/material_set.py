@@ -64,6 +64,7 @@ HEIGHT_UNIT = "height_unit"
 _KEYS = ("normal_convention", HEIGHT_UNIT, "resample")
 _YAML = (".yaml", ".yml")
 _LISTED = 4  # files in a note
+_FLAT = 2 / 255  # largest difference in a plane that holds nothing
 _GREY = 16 / 255  # largest difference of channels in a grey picture of a lossy format
 
 
@@ -98,6 +99,9 @@ class Map:
     """channels of the file"""
     twins: tuple[Map, ...] = ()
     """other files that hold the same map and are not read, as normals of DirectX beside those of OpenGL"""
+    implied: str | None = None
+    """the programs whose names imply where green points, where nothing else says so; empty if none do, and green is
+    assumed to point up; None where it is said, and of other maps than normals"""
 
     @property
     def is_plain(self) -> bool:
@@ -244,17 +248,18 @@ def read(maps: tuple[Map, ...], height: int, width: int) -> Image:
 
 
 def normal_codes(one: Map, height: int, width: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """The vectors that `read` makes of a normal map, and the file's integers, (h, w, 3).
+    """The vectors that `read` makes of a normal map, and the file's integers, (h, w, 3), or 4 with x in alpha.
 
     None where the size is another one, the file holds floats, or is not there any more.
     """
     if (one.height, one.width) != (height, width) or one.bits not in (8, 16) or not one.is_plain:
         return None
     try:
-        pixels = _decoded(one).pixels[..., :3]
+        pixels = _decoded(one).pixels
     except (Refusal, OSError):
         return None
-    codes = np.rint(pixels.astype(np.float64) * (2**one.bits - 1))
+    kept = pixels if has_x_in_alpha(pixels) else pixels[..., :3]
+    codes = np.rint(kept.astype(np.float64) * (2**one.bits - 1))
     return unit(_vectors(one, pixels), rounding(one.bits)), codes.astype(np.uint8 if one.bits == 8 else np.uint16)
 
 
@@ -325,8 +330,7 @@ def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
     green = named.green
     if green and "normal" in found and not found["normal"][0].green:
         names = ", ".join(LAYOUTS[name].title for name in named.layouts)
-        note = f"green of normals points {green} in names as of {names}"
-        return found, {"green": green, "green_note": note}, notes
+        return found, {"green": green, "implied": names}, notes
     return found, {}, notes
 
 
@@ -442,14 +446,14 @@ def _opened(role: str, given: Claim, settings: Mapping[str, Any]) -> Map:
         channels = (f"{role}.R", f"{role}.G", f"{role}.B")
     stem = stem_of(path) if picture_files.is_path(reference) else role
     facts = Facts.of(seen.facts).of_map(role)
-    note = seen.note
+    note, implied = seen.note, None
     if role == "normal":
         said = recognised_plane(stem)
         green = given.green or (said[2] if said and said[0] == "normal" else "")
         if (convention := settings.get("normal_convention")) is not None:
             green = CONVENTIONS[convention]
-        if not (green or facts.green) and "green" in settings:
-            green, note = settings["green"], f"{note}; {settings['green_note']}".removeprefix("; ")
+        if not (green or facts.green):
+            green, implied = settings.get("green", ""), settings.get("implied", "")
         facts = dataclasses.replace(facts, green=green or facts.green)
     if role == "height" and (height_unit := settings.get(HEIGHT_UNIT)) is not None:
         facts = dataclasses.replace(facts, unit=height_unit)
@@ -459,6 +463,7 @@ def _opened(role: str, given: Claim, settings: Mapping[str, Any]) -> Map:
         plane=given.plane,
         inverted=given.inverted,
         file_channels=seen.channels,
+        implied=implied,
     )
 
 
@@ -501,10 +506,50 @@ def _known(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> dict[str, MapFacts
     return {one.role: dataclasses.replace(one.facts, range=(float(pixels.min()), float(pixels.max())))}
 
 
+def has_x_in_alpha(pixels: Float32[np.ndarray, "h w c"]) -> bool:
+    """Whether normals have x in alpha and y in green, as DXT5nm; red is then black, white or as green."""
+    if pixels.shape[2] != len("RGBA"):
+        return False
+    red, green, _, alpha = np.moveaxis(pixels, 2, 0)
+    if min(float(np.ptp(plane)) for plane in (green, alpha)) <= _FLAT:
+        return False
+    is_empty = float(red.max()) <= _FLAT or float(red.min()) >= 1 - _FLAT
+    return is_empty or float(np.abs(red - green).max()) <= _FLAT
+
+
+def with_x_in_alpha(one: Map, levels: np.ndarray) -> np.ndarray:
+    """Integers of normals, (h, w, 3), as the file of a normal map has them: (h, w, 4) if with x in alpha."""
+    try:
+        pixels = _decoded(one).pixels
+    except (Refusal, OSError):
+        return levels
+    if not has_x_in_alpha(pixels):
+        return levels
+    first = np.rint(pixels[0, 0] * (2**one.bits - 1))
+    red, blue = (
+        np.full_like(levels[..., 1], first[place]) if np.ptp(pixels[..., place]) <= _FLAT else levels[..., 1]
+        for place in (0, 2)
+    )
+    return np.dstack([red, levels[..., 1], blue, levels[..., 0]])
+
+
 def stored_vectors(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 3"]:
-    """Vectors as the file of a normal map has them; floats with negative values are vectors already."""
+    """Vectors as the file of a normal map has them; floats with negative values are vectors already.
+
+    Where x is in alpha, z is -1, to be rebuilt.
+    """
     colors = pixels[..., :3]
+    if has_x_in_alpha(pixels):
+        colors = np.dstack([pixels[..., 3], pixels[..., 1], np.zeros_like(pixels[..., 0])])
     return colors.copy() if one.bits == 32 and colors.min() < 0 else colors * 2 - 1
+
+
+def holds_vectors(one: Map) -> bool:
+    """Whether the file of a normal map in floats holds vectors, not 0..1 as integers do; so where it is gone."""
+    try:
+        return bool(_decoded(one).pixels[..., :3].min() < 0)
+    except (Refusal, OSError):
+        return True
 
 
 def _vectors(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 3"]:

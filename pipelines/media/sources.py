@@ -1,4 +1,4 @@
-"""Sources: the pictures, map sets and meshes of a flow, checked by their headers; pictures in linear light."""
+"""Sources: the pictures, map sets, meshes and earlier results of a flow, checked by their headers."""
 
 from __future__ import annotations
 
@@ -10,19 +10,23 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from texloom.pipelines.errors import closest, one_line
-from texloom.pipelines.media import contradictions, locate, material_set, meshes, stack, udim
+from texloom.pipelines.media import contradictions, locate, material_set, meshes, stack, udim, voted_results
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.media.part import WHOLE, Part
 from texloom.pipelines.memory import check_memory
+from texloom.pipelines.store.store import Store
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.voted_patches import VotedPatches
 
+SourceValue: TypeAlias = Image | np.ndarray | VotedPatches
+"""a picture or map set, a `texloom.stages.vocabulary.arrays.Mesh`, or the patches of an earlier result"""
 _MAX_FILES = 10_000  # among which a similar name is searched
 
 
@@ -32,7 +36,7 @@ class SourceError(InputError):
 
 @dataclasses.dataclass(frozen=True)
 class Source:
-    """A picture, map set or mesh that a flow starts from, opened but not decoded."""
+    """A picture, map set, mesh or earlier result that a flow starts from, opened but not decoded."""
 
     name: str
     reference: str
@@ -50,7 +54,9 @@ class Source:
     """8 or 16 of integers, 32 where the values are floats; of a map set those of its albedo"""
     map_bits: Mapping[str, int] = dataclasses.field(default_factory=dict)
     """of each map, by its role, of one picture as of an albedo; see ``bits``"""
-    kind: Literal["picture", "mesh"] = "picture"
+    kind: Literal["picture", "mesh", "patches"] = "picture"
+    stored: str = ""
+    """the folder in the store that holds its patches"""
     part: Part = WHOLE
     """what is taken of ``whole``"""
     whole: Source | None = None
@@ -87,11 +93,13 @@ class Source:
         path = Path(self.reference)
         return any(re.fullmatch(r"[0-9a-f]{64}", name) for name in (path.stem, path.parent.name))
 
-    def value(self) -> Image | np.ndarray:
-        """A decoded picture, see `read`, or a `texloom.stages.vocabulary.arrays.Mesh`."""
+    def value(self) -> SourceValue:
+        """A decoded picture, see `read`, a `texloom.stages.vocabulary.arrays.Mesh`, or patches."""
         if self.kind == "picture":
             return self.read()
         with _place(self.name, self.reference):
+            if self.kind == "patches":
+                return voted_results.read(self.stored)
             return meshes.read(self.reference, self.digest)
 
     def read(self) -> Image:
@@ -134,7 +142,8 @@ def open_source(name: str, reference: str) -> Source:
         if material_set.is_map_set(reference):
             maps, told = material_set.open_set(reference)
             _check_memory(material_set.memory_of(maps))
-            told = (*told, *contradictions.told_of(maps))
+            maps, more = contradictions.checked(maps)
+            told = (*told, *more)
             channels, digest = material_set.channels_of(maps), material_set.digest_of(maps)
             notes = _notes(name, reference, *told)
             bits_of = {one.role: one.bits for one in maps}
@@ -179,6 +188,24 @@ def open_mesh(name: str, reference: str) -> Source:
     with _place(name, reference):
         digest = meshes.inspect(reference)
     return Source(name, reference, 0, 0, (), digest, kind="mesh")
+
+
+def open_patches(name: str, reference: str, store: Store) -> Source:
+    """Find the patches of an earlier result in a store, see `texloom.pipelines.media.voted_results`.
+
+    Parameters
+    ----------
+    name : its name in the flow.
+    reference : an EXR of a run.
+
+    Raises
+    ------
+    SourceError
+        ``sources.NAME: REFERENCE: problem``, where there are none.
+    """
+    with _place(name, reference):
+        stored, digest = voted_results.find(Path(reference), store)
+    return Source(name, reference, 0, 0, (), digest, kind="patches", stored=stored)
 
 
 def _check_memory(needed: int) -> None:

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from texloom.pipelines.store import exr
 from texloom.stages.vocabulary.arrays import Channels, Glsl, Image, Layers, MaterialX, Mesh, Page, Spreadsheet
+from texloom.stages.vocabulary.voted_patches import VotedPatches
 
 TEXTS = {"html": Page, "csv": Spreadsheet, "glsl": Glsl, "mtlx": MaterialX}
 """kinds of text that are files of their own, by suffix"""
@@ -103,6 +104,8 @@ class Hint:
             return TEXT_NAMES[self.text]
         if self == Hint.of(Mesh):
             return "a mesh"
+        if self.plain is VotedPatches:
+            return "an EXR of a run"
         if self.is_array:
             return f"{self.plain.dtypes[0]} array ({self.plain.dim_str})"
         if self.is_labelled:

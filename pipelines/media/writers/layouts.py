@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import logging
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.media import udim as udim_tiles
-from texloom.pipelines.media.conventions import COLORS, LAYOUTS, Layout, Part, role_of
+from texloom.pipelines.media.conventions import COLORS, LAYOUTS, ROLES, Layout, Part, role_of
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import channels_of, codes_of, facts_of_file, with_unit_normals
 from texloom.pipelines.media.materialx import BoundMap, document
@@ -28,6 +29,7 @@ from texloom.stages.vocabulary.sizes import format_size, size_value
 _WITHOUT = {"ao": 1.0, "roughness": 1.0, "1-roughness": 0.0, "metallic": 0.0, "": 1.0, "height": 0.5}
 """value of a packed plane whose map the material does not have; 1 of others"""
 _MAX_NAME = 64
+_LOG = logging.getLogger(__name__)
 
 
 def material_name(text: str) -> str:
@@ -185,6 +187,10 @@ def write_layout(
         The picture cannot be cut into the tiles that are wanted.
     """
     layout = LAYOUTS[delivery.layout or ""]
+    held = {role_of(plane)[0] for part in layout.written for plane in part.planes}
+    if left := [role for role in ROLES if role not in held and channels_of(role, image.channels)]:
+        count = "1 map is" if len(left) == 1 else f"{len(left)} maps are"
+        _LOG.warning("%s not part of layout %s: %s", count, delivery.layout, ", ".join(left))
     image = with_unit_normals(image, 16)
     files, written = write_maps_of(image, folder, name, layout, delivery, provenance, fed or {})
     if layout.document:

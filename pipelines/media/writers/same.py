@@ -20,7 +20,7 @@ from texloom.pipelines.media.material_export import (
     keep_codes,
     with_unit_normals,
 )
-from texloom.pipelines.media.material_set import Map
+from texloom.pipelines.media.material_set import Map, holds_vectors, with_x_in_alpha
 from texloom.pipelines.media.relief import relief_of
 from texloom.pipelines.media.writers.layouts import tiles_of
 from texloom.pipelines.store import codec
@@ -89,6 +89,7 @@ def _values(image: Image, held: Sequence[Map], delivery: Delivery) -> np.ndarray
             image, names, one.role, one.bits, one.directx
         )  # fmt: skip
         if one.role == "normal" and not is_float:
+            planes = with_x_in_alpha(one, planes)
             keep_codes(planes, image, one)
         planes = most - planes if one.inverted else planes
         if one.plane:
@@ -103,8 +104,9 @@ def _values(image: Image, held: Sequence[Map], delivery: Delivery) -> np.ndarray
 def _floats(image: Image, names: Sequence[str], one: Map, delivery: Delivery) -> np.ndarray:
     shown = delivery.encoded(image) if one.role in COLORS else image
     values: np.ndarray = shown.pixels[..., [image.channels.index(name) for name in names]].copy()
-    if one.role == "normal" and one.directx:
-        values[..., 1] *= -1
+    if one.role == "normal":
+        values[..., 1] *= -1 if one.directx else 1
+        values = values if holds_vectors(one) else np.asarray((values + 1) / 2, np.float32)
     return values
 
 
@@ -137,12 +139,16 @@ def _write(
     if suffix == ".png":
         plain = {first.role: facts_of_file(first.role, first.directx, relief_of(image))} if first.is_plain else {}
         content = png(piece, with_facts(provenance, wraps, piece.shape[0], piece.shape[1], plain))
-    elif suffix in (".exr", ".tx"):
-        attributes = delivery.exr_attributes(first.role in COLORS)
+    elif suffix == ".exr":
         part = Image(piece.astype(np.float32), first.file_channels, wraps)
-        if suffix == ".exr":
-            return codec.export(part, Image, path, provenance, attributes)
-        raise ArtifactError(f"{path}: --layout same does not write .tx; use --layout arnold")
+        return codec.export(part, Image, path, provenance, delivery.exr_attributes(first.role in COLORS))
+    elif suffix == ".tx":
+        from texloom.pipelines.media.writers.registry import writer_of
+        from texloom.pipelines.media.writers.tx import write_texture
+
+        if (writer := writer_of(path.name)) is not None:
+            writer.check_installed(str(path))
+        return write_texture(path, piece.astype(np.float32), delivery, first.role in COLORS, wraps.wraps)
     else:
         order = [2, 1, 0, *range(3, piece.shape[2])] if piece.shape[2] > 2 else [0]
         options = [cv2.IMWRITE_JPEG_QUALITY, 95] if suffix in (".jpg", ".jpeg") else []

@@ -42,6 +42,7 @@ from texloom.stages.vocabulary.masks import FilledExemplar, tell_holes, valid_pi
 from texloom.stages.vocabulary.scratch import bands
 from texloom.stages.vocabulary.sizes import Size, format_size
 from texloom.stages.vocabulary.tileable import Tileable, wraps_after
+from texloom.stages.vocabulary.voted_patches import VotedPatches
 
 _LOG = logging.getLogger(__name__)
 
@@ -151,6 +152,10 @@ class Optimised:
     """for each scale, coarsest first: height and width of the result, px; number of iterations; energy per patch,
     squared CIELAB units per pixel, and the occurrence penalty in it; share of patches changed in the last
     iteration"""
+    patches: Annotated[UInt32[np.ndarray, "p q 2"], Channels(("row", "column"))] | None
+    """those of the last vote, see `VotedPatches`; None where pixels are kept"""
+    voting: dict[str, Any]
+    """how that vote was made, see `VotedPatches`; empty where pixels are kept"""
 
 
 class _Optimisation:
@@ -402,11 +407,16 @@ def optimise(
     if params.border:
         own = sides[0] * sides[1] if usable is None else int(border.inside(usable, *sides).sum())
         occurrence *= np.float32(own / occurrence.sum(dtype=np.float64))
+    voted = None
+    if keep is None:
+        voted = VotedPatches(to_layers(match), sides, params.patch_size, params.final_sigma, params.border, wrap)
     return Optimised(
         image=made.wrapping(wrap),
         match=source,
         occurrence=occurrence,
         scales=done,
+        patches=None if voted is None else voted.patches,
+        voting={} if voted is None else voted.record(),
     )
 
 

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.sources import open_source
+from texloom.pipelines.media.writers.same import write_same
 from texloom.stages.vocabulary.color import srgb_from_linear
 
 SIDES = (96, 112)
@@ -43,10 +45,73 @@ def test_green_by_slopes_of_heights_or_alone(tmp_path: Path, with_height: bool) 
     maps = {"height": height} if with_height else {}
     assert told(tmp_path / "gl", normal, **maps) == ()
     (note,) = told(tmp_path / "dx", normal * [1, -1, 1], **maps)
-    assert note.startswith("normal: green seems to point down (")
-    assert "a name that ends in dx, or 'normal_convention: directx' in a YAML file" in note
+    if with_height:
+        assert note.startswith(
+            "normal.png: green of normals points down by the slopes of the height, and is read so"
+        )
+        assert "'normal_convention: opengl' in a YAML file" in note
+    else:
+        assert note.startswith("normal: green seems to point down (")
+        assert "a name that ends in dx, or 'normal_convention: directx' in a YAML file" in note
     (tmp_path / "dx" / "normal.png").rename(tmp_path / "dx" / "normal_dx.png")
     assert open_source("exemplar", str(tmp_path / "dx")).notes == ()
+
+
+@pytest.mark.parametrize("points", ["down", "up"])
+def test_content_decides_green_that_only_names_of_other_maps_imply(tmp_path: Path, points: str) -> None:
+    height, normal = surface()
+    folder, right = tmp_path / "stones", normal * [1, 1 if points == "up" else -1, 1]
+    told(folder, right, height=height)
+    for path in folder.iterdir():
+        suffix = {"albedo": "BC", "normal": "N", "height": "H"}[path.stem]
+        path.rename(folder / f"T_Stones_{suffix}.png")
+    source = open_source("exemplar", str(folder))
+    (note,) = source.notes
+    assert "T_Stones_N.png: green of normals points down in names as of Unreal Engine" in note
+    assert ("clearly points up by the slopes" in note and "'normal_convention: directx'" in note) == (
+        points == "up"
+    )
+    assert next(one for one in source.maps if one.role == "normal").facts.green == points
+    image = source.read()
+    y = image.pixels[..., image.channels.index("normal.Y")]
+    np.testing.assert_allclose(y, normal[..., 1], atol=0.02)
+    (folder / "T_Stones_N.png").rename(folder / "T_Stones_N_dx.png")  # a name of its own is believed
+    assert next(one for one in open_source("exemplar", str(folder)).maps if one.role == "normal").directx
+
+
+@pytest.mark.parametrize("red", ["white", "green"])
+def test_normals_with_x_in_alpha(tmp_path: Path, red: str) -> None:
+    height, normal = surface()
+    folder = tmp_path / "stones"
+    told(folder, normal, height=height)
+    x, y = np.rint((np.moveaxis(normal[..., :2], 2, 0) + 1) / 2 * 255).astype(np.uint8)
+    rest = np.full_like(y, 255) if red == "white" else y
+    packed = np.dstack([rest, y, rest, x])  # blue first
+    assert cv2.imwrite(str(folder / "normal.png"), packed)
+    source = open_source("exemplar", str(folder))
+    assert [note.rpartition(": ")[2] for note in source.notes] == [
+        "x is read from alpha, y from green (DXT5nm), and z was rebuilt from them"
+    ]
+    image = source.read()
+    planes = [image.channels.index(f"normal.{axis}") for axis in "XYZ"]
+    np.testing.assert_allclose(image.pixels[..., planes], normal, atol=0.03)
+    write_same(image, tmp_path / "same", source.maps, Delivery("same"), {})
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "same" / "normal.png"), cv2.IMREAD_UNCHANGED), packed)
+
+
+def test_channels_that_are_not_read_are_told(tmp_path: Path) -> None:
+    height, normal = surface()
+    folder = tmp_path / "stones"
+    told(folder, normal, height=height)
+    codes, alpha = np.rint((normal[..., ::-1] + 1) / 2 * 255), np.rint(height * 255)
+    assert cv2.imwrite(str(folder / "normal.png"), np.dstack([codes, alpha]).astype(np.uint8))
+    mask = np.dstack([height, 0 * height, height, 1 - height])  # blue first
+    assert cv2.imwrite(str(folder / "MaskMap.png"), np.rint(mask * [128, 255, 255, 255]).astype(np.uint8))
+    notes = [note.partition(f"{folder}: ")[2] for note in open_source("exemplar", str(folder)).notes]
+    assert any(note.startswith("normal.png: A not read; in a YAML file") for note in notes)
+    assert any(note.startswith("MaskMap.png: B not read") for note in notes)
+    assert cv2.imwrite(str(folder / "normal.png"), np.dstack([codes, 0 * alpha + 255]).astype(np.uint8))
+    assert not any("normal.png: A" in note for note in open_source("exemplar", str(folder)).notes)
 
 
 def test_udim_tiles_are_measured_as_one(tmp_path: Path) -> None:
@@ -61,7 +126,7 @@ def test_udim_tiles_are_measured_as_one(tmp_path: Path) -> None:
     source = open_source("exemplar", str(tmp_path / "dx"))
     assert (source.height, source.width) == SIDES
     assert len(source.notes) == 1
-    assert "green seems to point down" in source.notes[0]
+    assert "green of normals points down by the slopes" in source.notes[0]
 
 
 def test_a_depth_and_gloss_are_told(tmp_path: Path) -> None:

@@ -176,6 +176,25 @@ def test_the_layout_of_the_exemplar_is_written_back(material: Image, tmp_path: P
         np.testing.assert_array_equal(before, after, err_msg=path.name)
 
 
+@pytest.mark.skipif("arnold" not in FORMS, reason="needs OpenImageIO")
+def test_textures_of_renderers_are_written_back(material: Image, tmp_path: Path) -> None:
+    write_layout(material, tmp_path / "moss", "moss", Delivery("arnold"), {})
+    source = open_source("exemplar", str(tmp_path / "moss"))
+    write_same(source.read(), tmp_path / "out", source.maps, Delivery("same"), {})
+    again = open_source("exemplar", str(tmp_path / "out"))
+    assert [one.stem for one in again.maps] == [one.stem for one in source.maps]
+    np.testing.assert_allclose(again.read().pixels, source.read().pixels, atol=1e-6)
+
+
+def test_maps_that_a_layout_has_no_file_for_are_counted(
+    material: Image, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    write_layout(material, tmp_path / "moss", "moss", Delivery("unreal"), {})
+    assert caplog.messages[-1] == "4 maps are not part of layout unreal: bump, cavity, translucency, fuzz"
+    write_layout(material, tmp_path / "all", "moss", Delivery("plain"), {})
+    assert len(caplog.messages) == 1
+
+
 def test_variants_of_colour_that_were_not_read_are_not_written(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -1,0 +1,62 @@
+"""Other maps of an exemplar, voted from the patches from which an earlier result was."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from texloom.stages.synthesis.optimisation import correspondence
+from texloom.stages.synthesis.optimisation.border import Border
+from texloom.stages.synthesis.optimisation.vote import result_image, vote_pixels, window
+from texloom.stages.vocabulary.arrays import Correspondence, Image
+from texloom.stages.vocabulary.declare import InputError, NoParams, stage
+from texloom.stages.vocabulary.masks import FilledExemplar
+from texloom.stages.vocabulary.sizes import format_size
+from texloom.stages.vocabulary.voted_patches import VotedPatches
+
+
+@dataclass(frozen=True)
+class Reapplied:
+    """The maps in register with the earlier result."""
+
+    image: Image
+    """all channels of the maps"""
+    match: Correspondence
+    """source of each pixel of the result in the exemplar"""
+
+
+def check_exemplar(_: NoParams, known: Mapping[str, Any]) -> None:
+    """The maps have the size of the exemplar."""
+    image, votes = known.get("image"), known.get("votes")
+    if image is not None and isinstance(votes, VotedPatches) and (image.height, image.width) != votes.exemplar:
+        wanted = format_size(votes.exemplar)
+        raise InputError(f"image: has {format_size(image)}, but the exemplar of that result had {wanted}")
+
+
+@stage(version=1, check=check_exemplar, in_bands=True)
+def reapply(image: Image, votes: VotedPatches) -> Reapplied:
+    """Vote maps from the correspondence of an earlier result, as a map of a material that came later.
+
+    It is the last vote of `optimise`, in all channels, linear: the exemplar's own maps give that result, bit for
+    bit. Masked pixels of the maps have the values of the nearest others.
+
+    Parameters
+    ----------
+    image : maps of the exemplar's size.
+    votes : the patches of the result.
+
+    Raises
+    ------
+    InputError : the maps have another size than the exemplar.
+
+    References
+    ----------
+    [Kaspar2015]_ section 3, whose vote this is.
+    """
+    border = Border(votes.patch_size if votes.border else 1)
+    exemplar = FilledExemplar.of(border.around_image(image)).image
+    match = correspondence.from_layers(votes.patches)
+    weights = window(votes.patch_size, votes.final_sigma)
+    pixels = vote_pixels(match, exemplar.pixels, weights, votes.wraps, votes.margin)
+    source = correspondence.to_pixels(match, votes.patch_size, votes.wraps, votes.margin)
+    border.move_back(source)
+    return Reapplied(result_image(pixels, exemplar).wrapping(votes.wraps), source)
