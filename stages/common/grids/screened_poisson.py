@@ -1,6 +1,6 @@
 """The screened Poisson equation on a rectangle, cylinder or torus."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -25,25 +25,36 @@ def screened_poisson(excess: Float32[np.ndarray, "H W"], reach: float, wrap: Wra
     excess : divergence of the gradients that are to be added, outflow minus inflow.
     reach : distance over which values are changed, px.
     """
+    return divided_by_frequency(excess, wrap, lambda squared: -(reach**-2 + squared))
+
+
+def divided_by_frequency(
+    plane: Float32[np.ndarray, "H W"], wrap: Wraps, divisor: Callable[[np.ndarray], np.ndarray]
+) -> Float32[np.ndarray, "H W"]:
+    """``plane`` with each of its waves divided by a function of its squared frequency, (radians / px)^2.
+
+    The waves are those of Fourier transforms along axes that wrap, and of cosine transforms along others. Squared
+    frequencies are the eigenvalues of the negative Laplacian of neighbouring pixels, 0 for the mean.
+    """
     fft = loaded("scipy.fft")
     down, across = (
         2 - 2 * cos(np.pi * np.arange(side) * (1 + around) / side)
-        for side, around in zip(excess.shape, wrap, strict=True)
+        for side, around in zip(plane.shape, wrap, strict=True)
     )
     around = 1 if wrap.across else 0  # of one axis that wraps; a real transform has half of its frequencies
     if wrap.both:
-        spectrum = fft.rfft2(excess)
+        spectrum = fft.rfft2(plane)
     elif wrap:
-        spectrum = fft.rfft(fft.dct(excess, type=2, axis=1 - around), axis=around)
+        spectrum = fft.rfft(fft.dct(plane, type=2, axis=1 - around), axis=around)
     else:
-        spectrum = fft.dctn(excess, type=2)
+        spectrum = fft.dctn(plane, type=2)
     across = across[: spectrum.shape[1]]
     for row, frequency in enumerate(down[: len(spectrum)]):  # in place, for large results
-        spectrum[row] /= -(reach**-2 + frequency + across).astype(np.float32)
+        spectrum[row] /= divisor(frequency + across).astype(np.float32)
     if wrap.both:
-        solution = fft.irfft2(spectrum, s=excess.shape)
+        solution = fft.irfft2(spectrum, s=plane.shape)
     elif wrap:
-        solution = fft.idct(fft.irfft(spectrum, excess.shape[around], axis=around), type=2, axis=1 - around)
+        solution = fft.idct(fft.irfft(spectrum, plane.shape[around], axis=around), type=2, axis=1 - around)
     else:
         solution = fft.idctn(spectrum, type=2)
     return np.asarray(solution, np.float32)
