@@ -23,7 +23,8 @@ from texloom.pipelines.studio.messages import (
     PhotoState,
 )
 from texloom.pipelines.studio.work import KeepPhotoWork, Places, library_of
-from texloom.stages.analysis.photographs.plane_proposal import PlaneProposalParams, plane_proposal
+from texloom.stages.analysis.photographs.line_segments import Frame
+from texloom.stages.analysis.photographs.plane_proposal import find_planes
 from texloom.stages.analysis.structure.dog_mask import DogMaskParams
 from texloom.stages.interactive.photo_session import PhotoSession
 
@@ -98,7 +99,7 @@ class Photographer:
         photo = self._opened(work.recipe.photo)
         session = photo.session
         if work.propose:
-            corners = plane_proposal(session.photo, PlaneProposalParams(most=_PLANES)).corners
+            corners = Frame(session.shape).pixels(find_planes(session.photo).corners(_PLANES))
             send(
                 PhotoProposal(
                     number=work.number, planes=tuple(quad.tolist() for quad in corners.astype(np.float64))

@@ -17,7 +17,8 @@ from texloom.stages.analysis.photographs import bezier
 from texloom.stages.analysis.photographs.field import Coverage, Distortion, coverage, distortion
 from texloom.stages.analysis.photographs.geometry import Area, Geometry, Patch, parsed_geometry, pixels_inside
 from texloom.stages.analysis.photographs.grid import grid_lines, grid_parameters, outlined
-from texloom.stages.analysis.photographs.plane_proposal import PlaneProposalParams, plane_proposal
+from texloom.stages.analysis.photographs.line_segments import Frame
+from texloom.stages.analysis.photographs.plane_proposal import find_planes
 from texloom.stages.analysis.structure.dog_mask import DogMaskParams, dog_mask
 from texloom.stages.common.grids.pyramid import reduced
 from texloom.stages.interactive.flow_file import flow_text, yaml_value
@@ -138,7 +139,7 @@ class PhotoSession:
 
     def propose(self, most: int = 4) -> tuple[str, ...]:
         """Add the planes that `plane_proposal` detects, up to so many; their names, ``plane_1`` and so on."""
-        corners = plane_proposal(self.photo, PlaneProposalParams(most=most)).corners
+        corners = Frame(self.shape).pixels(find_planes(self.photo).corners(most))
         names = tuple(f"plane_{number + 1}" for number in range(len(corners)))
         for name, quad in zip(names, corners, strict=True):
             self.place(name, quad)

@@ -4,42 +4,22 @@ Points and lines are homogeneous, (row, column, w), in coordinates whose origin 
 whose unit is half its diagonal, so that points at infinity are well conditioned.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from texloom.stages.kernels.core.elementary_functions import arctan2, sin
+from texloom.stages.analysis.photographs.line_segments import Segments
+from texloom.stages.kernels.core.elementary_functions import arctan2, cos, sin
 from texloom.stages.numerics.matrices import least_squares, length_of, matrix_product
 
 _CANDIDATES = 90  # longest segments whose intersections are tried
+_VOTERS = 500  # longest segments that choose among these
 _TOLERANCE = np.radians(1.5)  # between a segment and the line from its middle to its vanishing point
+_TANGENT = float(sin(_TOLERANCE) / cos(_TOLERANCE))
 _WIDE_TOLERANCE = np.radians(3.0)  # of segments that no further family may have
 
 _HALF_PX = 1e-3  # half diagonals, about half a px
 _PASSES = 20
 _CHANGE = 1e-7  # by which slopes are measured
-
-
-@dataclass(frozen=True)
-class Segments:
-    """Line segments of a photograph."""
-
-    ends: Float64[np.ndarray, "n 2 2"]
-    """row and column of both ends"""
-
-    @property
-    def middles(self) -> Float64[np.ndarray, "n 2"]:
-        """Row and column of the middles."""
-        return self.ends.mean(axis=1)
-
-    @property
-    def lengths(self) -> Float64[np.ndarray, "n"]:  # type: ignore[name-defined]
-        """Lengths of the segments."""
-        return np.hypot(*(self.ends[:, 1] - self.ends[:, 0]).T)
-
-    def __getitem__(self, chosen: np.ndarray) -> "Segments":
-        return Segments(self.ends[chosen])
 
 
 def vanishing_points(segments: Segments, most: int, min_share: float) -> list[Float64[np.ndarray, "3"]]:
@@ -68,27 +48,39 @@ def vanishing_points(segments: Segments, most: int, min_share: float) -> list[Fl
 
 def pointing_to(point: Float64[np.ndarray, "3"], segments: Segments) -> Bool[np.ndarray, "n"]:  # type: ignore[name-defined]
     """The segments that agree with a vanishing point."""
-    return np.asarray(deviations(point, segments) < _TOLERANCE)
+    return _agree(point, segments)
 
 
 def deviations(points: Float64[np.ndarray, "*m 3"], segments: Segments) -> Float64[np.ndarray, "*m n"]:
     """Angles between segments and the lines from their middles to vanishing points, 0..pi/2."""
+    cross, dot = _products(points, segments)
+    return np.asarray(arctan2(np.abs(cross), np.abs(dot)))
+
+
+def _agree(points: Float64[np.ndarray, "*m 3"], segments: Segments) -> Bool[np.ndarray, "*m n"]:
+    """Whether `deviations` are below the tolerance, without an arctangent for each."""
+    cross, dot = _products(points, segments)
+    return np.asarray(np.abs(cross) < _TANGENT * np.abs(dot))
+
+
+def _products(points: Float64[np.ndarray, "*m 3"], segments: Segments) -> tuple[np.ndarray, np.ndarray]:
+    """Cross and dot products of segments and the ways from their middles to vanishing points."""
     along = segments.ends[:, 1] - segments.ends[:, 0]
     towards = points[..., None, :2] - points[..., None, 2:] * segments.middles
     cross = towards[..., 0] * along[:, 1] - towards[..., 1] * along[:, 0]
-    dot = towards[..., 0] * along[:, 0] + towards[..., 1] * along[:, 1]
-    return np.asarray(arctan2(np.abs(cross), np.abs(dot)))
+    return cross, towards[..., 0] * along[:, 0] + towards[..., 1] * along[:, 1]
 
 
 def _best_intersection(segments: Segments) -> Float64[np.ndarray, "3"]:
     order = np.argsort(-segments.lengths, kind="stable")[:_CANDIDATES]
     ends = np.concatenate([segments.ends[order], np.ones((len(order), 2, 1))], axis=2)
+    voters = segments[np.argsort(-segments.lengths, kind="stable")[:_VOTERS]]
     lines = np.cross(ends[:, 0], ends[:, 1])
     first, second = np.triu_indices(len(order), 1)
     points = np.cross(lines[first], lines[second])
     size = np.linalg.norm(points, axis=1)
     points = points[size > 1e-9] / size[size > 1e-9, None]
-    agreeing = matrix_product(deviations(points, segments) < _TOLERANCE, segments.lengths)
+    agreeing = matrix_product(_agree(points, voters), voters.lengths)
     return np.asarray(points[int(agreeing.argmax())])
 
 

@@ -11,8 +11,14 @@ import pytest
 
 from tests.photographs import unit_square
 from tests.synthetic import picture, smooth_noise
-from texloom.stages.analysis.photographs.plane_proposal import PlaneProposalParams, plane_proposal
+from texloom.stages.analysis.photographs.line_segments import Frame
+from texloom.stages.analysis.photographs.plane_proposal import (
+    PlaneProposalParams,
+    find_planes,
+    plane_proposal,
+)
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
 
 SHAPE = (360, 480)
 FINE = 3  # px of a rendered px
@@ -86,11 +92,19 @@ def test_both_walls_of_a_corner(rng: np.random.Generator) -> None:
     left, right = np.array([-2.3, 0, 5.9]), np.array([2.2, 0, 6])
     walls = [pixels([a + up, b + up, b - up, a - up]) for a, b in ((left, edge), (edge, right))]
     photo = rendered([(bricks(12, 8, False, rng), corners) for corners in walls], rng)
-    proposed = plane_proposal(photo, PlaneProposalParams(most=3)).corners
+    found = find_planes(photo)
+    proposed = Frame(SHAPE).pixels(found.corners(3))
     assert len(proposed) == 2
     for corners in walls:
         assert min(corner_error(corners, other) for other in proposed) < 0.01
-    assert len(plane_proposal(photo, PlaneProposalParams()).corners) == 1
+    assert len(found.corners(1)) == 1
+    taken = [plane_proposal(photo, PlaneProposalParams(plane=number)) for number in (1, 2)]
+    for proposal, number in zip(taken, (1, 2), strict=True):
+        np.testing.assert_allclose(proposal.corners[0], proposed[number - 1], rtol=1e-5)
+        assert proposal.table["taken"] == number
+    assert (taken[0].picture.pixels != taken[1].picture.pixels).any()
+    with pytest.raises(InputError, match="there is no plane 8; 2 are proposed"):
+        plane_proposal(photo, PlaneProposalParams(plane=8))
 
 
 def test_a_photographed_wall_is_straightened() -> None:
@@ -124,3 +138,77 @@ def test_no_plane_without_lines_in_two_directions(
             result = plane_proposal(picture(plane), PlaneProposalParams())
         assert result.corners.shape == (0, 4, 2)
         assert "no plane is evident" in caplog.text
+
+
+def gravel_on(rows: np.ndarray, columns: np.ndarray) -> Image:
+    """Stones at places of a flat texture, px, without lines."""
+    import skimage.data
+    from scipy.ndimage import map_coordinates
+
+    values = map_coordinates(skimage.data.gravel() / 255.0, [rows, columns], order=1, mode="reflect")
+    return picture(values.astype(np.float32))
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_cylinder_of_stones_is_no_frontal_plane(axis: int) -> None:
+    rows, columns = np.indices((400, 400)).astype(float)
+    place = [rows * 0.8, columns * 0.8]
+    place[axis] = 256 + 230 * np.arcsin((place[axis] / 160 - 1) * 0.89) / 1.1
+    with pytest.raises(InputError, match=r"curved surface.*control points of the surface.*--set plane=0"):
+        plane_proposal(gravel_on(*place), PlaneProposalParams())
+    assert not len(plane_proposal(gravel_on(*place), PlaneProposalParams(plane=0)).corners)
+
+
+def test_a_ground_of_stones_is_no_frontal_plane() -> None:
+    rows, columns = np.indices((400, 400)).astype(float)
+    away = 1 / (0.3 + rows / 400)
+    with pytest.raises(InputError, match=r"finer to one side.*--set geometry=my\.yaml"):
+        plane_proposal(gravel_on(100 * away, 256 + (columns - 200) * away / 2), PlaneProposalParams())
+
+
+def test_lines_that_converge_are_not_frontal(rng: np.random.Generator) -> None:
+    from texloom.stages.analysis.photographs.depth_cues import depth_cues
+    from texloom.stages.analysis.photographs.line_segments import Segments
+
+    towards = np.array([-0.2, 0.1])
+    starts = rng.uniform((0.1, -0.8), (0.6, 0.8), (80, 2))
+    segments = Segments(np.stack([starts, starts + 0.2 * (towards - starts)], axis=1))
+    point = np.array([*towards, 1])
+    cues = depth_cues(picture(np.full((60, 80), 0.5)), segments, [point / np.sqrt((point**2).sum())])
+    assert cues.converging > 0.99
+    assert "converge" in cues.reason
+
+
+def test_several_surfaces_are_not_frontal(rng: np.random.Generator) -> None:
+    parts = np.full((240, 320), 0.8)
+    parts[:, :170] = 0.3 + 0.2 * smooth_noise((240, 170), 1, rng)
+    parts[130:] = 0.05
+    with pytest.raises(InputError, match="its parts differ"):
+        plane_proposal(picture(np.clip(parts, 0, 1)), PlaneProposalParams())
+
+
+def test_a_wall_comes_before_clutter(rng: np.random.Generator) -> None:
+    """Rectangles of all sizes on a frontal plane have longer lines in all than the bricks."""
+    wall = pixels(rectangle(1.5, 2.2, 0.2, -0.5, 0.1) + np.array([-0.9, 0.3, 0]))
+    clutter = np.full((200, 300), 0.5, np.float32)
+    for _ in range(60):
+        top, left = (int(rng.integers(0, side - 8)) for side in clutter.shape)
+        height, width = rng.integers(4, 80, 2)
+        clutter[top : top + height, left : left + width] = rng.uniform(0.1, 0.9)
+    plate = np.array([[5.0, 200], [5, 470], [350, 470], [350, 200]])
+    scene = rendered([(clutter, plate), (bricks(10, 7, True, rng), wall)], rng)
+    found = find_planes(scene)
+    assert found.best == 1
+    assert corner_error(wall, Frame(SHAPE).pixels(found.planes[0].candidate.corners)) < 0.03
+
+
+def test_a_plane_straightens_to_two_degrees(rng: np.random.Generator) -> None:
+    """Directions of the proposed sides, laid flat by the true geometry."""
+    corners = pixels(rectangle(2.4, 3.2, 0.3, 0.45, -0.15))
+    (proposed,) = plane_proposal(
+        rendered([(bricks(10, 7, True, rng), corners)], rng), PlaneProposalParams()
+    ).corners
+    flat = unit_square(corners, *proposed.T) * (2.4, 3.2)
+    sides = np.roll(flat, -1, axis=0) - flat
+    off = np.degrees(np.arctan2(np.abs(sides).min(axis=1), np.abs(sides).max(axis=1)))
+    assert off.max() < 2

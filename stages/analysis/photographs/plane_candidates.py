@@ -1,0 +1,172 @@
+"""Candidates for the planes of a photograph: where line segments of two vanishing points meet."""
+
+import itertools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Float64
+
+from texloom.stages.analysis.photographs.line_segments import Frame, Segments
+from texloom.stages.analysis.photographs.vanishing import pointing_to
+from texloom.stages.numerics.filters import gaussian_blur
+from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
+from texloom.stages.vocabulary.arrays import Mask
+
+_GRID = 24  # cells along the longer side, in which segments of two families meet
+_SPREAD = 2.0  # cells by which segments reach beyond themselves
+_MIN_DENSITY = 0.15  # segment length in a cell, as a share of the cell's side
+_SAMPLES = 16  # points of a segment that are counted in cells
+_GAP = 5  # cells, about; narrower gaps of a plane are closed
+_MIN_CELLS = 9  # of a plane
+_MIN_SINE = 0.25  # of the angle between both directions in the middle of a plane
+_MAX_DEPTH = 4.0  # of a point on a plane, relative to its middle; what is farther is left out
+_BORDER = 0.02  # share of the length of the segments along a border that is beyond it
+_SLACK = 0.04  # of a plane beyond its lines of one direction, as a share of their extent
+
+
+@dataclass(frozen=True)
+class PlaneCandidate:
+    """A rectangle on a plane, around its line segments."""
+
+    corners: Float64[np.ndarray, "4 2"]
+    """clockwise from the texture's origin, half diagonals from the middle of the photograph"""
+    area: Mask
+    """its cells"""
+    support: float
+    """length of the segments that meet in its cells, sides of a cell"""
+    families: tuple[Segments, Segments]
+    """down and across"""
+
+
+@dataclass(frozen=True)
+class Cells(Frame):
+    """Cells of a coarse grid over a photograph."""
+
+    @property
+    def side(self) -> float:
+        """Of a cell, px."""
+        return max(self.size) / _GRID
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of cells."""
+        height, width = self.size
+        return math.ceil(height / self.side), math.ceil(width / self.side)
+
+    def of(self, places: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Rows and columns of the cells that places are in."""
+        return tuple(np.clip(((self.pixels(places) + 0.5) / self.side).astype(int), 0, np.array(self.shape) - 1).T)
+
+    def centres(self) -> np.ndarray:
+        """Places of the middles of all cells."""
+        return self.places((np.moveaxis(np.indices(self.shape), 0, 2) + 0.5) * self.side - 0.5)
+
+    def density(self, family: Segments) -> Float32[np.ndarray, "m n"]:
+        """Length of the segments in and near each cell, in sides of the cell."""
+
+        density = np.zeros(self.shape, np.float32)
+        shares = (np.arange(_SAMPLES) + 0.5)[:, None, None] / _SAMPLES
+        places = (family.ends[:, 0] * (1 - shares) + family.ends[:, 1] * shares).reshape(-1, 2)
+        np.add.at(density, self.of(places), np.tile(family.lengths * self.unit / self.side / _SAMPLES, _SAMPLES))
+        return np.asarray(gaussian_blur(density, _SPREAD), np.float32)
+
+
+def plane_candidates(
+    segments: Segments, points: list[Float64[np.ndarray, "3"]], cells: Cells
+) -> list[PlaneCandidate]:
+    """The planes on which segments of two vanishing points meet, the best supported first."""
+    agree = np.array([pointing_to(point, segments) for point in points])
+    # On the line through two vanishing points, segments agree with both.
+    families = [segments[own & (agree.sum(axis=0) == 1)] for own in agree]
+    densities = [cells.density(family) for family in families]
+    candidates = []
+    for first, second in itertools.combinations(range(len(points)), 2):
+        others = [density for number, density in enumerate(densities) if number not in (first, second)]
+        shared = np.minimum(densities[first], densities[second])
+        # Where another family is denser, single segments agree with this one by chance.
+        shared[shared <= np.max(others, axis=0, initial=_MIN_DENSITY)] = 0
+        pair = (points[first], points[second]), (families[first], families[second])
+        candidates += _planes(*pair, shared, cells)
+    return sorted(candidates, key=lambda candidate: -candidate.support)
+
+
+def _planes(
+    points: tuple[np.ndarray, np.ndarray],
+    families: tuple[Segments, Segments],
+    shared: Float32[np.ndarray, "m n"],
+    cells: Cells,
+) -> list[PlaneCandidate]:
+    """The planes on which segments of two families meet: where their ``shared`` density is not 0."""
+    import cv2
+
+    # Planes that are parallel, as both sides of a street, are on different sides of the line through both points.
+    line = np.cross(*points)
+    side = matrix_product(cells.centres(), line[:2]) + line[2] > 0
+    planes = []
+    for half in (side, ~side):
+        covered = ((shared > 0) & half).astype(np.uint8)
+        closed = cv2.morphologyEx(covered, cv2.MORPH_CLOSE, np.ones((_GAP, _GAP), np.uint8)) * half
+        count, labels = cv2.connectedComponents(closed.astype(np.uint8), connectivity=4)
+        for label in range(1, count):
+            area = labels == label
+            # Segments at the borders have few neighbours.
+            around = cv2.dilate(area.astype(np.uint8), np.ones((3, 3), np.uint8)) * half > 0
+            first, second = (family[around[cells.of(family.middles)]] for family in families)
+            if np.count_nonzero(area) >= _MIN_CELLS and len(first.ends) and len(second.ends):
+                planes.append(_plane(points, (first, second), area, float(shared[area].sum())))
+    return [plane for plane in planes if plane is not None]
+
+
+def _plane(
+    points: tuple[np.ndarray, np.ndarray], families: tuple[Segments, Segments], area: Mask, support: float
+) -> PlaneCandidate | None:
+    """The rectangle around segments whose directions have these vanishing points; none where it is degenerate."""
+    middles = np.concatenate([family.middles for family in families])
+    lengths = np.concatenate([family.lengths for family in families])
+    origin = np.average(middles, axis=0, weights=lengths)
+    towards = np.array([point[:2] - point[2] * origin for point in points])
+    towards /= np.maximum(np.hypot(*towards.T), 1e-12)[:, None]
+    if abs(float(determinant(towards))) < _MIN_SINE:
+        return None
+    down = int(abs(towards[1, 0]) > abs(towards[0, 0]))
+    across = 1 - down
+    # Down and to the right in the photograph.
+    axes = points[down] * np.copysign(1, towards[down, 0]), points[across] * np.copysign(1, towards[across, 1])
+    matrix = np.stack([*axes, np.append(origin, 1)], axis=1)
+    back, ordered = inverse_of(matrix), (families[down], families[across])
+    borders = [_borders(ordered[1 - axis], ordered[axis], back, axis) for axis in (0, 1)]
+    low, high = np.array(borders).T
+    square = np.array([low, (low[0], high[1]), high, (high[0], low[1])])
+    corners = matrix_product(np.concatenate([square, np.ones((4, 1))], axis=1), matrix.T)
+    if not ((high > low).all() and (corners[:, 2] > 0).all()):
+        return None
+    return PlaneCandidate(corners[:, :2] / corners[:, 2:], area, support, ordered)
+
+
+def _borders(lines: Segments, others: Segments, back: np.ndarray, axis: int) -> tuple[float, float]:
+    """The first and last of the lines that run across an axis of a plane, as far as the others reach along it.
+
+    Parameters
+    ----------
+    back : from the photograph to the plane, whose w is 1 in its middle.
+    """
+    reach, weights = _along(others.ends.reshape(-1, 2), np.repeat(others.lengths, 2), back, axis)
+    low, high = _quantiles(reach, weights)
+    slack = _SLACK * (high - low)
+    values, weights = _along(lines.middles, lines.lengths, back, axis)
+    return _quantiles(values, np.where((values > low - slack) & (values < high + slack), weights, 0))
+
+
+def _along(places: np.ndarray, lengths: np.ndarray, back: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates on a plane, and lengths, which are 0 where the plane is too far away."""
+    flat = matrix_product(np.concatenate([places, np.ones((len(places), 1))], axis=1), back.T)
+    return flat[:, axis] / flat[:, 2], np.where(flat[:, 2] > 1 / _MAX_DEPTH, lengths, 0)
+
+
+def _quantiles(values: np.ndarray, weights: np.ndarray) -> tuple[float, float]:
+    """The values that a small share of the weights is below, and above."""
+    order = np.argsort(values, kind="stable")
+    sums = np.cumsum(weights[order])
+    low, high = (values[order][np.searchsorted(sums, share * sums[-1])] for share in (_BORDER, 1 - _BORDER))
+    return float(low), float(high)
