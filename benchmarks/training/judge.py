@@ -22,7 +22,7 @@ from jaxtyping import Bool
 from benchmarks.training.boundaries import THRESHOLDS, Counts, count, ods, ois, thinned
 from benchmarks.training.pictures import Picture, picture_of
 from texloom.stages.analysis.structure.edges import EdgesParams, edges
-from texloom.stages.analysis.structure.otsu import otsu_threshold
+from texloom.stages.numerics.threshold import otsu_threshold
 from texloom.stages.vocabulary.arrays import Image, ScalarMap
 from texloom.stages.vocabulary.color import linear_from_srgb
 

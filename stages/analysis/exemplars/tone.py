@@ -287,7 +287,7 @@ def _basis(shape: tuple[int, int]) -> Float64[np.ndarray, "6 h w"]:
 
 def _fitted(
     means: Float64[np.ndarray, "m 8 8"], weights: Float64[np.ndarray, "m 8 8"]
-) -> tuple[Float64[np.ndarray, "6"], Float64[np.ndarray, " m"]]:
+) -> tuple[Float64[np.ndarray, "6"], np.ndarray]:
     """Coefficients of `_basis` but for the constant, which all modes share, and the level of each; robust."""
     modes = len(means)
     shared = _basis((_BLOCKS, _BLOCKS))[1:]

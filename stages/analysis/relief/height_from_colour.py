@@ -179,5 +179,5 @@ def _of_one_tone(lightness: ScalarMap, joints: Mask) -> tuple[ScalarMap, np.floa
 def _softened(joints: Mask, image: Image) -> ScalarMap:
     """1 on joints, 0 elsewhere, with flanks between."""
     ends = np.count_nonzero(joints[1:] != joints[:-1]) + np.count_nonzero(joints[:, 1:] != joints[:, :-1])
-    width = 2 * np.count_nonzero(joints) / max(ends, 1)
+    width = 2 * int(np.count_nonzero(joints)) / max(int(ends), 1)
     return np.clip(smoothed(joints.astype(np.float32), image.wraps, max(0.5, _STEEPNESS * width)), 0, 1)
