@@ -409,7 +409,8 @@ def optimise(
         occurrence *= np.float32(own / occurrence.sum(dtype=np.float64))
     voted = None
     if keep is None:
-        voted = VotedPatches(to_layers(match), sides, params.patch_size, params.schedule.final_sigma, params.border, wrap)
+        sigma = params.schedule.final_sigma
+        voted = VotedPatches(to_layers(match), sides, params.patch_size, sigma, params.border, wrap)
     return Optimised(
         image=made.wrapping(wrap),
         match=source,
