@@ -75,7 +75,11 @@ def photo_report(
     rows = [
         ("lens distortion", lens, "--set distortion=0, or another value"),
         ("surface", surface["why"], "--set plane=2, by planes.png, or --set geometry=my.yaml"),
-        ("exemplar", size, "--set detail=0.15 for a larger one from the sharpest part"),
+        (
+            "exemplar",
+            size,
+            "--set detail=0.15 for a finer one, --set front.blur=3 for more of the surface",
+        ),
         ("repetition", repetition, "--set lattice.confidence=0.3, or 1 for none"),
         ("texture", format_size(image), "--size 2048, --tileable=off, --seed 8, --preset fast"),
     ]
