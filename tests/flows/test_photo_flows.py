@@ -115,6 +115,19 @@ def test_a_surface_is_laid_flat_and_made_larger(ran: Any, folder: Path, tmp_path
     assert exports["scores.json"]["colors"]["score"] > 0.5
 
 
+def test_a_photograph_becomes_a_tileable_texture_with_its_decisions(ran: Any, folder: Path, tmp_path: Path) -> None:
+    params = {"geometry": str(folder / "plane.yaml"), "size": "64", "preset": "fast"}
+    exports = ran(tmp_path / "file", "photo_material", {"photo": folder / "photo.png"}, **params)
+    assert exports["texture.png"].shape == (64, 64, 3)
+    assert exports["exemplar.png"].shape[2] == 4
+    assert exports["planes.png"].shape[:2] == SIDES
+    rows = {row["what"]: row for row in exports["decisions.json"]["decisions"]}
+    assert list(rows) == ["lens distortion", "surface", "exemplar", "repetition", "texture"]
+    assert rows["surface"]["decided"] == "the geometry file says where surfaces lie"
+    assert all(row["change"].startswith("--") for row in rows.values())
+    assert "--set plane=2" in exports["report.html"].read_text()
+
+
 def test_patches_become_an_atlas_that_is_whole(ran: Any, folder: Path, tmp_path: Path) -> None:
     params = {"surface.geometry": str(folder / "plane.yaml"), "preset": "fast", "start.block": "16"}
     exports = ran(tmp_path, "photo_atlas", {"photo": folder / "photo.png"}, **params)

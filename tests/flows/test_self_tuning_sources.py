@@ -77,7 +77,7 @@ def test_guides_and_strokes_exclude_each_other() -> None:
         ("self_tuning_report", set(ALL)),
         ("materials", set(ALL) - {"control"}),
         ("refine", {"mask", "exemplar_structure"}),
-        ("photo_self_tuning", {"strokes", "control"}),
+        *((flow, {"strokes", "control"}) for flow in ("photo_self_tuning", "photo_material")),
         ("wang_tiles", {"mask", "exemplar_structure"}),
         ("fill", {"holes"}),
         *((flow, set()) for flow in ("rectify", "make_tileable", "revise", "photo_atlas", "photo_flattening")),

@@ -19,7 +19,7 @@ _FAMILIES = 3  # vanishing points
 _MIN_SHARE = 0.06  # of the length of all segments, of each
 _WIDTH = np.radians(1.0)  # of the agreement of a segment with its vanishing point
 _MIN_GAIN = 0.1  # of agreement, over none
-_MIN_AGREEMENT = 0.25  # share of the length of all segments, about
+_MIN_AGREEMENT = 0.35  # share of the length of all segments, about
 _MIN_SEGMENTS = 60
 _MAX_SEGMENTS = 300  # the longest
 

@@ -13,11 +13,12 @@ from texloom.stages.analysis.photographs.repetition_phase import mean_repetition
 from texloom.stages.common.geometry.footprints import resampled
 from texloom.stages.common.grids.packing import arranged
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
-from texloom.stages.vocabulary.arrays import Image, Mask, Vectors
+from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.masks import USABLE
 
 _REACH = 3  # repetitions among which a place is searched, to each side of the nearest
+_MIN_SHOWN = 0.25  # of a border row or column of a cropped patch, as a share of that of which most is shown
 _MOST_PIXELS = 2**28  # of all patches
 _CHANNELS = ("R", "G", "B", USABLE)
 
@@ -29,6 +30,8 @@ class PatchAtlasParams(Params):
     """px between two patches"""
     max_side: int = Field(1024, ge=16, le=8192)
     """maximum side of a patch, px; with a larger one all are reduced"""
+    blur: float = Field(1.5, ge=0)
+    """with ``level``: octaves by which a pixel may be less sharp than the atlas; others are not shown"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +45,7 @@ class PatchAtlas:
     table: dict[str, Any]
     """``patches``: row, column, height and width of each in the atlas, px, in the order of the geometry file"""
     largest: Image
-    """the patch of which most is shown"""
+    """the patch of which most is shown; with ``level`` cropped to what is shown"""
 
 
 @stage(version=1)
@@ -55,6 +58,7 @@ def patch_atlas(
     scale: float,
     params: PatchAtlasParams,
     generators: Vectors | None = None,
+    level: ScalarMap | None = None,
 ) -> PatchAtlas:
     """Show every patch from the front, at one scale, in an atlas.
 
@@ -64,6 +68,7 @@ def patch_atlas(
     region, controls, spaces, sizes, scale : see `jacobian_field`; a px of the atlas is an element of texture.
     generators : of the repetition of the largest patch, px of the atlas, as from `repetition`: patches move apart
         until all are in phase.
+    level : see `jacobian_field`; what is blurred more than ``blur`` is not shown. Without it, all is.
 
     Raises
     ------
@@ -74,6 +79,8 @@ def patch_atlas(
     ----------
     [Eisenacher2008]_ section 3.1, the patches; [Heckbert1989]_ elliptical weighted averages.
     """
+    if level is not None:
+        region = region & (level <= params.blur)
     factor = scale * min(1.0, params.max_side / (scale * float(sizes.max())))
     shapes = [(max(1, round(height)), max(1, round(width))) for height, width in (sizes * factor).tolist()]
     total = sum(height * width for height, width in shapes)
@@ -101,7 +108,20 @@ def patch_atlas(
     keep = canvas[..., 3] > 0
     names = ("row", "column", "height", "width")
     table = {"patches": [dict(zip(names, rectangle, strict=True)) for rectangle in rectangles.tolist()]}
-    return PatchAtlas(Image(canvas, _CHANNELS), keep, table, largest)
+    return PatchAtlas(
+        Image(canvas, _CHANNELS), keep, table, largest if level is None else cropped_to_shown(largest)
+    )
+
+
+def cropped_to_shown(part: Image) -> Image:
+    """Without the rows and columns of which less than `_MIN_SHOWN` of the most is shown."""
+    shown = part.pixels[..., 3] > 0
+    sides = []
+    for axis in (1, 0):
+        counts = shown.sum(axis=axis)
+        kept = np.flatnonzero(counts >= _MIN_SHOWN * counts.max())
+        sides.append(slice(int(kept[0]), int(kept[-1]) + 1))
+    return part.cropped(sides[0], sides[1])
 
 
 def _patch(

@@ -53,7 +53,7 @@ def _far(reach: tuple[int, int], near: float) -> Bool[np.ndarray, "p q"]:
 def repetition(
     exemplar: Float32[np.ndarray, "h w"],
     result: Float32[np.ndarray, "H W"],
-    valid: tuple[Mask | None, Mask | None] = (None, None),
+    valid: tuple[Mask | None, Bool[np.ndarray, "H W"] | None] = (None, None),
 ) -> tuple[float, tuple[int, int]]:
     """Excess of the result's long-range autocorrelation over the exemplar's.
 

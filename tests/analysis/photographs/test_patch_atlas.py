@@ -58,6 +58,21 @@ def test_what_is_hidden_is_not_kept(tmp_path: Path) -> None:
     assert 0.02 < whole.keep.mean() - hidden.keep.mean() < 0.2
 
 
+def test_what_is_unsharp_is_not_shown_and_cropped(tmp_path: Path) -> None:
+    image = picture(np.full((*SHAPE, 3), 0.5))
+    surface = surfaces(image, tmp_path, patches=[{"corners": LEFT, "size": "4x4"}])
+    given = surface.region, surface.controls, surface.spaces, surface.sizes, surface.scale
+    level = np.zeros(SHAPE, np.float32)
+    whole = patch_atlas(image, *given, PatchAtlasParams(), level=level)
+    left, right = (int(column) for column in (np.array(LEFT)[:, 1].min(), np.array(LEFT)[:, 1].max()))
+    level[:, (left + right) // 2 :] = 1.6
+    part = patch_atlas(image, *given, PatchAtlasParams(), level=level)
+    assert 0.3 < part.keep.mean() / whole.keep.mean() < 0.7
+    assert part.largest.width < 0.75 * whole.largest.width
+    kept = patch_atlas(image, *given, PatchAtlasParams(blur=1.7), level=level)
+    np.testing.assert_array_equal(kept.largest.pixels, whole.largest.pixels)
+
+
 def test_large_patches_are_reduced(tmp_path: Path) -> None:
     assert max(part["width"] for part in laid_out(tmp_path, max_side=30).table["patches"]) == 30
 
