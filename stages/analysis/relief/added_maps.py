@@ -72,7 +72,7 @@ def smoothed(plane: ScalarMap, wraps: Wraps, deviation: float) -> ScalarMap:
 
 def within(plane: ScalarMap, valid: Mask | None) -> np.ndarray:
     """The values that count."""
-    return plane.ravel() if valid is None else plane[valid]
+    return np.asarray(plane.ravel() if valid is None else plane[valid])
 
 
 def from_zero_to_one(plane: ScalarMap, valid: Mask | None) -> ScalarMap:
