@@ -146,6 +146,7 @@ def prepare(exemplars: dict[str, dict[str, Any]], originals: Path) -> None:
     Image.fromarray(np.uint8(255 * bends)).save(pictures / "bends.png")
 
     spread(pictures)
+    light(WORK / "lights")
     library, rust = WORK / "library", WORK / "rust"
     library.mkdir(exist_ok=True)
     for name in ("cracks.png", "moss.png", "planks.png"):
@@ -171,6 +172,22 @@ def spread(pictures: Path) -> None:
         age = number / 6 - (1 - early) - gravel.mean(axis=2) / 255
         share = np.clip(4 * age, 0, 1)[..., None]
         Image.fromarray(np.uint8((1 - share) * gravel + share * moss)).save(folder / f"moss_{number}.png")
+
+
+def light(folder: Path) -> None:
+    """Photographs of a wall under eight lights, and the file of their directions."""
+    maps = EXEMPLARS / "brick_maps"
+    albedo, normal = (
+        np.asarray(Image.open(maps / f"bricks_{name}.png").convert("RGB")) / 255 for name in ("albedo", "normal")
+    )
+    turn, up = 2 * np.pi * np.arange(8) / 8 + 0.3, np.deg2rad(np.where(np.arange(8) % 2, 40, 60))
+    towards = np.stack([np.cos(turn) * np.cos(up), np.sin(turn) * np.cos(up), np.sin(up)], axis=1)
+    folder.mkdir(exist_ok=True)
+    for number, one in enumerate(towards, 1):
+        shade = np.maximum((2 * normal - 1) @ one, 0)
+        lit = (albedo**2.2 * shade[..., None]) ** (1 / 2.2)
+        Image.fromarray(np.uint8(np.rint(255 * lit))).save(folder / f"{number}.png")
+    (folder.parent / "lights.json").write_text(json.dumps({"lights": towards.round(4).tolist()}))
 
 
 def retouch(folder: Path) -> None:

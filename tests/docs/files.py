@@ -25,6 +25,7 @@ patches:
   - {name: wall, corners: [[10, 10], [10, 150], [150, 150], [150, 10]], edge: 140}
 hole: [[[60, 60], [60, 90], [90, 90]]]
 """
+LIGHTS = '{"lights": [[0, 0.5, 1], [0.5, -0.5, 1], [-0.5, -0.5, 1]]}'
 FLOW = "{flow: self_tuning, include: self_tuning}"
 PIECES = "pieces: [{box: [0, 0, 90, 90], at: [60, 60]}]"
 _EXEMPLARS = ROOT / "configs" / "exemplars"
@@ -46,6 +47,11 @@ def make_files(arguments: Sequence[str], folder: Path) -> None:
         elif name.endswith(".yaml"):
             is_flow = number == 1
             (folder / name).write_text(FLOW if is_flow else PIECES if "pieces" in name else GEOMETRY)
+        elif name == "lights.json":
+            (folder / name).write_text(LIGHTS)
+        elif name == "lights":
+            for place in "123":
+                make_pictures(folder, f"{name}/{place}.png")
         elif name.endswith(".exr"):
             make_result(folder / name.replace("*", "any"))
         elif previous in ("--over", "--against"):

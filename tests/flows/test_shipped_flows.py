@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import skimage.data
+from scipy.spatial import cKDTree
 
 from tests.pipelines.media.test_material_export import saved
 from tests.pipelines.media.test_material_set import save
@@ -129,6 +130,26 @@ def test_a_material_comes_back_whole(ran: Any, gravel: np.ndarray, tmp_path: Pat
     assert 'id="map-height"' in page
     assert 'id="lit"' in page
     assert exports["scores.json"]["seams"]["value"] is not None
+
+
+def test_a_picture_becomes_a_material_in_register(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:
+    """Colour and roughness of a pixel of the result are near those of one pixel of the picture."""
+    picture = save(tmp_path / "gravel.png", gravel)
+    own = ran(tmp_path / "own", "material_from_colour", {"picture": picture})
+    files = {"gravel_albedo", "gravel_height", "gravel_normal", "gravel_roughness", "gravel_ao"}
+    named = {path.stem for path in own["maps/"].glob("*.png")}
+    assert {name.rpartition("_")[2] for name in named} == {name.rpartition("_")[2] for name in files}
+    assert "estimated/" not in own
+    small = {"size": "48x40", "preset": "fast", "relief": "0.03", "tone.even": "never"}
+    made = ran(tmp_path / "made", "material_synthesis", {"picture": picture}, **small)
+    estimated, maps = (read_channels(made[folder] / "material.exr") for folder in ("estimated/", "maps/"))
+    assert set(estimated) == set(maps) >= {"height", "normal.X", "normal.Y", "normal.Z", "roughness", "ao"}
+    assert maps["height"].shape == (40, 48)
+    names = ("R", "G", "B", "roughness")
+    own_pixels, pixels = (np.stack([one[name].ravel() for name in names], axis=1) for one in (estimated, maps))
+    mixed = np.column_stack([pixels[:, :3], np.random.default_rng(1).permutation(pixels[:, 3])])
+    near, far = (cKDTree(own_pixels).query(values)[0].mean() for values in (pixels, mixed))
+    assert near < 0.7 * far
 
 
 def test_a_texture_follows_painted_labels(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:

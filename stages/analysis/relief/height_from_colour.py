@@ -5,6 +5,7 @@ import logging
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Int32
 from pydantic import Field
 
 from texloom.stages.analysis.relief.added_maps import (
@@ -29,7 +30,10 @@ _LOG = logging.getLogger(__name__)
 _LIMIT = 2.0  # robust standard deviations of lightness beyond which it tells less and less of height
 _SPAN = 0.5  # of the picture's height or width that a network of joints spans
 _MOST, _LEAST = 0.4, 0.01  # shares of a picture that joints cover
-_APART = 0.75  # standard deviations between the tones of joints and of what lies between them
+_ENCLOSED = 0.1  # share of a picture that the largest part between joints covers
+_APART = 0.75  # standard deviations between the tones of joints and of the rest, where they do not enclose parts
+_PART = 0.001  # share of a picture that a part covers, as a brick, whose width counts
+_THIN = 0.6  # of the median width of parts, up to which what spans the picture is a joint
 _STEEPNESS = 1 / 4  # width of a joint's flanks, as a share of the joints' mean width
 
 
@@ -69,9 +73,9 @@ def height_from_colour(
     waves of lightness, CIELAB, are divided by their frequency. Forms larger than ``scale`` fade out, as tone drifts
     for other reasons, and so does the excess of what is much brighter or darker than usual, such as stains.
 
-    Joints tell more than tone. Where features form a network across the picture whose tone differs from the rest,
-    they are lowered by ``joints``, even if they are brighter, and the parts that they enclose, such as bricks of
-    several colours, are brought to one mean tone.
+    Joints tell more than tone. Where features form a network across the picture that encloses parts or has a tone
+    of its own, they are lowered by ``joints``, even if they are brighter, and the parts that they enclose, such as
+    bricks of several colours, are brought to one mean tone.
 
     Dark colour on a level surface is taken for relief: this is a guess, as a note says.
 
@@ -140,27 +144,52 @@ def _report(params: HeightFromColourParams, share: float | None) -> None:
 
 
 def _joints(structure: Mask, lightness: ScalarMap, valid: Mask | None) -> Mask | None:
-    """The features, if a network of them spans the picture and has a tone of its own; else None."""
+    """The features with what lies between two outlines, if they are a network across the picture; else None.
+
+    It has to enclose parts, as joints do bricks, or to differ in tone.
+    """
     import cv2
 
-    _, labels, boxes, _ = cv2.connectedComponentsWithStats(structure.astype(np.uint8), connectivity=8)
-    height, width = structure.shape
+    joints = structure | _between_outlines(structure)
+    spans, labels = _spanning(joints)
+    rest = ~joints if valid is None else ~joints & valid
+    if not _LEAST <= float(joints.mean()) <= _MOST or not spans.any() or not rest.any():
+        return None
+    network = spans[labels] if valid is None else spans[labels] & valid
+    if not network.any():
+        return None
+    boxes = cv2.connectedComponentsWithStats((~joints).astype(np.uint8), connectivity=4)[2]
+    if boxes[1:, cv2.CC_STAT_AREA].max() <= _ENCLOSED * joints.size:
+        return joints
+    difference = lightness[network].mean(dtype=np.float64) - lightness[rest].mean(dtype=np.float64)
+    return joints if abs(difference) >= _APART * lightness[rest].std(dtype=np.float64) else None
+
+
+def _between_outlines(structure: Mask) -> Mask:
+    """Thin parts that span the picture, as mortar of which the features are the outlines."""
+    import cv2
+
+    rest = (~structure).astype(np.uint8)
+    squared = np.rint(np.square(cv2.distanceTransform(rest, cv2.DIST_L2, cv2.DIST_MASK_PRECISE), dtype=np.float64))
+    spans, labels = _spanning(~structure)
+    widest = np.zeros(spans.size)
+    np.maximum.at(widest, labels, squared)
+    sizes = np.bincount(labels.ravel(), minlength=spans.size)
+    sizes[0] = 0
+    parts = sizes >= _PART * structure.size
+    thin = spans & (widest <= _THIN**2 * np.median(widest[parts])) if parts.any() else np.zeros_like(spans)
+    return thin[labels]
+
+
+def _spanning(mask: Mask) -> tuple[np.ndarray, Int32[np.ndarray, "h w"]]:
+    """Which of the components of a mask reach across the picture, and their numbers by pixel, 0 outside."""
+    import cv2
+
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
+    height, width = mask.shape
     spans = (boxes[:, cv2.CC_STAT_HEIGHT] >= _SPAN * height) | (boxes[:, cv2.CC_STAT_WIDTH] >= _SPAN * width)
     spans[0] = False  # the background
-    joints = spans[labels]
-    if not _LEAST <= float(structure.mean()) <= _MOST or float(joints.mean()) < _LEAST:
-        return None
-    rest = ~joints if valid is None else ~joints & valid
-    if not rest.any() or (valid is not None and not (joints & valid).any()):
-        return None
-    apart = abs(_difference(joints, lightness, valid)) >= _APART * float(lightness[rest].std(dtype=np.float64))
-    return structure if apart else None
-
-
-def _difference(joints: Mask, lightness: ScalarMap, valid: Mask | None) -> float:
-    """Mean lightness of joints less that of the rest."""
-    inside, rest = (joints, ~joints) if valid is None else (joints & valid, ~joints & valid)
-    return float(lightness[inside].mean(dtype=np.float64) - lightness[rest].mean(dtype=np.float64))
+    return spans, labels
 
 
 def _of_one_tone(lightness: ScalarMap, joints: Mask) -> tuple[ScalarMap, np.float32]:

@@ -13,6 +13,7 @@ from tests.synthetic import masked, picture, smooth_noise
 from texloom.stages.analysis.relief.added_maps import UNIT_RELIEF
 from texloom.stages.analysis.relief.ao_from_height import AoFromHeightParams, ao_from_height
 from texloom.stages.analysis.relief.height_from_colour import HeightFromColourParams, height_from_colour
+from texloom.stages.analysis.relief.height_from_normal import height_from_normal
 from texloom.stages.analysis.relief.normal_from_height import NormalFromHeightParams, normal_from_height
 from texloom.stages.analysis.relief.roughness_from_colour import RoughnessFromColourParams, roughness_from_colour
 from texloom.stages.vocabulary.arrays import Image
@@ -109,6 +110,15 @@ def test_bricks_of_several_tones_are_level(rng: np.random.Generator) -> None:
     assert uneven(joints) < 0.5 * uneven(None)
 
 
+def test_mortar_between_outlines_is_a_joint(rng: np.random.Generator) -> None:
+    image, joints = wall(0.9, rng)
+    inner = joints.copy()
+    for axis in (0, 1):
+        inner &= np.roll(joints, 1, axis) & np.roll(joints, -1, axis)
+    found = height_from_colour(image, AUTO, structure=joints & ~inner).joints
+    assert (found == joints).mean() > 0.98
+
+
 def test_features_without_a_network_are_no_joints(rng: np.random.Generator) -> None:
     image = picture(relief(rng))
     spots = np.zeros((SIDE, SIDE), bool)
@@ -163,6 +173,22 @@ def test_normals_are_slopes_of_the_heights(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(slope(y / z, 1), slope(-x / z, 0), atol=1e-4)
     height = plane(made, "height").astype(float) * UNIT_RELIEF * SIDE
     np.testing.assert_allclose(-x / z, slope(height, 1), atol=1e-4)
+
+
+@pytest.mark.parametrize("wraps", [False, True])
+def test_heights_of_normals_are_those_they_came_from(wraps: bool, rng: np.random.Generator) -> None:
+    """But for what central differences do not see."""
+    true = 0.5 + 0.4 * (relief(rng) - 0.5)
+    if wraps:
+        row, column = 2 * np.pi * np.indices((SIDE, SIDE)) / SIDE
+        true = 0.5 + 0.2 * np.sin(2 * row) * np.cos(3 * column + row)
+    image = normal_from_height(with_height(true, wraps), NormalFromHeightParams()).image
+    kept = [place for place, name in enumerate(image.channels) if name != "height"]
+    names = tuple(image.channels[place] for place in kept)
+    made = plane(height_from_normal(image.with_pixels(image.pixels[..., kept], names)).image, "height")
+    np.testing.assert_allclose(made - made.mean(), true - true.mean(), atol=0.01 * np.ptp(true))
+    with pytest.raises(InputError, match="no normals"):
+        height_from_normal(picture(true))
 
 
 def test_occlusion_of_a_trench() -> None:
