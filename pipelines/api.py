@@ -395,6 +395,8 @@ def _told(tell: Callable[[Event], None]) -> Listener:
 
 def _run(opened: Run, out: Path, progress: Progress, notes: Sequence[str] = (), force: bool = False) -> Result:
     from texloom.pipelines.engine.events import Note, Recorder
+    from texloom.pipelines.engine.preflight import Preflight
+    from texloom.pipelines.engine.run_scores import choices_of, main_scores
     from texloom.pipelines.engine.scheduler import execute
     from texloom.pipelines.results import Result
     from texloom.pipelines.terminal import Terminal
@@ -406,7 +408,7 @@ def _run(opened: Run, out: Path, progress: Progress, notes: Sequence[str] = (), 
     elif callable(progress):
         listener = _told(progress)
     recorder = Recorder(listener)
-    opened.check(out, force)
+    Preflight(opened).check(out, force)
     for note in notes:
         recorder(Note(note))
     try:
@@ -415,7 +417,7 @@ def _run(opened: Run, out: Path, progress: Progress, notes: Sequence[str] = (), 
         if terminal is not None:
             terminal.close()
     if terminal is not None:
-        terminal.summarise(opened.main_scores(), out if exports else None, opened.choices())
+        terminal.summarise(main_scores(opened), out if exports else None, choices_of(opened))
     return Result(opened, exports, recorder)
 
 
