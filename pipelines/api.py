@@ -105,7 +105,8 @@ def synthesize(
     ((64, 96), dtype('uint8'), (64, 96, 2))
     """
     from texloom.pipelines.engine.run import Run
-    from texloom.pipelines.flow.loader import absolute, find_flow, load_flow
+    from texloom.pipelines.flow.loader import find_flow, load_flow
+    from texloom.pipelines.flow.source_choice import absolute
     from texloom.pipelines.results import Texture
 
     opened_store = Store(Path(store or os.environ.get("TEXLOOM_STORE") or cache_store()))
