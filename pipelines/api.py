@@ -109,7 +109,8 @@ def synthesize(
     ((64, 96), dtype('uint8'), (64, 96, 2))
     """
     from texloom.pipelines.engine.run import Run
-    from texloom.pipelines.flow.loader import absolute, find_flow, load_flow
+    from texloom.pipelines.flow.loader import find_flow, load_flow
+    from texloom.pipelines.flow.source_choice import absolute
     from texloom.pipelines.results import Texture
 
     opened_store = Store(Path(store or os.environ.get("TEXLOOM_STORE") or cache_store()))
@@ -413,6 +414,8 @@ def _told(tell: Callable[[Event], None]) -> Listener:
 
 def _run(opened: Run, out: Path, progress: Progress, notes: Sequence[str] = (), force: bool = False) -> Result:
     from texloom.pipelines.engine.events import Note, Recorder
+    from texloom.pipelines.engine.preflight import Preflight
+    from texloom.pipelines.engine.run_scores import choices_of, main_scores
     from texloom.pipelines.engine.scheduler import execute
     from texloom.pipelines.results import Result
     from texloom.pipelines.terminal import Terminal
@@ -424,7 +427,7 @@ def _run(opened: Run, out: Path, progress: Progress, notes: Sequence[str] = (), 
     elif callable(progress):
         listener = _told(progress)
     recorder = Recorder(listener)
-    opened.check(out, force)
+    Preflight(opened).check(out, force)
     for note in notes:
         recorder(Note(note))
     try:
@@ -433,7 +436,7 @@ def _run(opened: Run, out: Path, progress: Progress, notes: Sequence[str] = (), 
         if terminal is not None:
             terminal.close()
     if terminal is not None:
-        terminal.summarise(opened.main_scores(), out if exports else None, opened.choices())
+        terminal.summarise(main_scores(opened), out if exports else None, choices_of(opened))
     return Result(opened, exports, recorder)
 
 

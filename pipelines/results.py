@@ -159,7 +159,9 @@ class Texture:
     @property
     def scores(self) -> dict[str, Any]:
         """How good the texture is, see ``texloom stages evaluation.metrics``; empty where the method has none."""
-        return self.result._opened.scores()
+        from texloom.pipelines.engine.run_scores import scores
+
+        return scores(self.result._opened)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the texture.
@@ -230,5 +232,5 @@ def main_image(flow: Flow, method: str | os.PathLike[str]) -> Reference:
 
 def scores_of(flow: Flow) -> Reference | None:
     """The table of a flow's scores, where it has one."""
-    steps = [step.name for step in flow.steps.values() if step.stage.name == "evaluation.metrics"]
+    steps = [step.name for step in flow.steps.values() if step.stage.role == "scores"]
     return Reference(steps[0], "table") if steps else None

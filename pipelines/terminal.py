@@ -114,7 +114,7 @@ class Terminal:
     ) -> None:
         """Print the last line: how many steps ran, how long it took, the main scores, and where the exports are.
 
-        ``choices``: tables of `evaluation.choice` by step; each has a line before, and ``scores`` are those of what
+        ``choices``: tables of choices by step; each has a line before, and ``scores`` are those of what
         was chosen.
         """
         for step, table in (choices or {}).items():

@@ -88,6 +88,7 @@ def compare(
     comparison.json, all scores, and each result. All results have one size, by default the first flow's.
     """
     from texloom.pipelines.engine.destination import placed
+    from texloom.pipelines.engine.preflight import Preflight
     from texloom.pipelines.engine.run import Run
     from texloom.pipelines.errors import one_line
     from texloom.pipelines.flow.compare import EXPORTS, comparison_flow
@@ -107,8 +108,9 @@ def compare(
     opened, folder = placed(opened, out)
     copies = {} if report is None else {name: report.with_suffix(Path(name).suffix) for name in EXPORTS}
     if report is not None:
+        preflight = Preflight(opened)
         for path in (report, *copies.values()):
-            opened.check_file("--report", path)
+            preflight.check_file("--report", path)
         if report.suffix.lower() != ".html":
             raise InputError(one_line(f"--report {report}: must be the name of an .html file"))
     code = execute(opened, folder, as_json, began, force)

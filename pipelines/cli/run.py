@@ -62,7 +62,9 @@ def plan(flow: str | None, as_json: bool, out: Path | None, force: bool, **optio
     """
     opened, folder = _open(flow, out=out, force=force, **options)
     if out is not None:
-        opened.check(folder, force)
+        from texloom.pipelines.engine.preflight import Preflight
+
+        Preflight(opened).check(folder, force)
     steps = opened.plan()
     for note in opened.notes:
         complain(note)
@@ -102,10 +104,11 @@ def commands(
     The lines of items may run at the same time, on machines that share the store; the last one, if there are steps
     that gather, comes after all of them. A line that is repeated computes nothing twice. All paths are absolute.
     """
+    from texloom.pipelines.engine.preflight import Preflight
     from texloom.pipelines.flow.command_list import command_list
 
     opened, folder = _open(flow, out=out, force=force, **options)
-    opened.check(folder, force)
+    Preflight(opened).check(folder, force)
     target = folder / (opened.flow.picture or "")
     listed = command_list(opened.flow, opened.items, opened.store.root, target, force)
     if as_json:
@@ -131,7 +134,9 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
     """Run what has been opened and say how it went."""
     from texloom.pipelines.engine import scheduler
     from texloom.pipelines.engine.events import Recorder, summary_of
+    from texloom.pipelines.engine.preflight import Preflight
     from texloom.pipelines.engine.run import StepFailedError
+    from texloom.pipelines.engine.run_scores import choices_of, main_scores
     from texloom.pipelines.errors import NoWorkersError, is_resource_error
     from texloom.pipelines.memory import keep_freed_memory
     from texloom.pipelines.store.codec import ArtifactError
@@ -139,7 +144,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
     from texloom.pipelines.terminal import Terminal
     from texloom.stages.vocabulary.declare import InputError
 
-    opened.check(folder, force)
+    Preflight(opened).check(folder, force)
     terminal = Terminal(text_stream(as_json))
     recorder = Recorder(terminal)
     exports: dict[str, Path] = {}
@@ -174,10 +179,10 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
     for name, path in exports.items():
         if "/" not in name.removesuffix("/"):  # not an item's
             say(path, as_json)
-    choices = opened.choices() if code == Exit.DONE else {}
+    choices = choices_of(opened) if code == Exit.DONE else {}
     if code == Exit.DONE:
         target = folder / (opened.flow.picture or "") if exports else None
-        terminal.summarise(opened.main_scores(), target, choices)
+        terminal.summarise(main_scores(opened), target, choices)
     if as_json:
         print_json(
             {

@@ -30,6 +30,7 @@ from texloom.pipelines.engine.events import (
     StepReport,
     StepStarted,
 )
+from texloom.pipelines.engine.exporter import Exporter
 from texloom.pipelines.engine.keys import KeyParts
 from texloom.pipelines.engine.run import Run, StepFailedError
 from texloom.pipelines.engine.scope import Scope, ScopeInputs
@@ -395,10 +396,10 @@ class _Attempt:
         self, run: Run, executor: Callable[[], Executor], listener: Listener, out: Path, submit_cached: bool
     ):
         self.run, self.executor, self.listener = run, executor, listener
-        self.out, self.submit_cached = out, submit_cached
+        self.submit_cached = submit_cached
         self.history = run.history()
         self.written: dict[str, Path] = {}
-        self.export_states: dict[str, Any] = {}
+        self.exporter = Exporter(run, out, self.history)
         self.in_flight: dict[str, InFlight] = {}
         self.again: list[InFlight] = []
         """tasks that have lost a worker"""
@@ -425,7 +426,7 @@ class _Attempt:
             for scope_run in (shared, final):
                 self._export(run.shared, scope_run)
         finally:
-            run.remember(self.history, self.export_states)
+            run.remember(self.history, self.exporter.states)
         return run.in_order(self.written)
 
     def _items(self) -> Iterator[ScopeRun]:
@@ -602,11 +603,10 @@ class _Attempt:
         self._end_item(scope.name, scope.problem)
 
     def _export(self, scope: Scope, scope_run: ScopeRun) -> None:
-        inputs, states = scope_run.inputs, self.export_states
-        self.written |= self.run.export(scope, scope_run.kind, self.out, inputs, self.history, states)
-        for note in self.run.told:
+        self.written |= self.exporter.export(scope, scope_run.kind, scope_run.inputs)
+        for note in self.exporter.told:
             self.listener(Note(note, is_warning=True))
-        self.run.told.clear()
+        self.exporter.told.clear()
 
     def _end_item(self, name: str, problem: str | None) -> None:
         self.ended_items += 1

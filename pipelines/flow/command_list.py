@@ -10,9 +10,9 @@ from pathlib import Path
 from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.command import option_words, param_words
 from texloom.pipelines.flow.items import Item
-from texloom.pipelines.flow.loader import absolute
 from texloom.pipelines.flow.model import Flow
 from texloom.pipelines.flow.shipped import shipped_flows
+from texloom.pipelines.flow.source_choice import absolute
 from texloom.pipelines.flow.step_params import file_params
 
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from texloom.pipelines.engine.destination import default_name
 from texloom.pipelines.engine.events import Event, StepProgress, StepStarted, describe_progress
+from texloom.pipelines.engine.preflight import Preflight
+from texloom.pipelines.engine.run_scores import main_scores
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.media.map_names import read_names
 from texloom.pipelines.store.store import Store
@@ -27,7 +29,7 @@ def run(work: RunWork, places: Places, check: Callable[[], None], send: Callable
     """Run a recipe and export what its flow exports."""
     opened = open_recipe(work.recipe, library_of(places), Store(Path(places.store)))
     out = opened.new_out()
-    opened.check(out)
+    Preflight(opened).check(out)
     told = shown = began = 0.0
 
     def listen(event: Event) -> None:
@@ -54,7 +56,7 @@ def run(work: RunWork, places: Places, check: Callable[[], None], send: Callable
     folder = opened.out_folder(out)
     made = next((name for name in (_MAPS, _EXR) if (folder / name).exists()), None)
     texture = f"run:{folder.name}/{made}" if made else ""
-    scores, maps = opened.main_scores(), maps_of(folder)
+    scores, maps = main_scores(opened), maps_of(folder)
     send(Ran(out=str(folder), files=tuple(exports), scores=scores, texture=texture, maps=maps))
 
 
@@ -68,7 +70,7 @@ def save(work: SaveWork, places: Places, check: Callable[[], None], send: Callab
     opened = open_recipe(work.recipe, library_of(places), Store(Path(places.store)))
     out = Path(places.folder) / default_name(opened)
     try:
-        opened.check(out)
+        Preflight(opened).check(out)
     except InputError as error:
         raise InputError(str(error).replace("; give another place, or --force", "; move it away")) from None
     execute(opened, lambda _: check(), out)

@@ -19,7 +19,7 @@ from tests.docs.files import make_files
 from tests.docs.pages import PAGES, blocks, commands, label, shell_lines
 from tests.docs.run_commands import PROGRAMS, SHELLS, session
 from texloom.pipelines.cli import main as cli
-from texloom.pipelines.engine import run, scheduler
+from texloom.pipelines.engine import preflight, scheduler
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio import launch
 
@@ -55,7 +55,7 @@ def test_printed_commands_are_accepted(
         assert not [command for command in unquoted if not command.startswith("texloom show")]
         return
     monkeypatch.setattr(scheduler, "execute", planned)
-    monkeypatch.setattr(run, "free_space", lambda _: 10**12)
+    monkeypatch.setattr(preflight, "free_space", lambda _: 10**12)
     monkeypatch.setattr(launch, "launch", lambda *_, **__: None)
     for arguments in read_by(SHELLS[shell], commands(page), folder):
         local = [argument.replace("/data/", f"{folder}/data/") for argument in arguments]

@@ -20,6 +20,7 @@ from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, R
 from texloom.pipelines.engine.opening import open_request
 from texloom.pipelines.engine.prefect.artifacts import show_result, show_scores
 from texloom.pipelines.engine.prefect.task_runners import TaskRunnerExecutor, silence_console
+from texloom.pipelines.engine.preflight import Preflight
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.compare import comparison_flow
@@ -151,7 +152,7 @@ def run_flow(flow: str | list[str], **given: Any) -> dict[str, str]:
         else:
             compared = Run(comparison_flow(flow, asked.overrides), Store(asked.store or default_store()))
             run, folder = placed(compared, asked.out)
-        run.check(folder, asked.force)
+        Preflight(run).check(folder, asked.force)
         opened = _Opened(run, folder, _ignore)
     run, folder, listener = opened.run, opened.folder, opened.listener
     listener(Note(f"flow run {prefect.runtime.flow_run.name}: {prefect.runtime.flow_run.ui_url}"))

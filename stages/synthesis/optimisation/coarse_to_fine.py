@@ -1,6 +1,6 @@
 """The loop of patch optimisation from coarse to fine: parameters, scales, start, checkpoints.
 
-A method supplies what it optimises at a scale; see `Method`.
+A method supplies what it optimises at a scale; see `ScaleMethod`.
 """
 
 import math
@@ -221,7 +221,7 @@ L_contra = TypeVar("L_contra", bound=Scale, contravariant=True)
 
 
 @runtime_checkable
-class Method(Protocol[S, L_contra]):
+class ScaleMethod(Protocol[S, L_contra]):
     """What is optimised at scales ``L_contra``: a state ``S``, improved in place.
 
     Besides a match it may hold what else a patch has: gain and bias, or turn, scale and mirroring.
@@ -259,7 +259,7 @@ class _Run(Generic[S]):
 
 
 def coarse_to_fine(
-    method: Method[S, L_contra],
+    method: ScaleMethod[S, L_contra],
     scales: Sequence[L_contra],
     randoms: Sequence[np.random.Generator],
     tolerance: float,

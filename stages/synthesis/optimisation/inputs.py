@@ -1,34 +1,17 @@
 """What patch optimisation requires of its inputs."""
 
 from collections.abc import Mapping
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from texloom.stages.common.features.maps import check_weights
 from texloom.stages.common.grids.size_checks import check_patch
+from texloom.stages.synthesis.optimisation.coarse_to_fine import CoarseToFineParams
 from texloom.stages.vocabulary.arrays import Correspondence, Image
 from texloom.stages.vocabulary.declare import InputError
-from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.sizes import format_size
 
 
-@runtime_checkable
-class PatchParams(Protocol):
-    """The parameters that exemplar and start must fit."""
-
-    @property
-    def patch_size(self) -> int:
-        """A patch's side in pixels."""
-
-    @property
-    def tileable(self) -> Wraps | None:
-        """Where the result wraps; None where the picture decides."""
-
-    @property
-    def weights(self) -> Mapping[str, float]:
-        """The weights of the exemplar's maps, by name."""
-
-
-def check_patches(params: PatchParams, known: Mapping[str, Any]) -> None:
+def check_patches(params: CoarseToFineParams, known: Mapping[str, Any]) -> None:
     """The exemplar must contain more than one patch, and have the maps of ``weights``; a tileable result, one."""
     image, start = known.get("image"), known.get("start")
     if image is not None:

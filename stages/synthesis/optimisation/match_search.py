@@ -52,6 +52,15 @@ class Effort:
         return 0 if self.narrow and sweep else self.fill_tries
 
 
+def strip_phases(rows: int) -> list[list[tuple[int, int]]]:
+    """Strips of rows, from first to last, that are searched together while those between them do not change.
+
+    Their number is even, so that this also applies across the border of a torus.
+    """
+    strips = spans(rows, max(1, rows // (2 * _STRIP) * 2))
+    return [strips[0::2], strips[1::2]] if len(strips) > 1 else [strips]
+
+
 @functools.lru_cache
 def _narrowing(farthest: int, tries: int) -> np.ndarray:
     return np.asarray(np.rint(farthest * exp(np.linspace(0, 1, tries) * log(_MIN_RADIUS / farthest))), np.int64)
@@ -108,11 +117,7 @@ class Search:
         self.distance: Int64[np.ndarray, "p q"] = empty(patches, np.int64)
         self.active: UInt8[np.ndarray, "p q"] = empty(patches, np.uint8)
         self.active[:] = ALL_ACTIVE
-        pieces = max(1, patches[0] // (2 * _STRIP)) * 2 if patches[0] >= 2 * _STRIP else 1
-        strips = spans(patches[0], pieces)
-        # Strips of one parity are searched together while those between them do not change. Their number is even,
-        # so that this also applies across the border of a torus.
-        self.phases = [strips[0::2], strips[1::2]] if len(strips) > 1 else [strips]
+        self.phases = strip_phases(patches[0])
 
     def step(
         self, target: Int16[np.ndarray, "H Wc"], match: Patches, effort: Effort, random: np.random.Generator

@@ -7,13 +7,12 @@ from jaxtyping import Bool, Float32
 
 from texloom.stages.common.grids.screened_poisson import screened_poisson
 from texloom.stages.common.similarity.neighbourhoods import UNIT, fixed_point
-from texloom.stages.kernels.core.threads import run_all, run_spans, spans
+from texloom.stages.kernels.core.threads import run_all, run_spans
 from texloom.stages.synthesis.optimisation.correspondence import Patches
-from texloom.stages.synthesis.optimisation.match_search import Effort
+from texloom.stages.synthesis.optimisation.match_search import Effort, strip_phases
 from texloom.stages.synthesis.optimisation.vote import Window, weights_along
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
-_STRIP = 32  # rows; thinner strips propagate good matches too slowly
 _COLORS = 3
 
 
@@ -110,10 +109,7 @@ class Melding:
         distance = np.empty(row.shape, np.float64)
         shared = (self.run, own, self.exemplar, self.limits, row, column, distance)
         run_spans(fitted_distances, shared, row.shape[0], 16)
-        # Strips of one parity are searched together while those between them do not change.
-        pieces = max(1, row.shape[0] // (2 * _STRIP)) * 2 if row.shape[0] >= 2 * _STRIP else 1
-        strips = spans(row.shape[0], pieces)
-        phases = [strips[0::2], strips[1::2]] if len(strips) > 1 else [strips]
+        phases = strip_phases(row.shape[0])
         radius, tries, total = max(self.allowed.shape), effort.tries, 0
         forward = bool(random.integers(2))
         for _ in range(effort.sweeps):

@@ -22,7 +22,7 @@ from texloom.stages.common.grids.pyramid import MAX_ROW_VALUES, scale_sizes, sca
 from texloom.stages.common.grids.size_checks import check_patch
 from texloom.stages.synthesis.control_maps.correlation import correlation
 from texloom.stages.synthesis.control_maps.known_control import notes_on_target
-from texloom.stages.synthesis.optimisation.coarse_to_fine import Method, coarse_to_fine, coarsest_side
+from texloom.stages.synthesis.optimisation.coarse_to_fine import ScaleMethod, coarse_to_fine, coarsest_side
 from texloom.stages.synthesis.optimisation.match_search import Effort
 from texloom.stages.synthesis.optimisation.presets import with_preset
 from texloom.stages.synthesis.optimisation.scale import Rounds, Scale
@@ -292,7 +292,7 @@ def reconstruct(
         start = start + np.uint32(inputs.margin)
     solvers = _solvers(inputs, scales, params, target_jacobian)
     first_random, *randoms = rng.spawn(len(scales) + 1)
-    method: Method[Match, Scale] = _Reconstruction(solvers, scales, start, first_random)
+    method: ScaleMethod[Match, Scale] = _Reconstruction(solvers, scales, start, first_random)
     match, done = coarse_to_fine(method, scales, randoms, params.tolerance, checkpoints)
     picture, source = solvers[-1].picture(match, scales[-1])
     source = ((source.astype(np.int64) - inputs.margin) % shape).astype(np.uint32)

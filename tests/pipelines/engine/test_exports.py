@@ -19,6 +19,7 @@ import pytest
 from tests.pipelines.flows import Events, files, open_run, paint, run_local, write_set
 from texloom.pipelines.engine import exports
 from texloom.pipelines.engine.code_digest import imports
+from texloom.pipelines.engine.preflight import Preflight
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.loader import load_flow
@@ -387,7 +388,7 @@ exports:
 
 def run_material(folder: Path, force: bool = False, **delivery: str) -> Events:
     opened = Run(load_flow(folder / "flow.yaml", Overrides(delivery=delivery)), Store(folder / "artifacts"))
-    opened.check(folder / "made", force)
+    Preflight(opened).check(folder / "made", force)
     return run_local(opened, folder / "made")
 
 

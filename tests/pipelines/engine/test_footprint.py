@@ -8,8 +8,9 @@ import PIL.Image
 import pytest
 
 from texloom.pipelines import memory
-from texloom.pipelines.engine import footprint, run
+from texloom.pipelines.engine import footprint, preflight
 from texloom.pipelines.engine.opening import open_run
+from texloom.pipelines.engine.preflight import Preflight
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store
@@ -61,7 +62,7 @@ def test_a_large_exemplar_takes_memory_whatever_the_result(
     assert not taken.problem
     monkeypatch.setattr(footprint, "machine_memory", lambda: 10**9)
     with pytest.raises(InputError, match=r"steps\.\w+: takes .* of memory or more for pictures of this size"):
-        opened(flow, 256, tmp_path / "store", large).check(tmp_path / "out")
+        Preflight(opened(flow, 256, tmp_path / "store", large)).check(tmp_path / "out")
 
 
 def test_the_peak_of_quilting_is_near_its_estimate(tmp_path: Path) -> None:
@@ -76,12 +77,12 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = tmp_path / "store"
-    monkeypatch.setattr(run, "free_space", lambda _: 10**10)
+    monkeypatch.setattr(preflight, "free_space", lambda _: 10**10)
     with pytest.raises(InputError, match=r"--store .*: a result of this size takes up to 34.6 GB of disk"):
-        opened("self_tuning", 16384, store).check(tmp_path / "out")
+        Preflight(opened("self_tuning", 16384, store)).check(tmp_path / "out")
     monkeypatch.setattr(footprint, "machine_memory", lambda: 8 * 10**9)
     with pytest.raises(InputError, match=r"steps\.texture: takes 12\.1 GB of memory or more"):
-        opened("quilting", 16384, store).check(tmp_path / "out")
+        Preflight(opened("quilting", 16384, store)).check(tmp_path / "out")
     assert not store.exists()
 
 

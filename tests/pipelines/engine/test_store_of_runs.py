@@ -30,6 +30,7 @@ from tests.pipelines.flows import (
     write_flow,
     write_set,
 )
+from texloom.pipelines.engine.preflight import Preflight
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.store import housekeeping, run_log
 from texloom.pipelines.store.atomic import file_digest
@@ -45,7 +46,7 @@ def flow(tmp_path: Path) -> Path:
 def run(flow: Path, out: str = "out", **params: str) -> dict[str, str]:
     """Step to its state."""
     opened = open_run(flow, **params)
-    opened.check(flow.parent / out)
+    Preflight(opened).check(flow.parent / out)
     return run_local(opened, flow.parent / out).states
 
 
@@ -186,7 +187,7 @@ def test_a_run_that_is_cached_needs_no_writable_store(flow: Path, read_only: Cal
         run(flow, "new", edges__finest="3")
     opened = open_run(flow)
     with pytest.raises(InputError, match=r"--out .* cannot be written"):
-        opened.check(opened.new_out())
+        Preflight(opened).check(opened.new_out())
     assert files(flow.parent / "artifacts") == before
     assert [problem for _, problem in housekeeping.verify(store_of(flow))] == [None] * 5
 
