@@ -13,7 +13,7 @@ from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_pro
 from texloom.stages.synthesis.optimisation.lattice_phase import steps_along
 from texloom.stages.vocabulary.arrays import Image, Vectors
 from texloom.stages.vocabulary.declare import Params, stage
-from texloom.stages.vocabulary.facts import TORUS, Wraps
+from texloom.stages.vocabulary.facts import TORUS
 from texloom.stages.vocabulary.normals import turned
 from texloom.stages.vocabulary.sizes import format_size
 from texloom.stages.vocabulary.tileable import Tileable
@@ -83,10 +83,15 @@ def whole_periods(image: Image, generators: Vectors, params: WholePeriodsParams)
         _whole(steps[axis], side, params.most) if wanted else side
         for axis, (side, wanted) in enumerate(zip(sides, params.tileable, strict=True))
     ]
-    if any(part is None or part < (1 - _FEW) * side for part, side in zip(parts, sides, strict=True)):
-        vectors = _near_sides(steps, sides, params.tileable, params.scaled)
-        left = 0 if None in parts else math.prod(part or 0 for part in parts)
-        if vectors is not None and determinant(vectors) > _WORTH * left:
+    known = [part or 0 for part in parts]
+    fits = None not in parts and not any(
+        wanted and abs(off - np.rint(off)) > _FITS
+        for wanted, off in zip(params.tileable, steps[:, 0] * known, strict=True)
+        if len(generators) == 1  # courses that lean have too few periods along them to be cut by
+    )
+    if not fits or any(part < (1 - _FEW) * side for part, side in zip(known, sides, strict=True)):
+        vectors = _near_sides(steps, sides, params)
+        if vectors is not None and determinant(vectors) > _WORTH * fits * math.prod(known):
             return _scaled(image, generators, vectors)
     if None in parts:
         axis = parts.index(None)
@@ -97,12 +102,12 @@ def whole_periods(image: Image, generators: Vectors, params: WholePeriodsParams)
             _AXES[axis],
         )
         return none
-    cut = [part or 0 for part in parts]
-    if tuple(cut) == sides:
+    height, width = known
+    if (height, width) == sides:
         return WholePeriods(image, generators)
-    _LOG.warning("%s; --set keep_size=true keeps all of it", _told_of((cut[0], cut[1]), sides))
-    top, left = ((side - part) // 2 for side, part in zip(sides, cut, strict=True))
-    return WholePeriods(image.cropped(slice(top, top + cut[0]), slice(left, left + cut[1])), generators)
+    _LOG.warning("%s; --set keep_size=true keeps all of it", _told_of((height, width), sides))
+    top, left = ((side - part) // 2 for side, part in zip(sides, known, strict=True))
+    return WholePeriods(image.cropped(slice(top, top + height), slice(left, left + width)), generators)
 
 
 def _told_of(part: tuple[int, int], sides: tuple[int, int]) -> str:
@@ -115,23 +120,24 @@ def _told_of(part: tuple[int, int], sides: tuple[int, int]) -> str:
 
 
 def _near_sides(
-    steps: np.ndarray, sides: tuple[int, int], wanted: Wraps, most: float
+    steps: np.ndarray, sides: tuple[int, int], params: WholePeriodsParams
 ) -> Float64[np.ndarray, "2 2"] | None:
     """Steps of the lattice that are nearest to the sides of a picture, down and across, within it; or none.
 
     Parameters
     ----------
     steps : of the lattice along its generators, for a px of each side.
-    most : largest lean, and share that is cut off at once with it.
     """
+    wanted = params.tileable
     found = []
     for axis, side in enumerate(sides):
         vectors = np.zeros((1, 2))
         vectors[0, axis] = side
         if wanted[axis]:
             vectors = _steps_near(steps, axis, sides, vectors)
+            vectors = vectors[vectors[:, axis] >= (1 - params.most) * side]
         lean = np.abs(vectors[:, 1 - axis]) / vectors[:, axis]
-        found.append(vectors[lean <= most])
+        found.append(vectors[lean <= params.scaled])
     pairs = [np.stack(pair) for pair in itertools.product(*found)]
     for pair in pairs:
         for axis in (0, 1):
@@ -158,7 +164,7 @@ def _steps_near(
     reach = [int(np.ceil((np.abs(steps[:, one]) * sides).sum())) for one in (0, 1)]
     counts = np.stack(np.meshgrid(*(np.arange(-one, one + 1.0) for one in reach), indexing="ij"), axis=2)
     vectors: np.ndarray = matrix_product(counts.reshape(-1, 2), inverse_of(steps))
-    return vectors[(vectors[:, axis] >= (1 - 2 * _FEW) * side) & (vectors[:, axis] <= side)]
+    return vectors[(vectors[:, axis] > 0) & (vectors[:, axis] <= side)]
 
 
 def _scaled(image: Image, generators: Vectors, vectors: Float64[np.ndarray, "2 2"]) -> WholePeriods:

@@ -89,7 +89,7 @@ def test_courses_that_lean_are_resampled() -> None:
     rows, columns = np.indices((200, 240))
     image = picture(0.5 + 0.4 * np.sin(2 * np.pi * (rows + 0.03 * columns) / 23.7))
     generator = np.array([[1.0, 0.03]]) * 23.7 / (1 + 0.03**2)
-    made = run(image, generator.tolist(), most=0.02).image
+    made = run(image, generator.tolist()).image
     for axis in (0, 1):
         step = np.abs(np.take(made.pixels, 0, axis) - np.take(made.pixels, -1, axis)).mean()
         assert step < 1.5 * np.abs(np.diff(made.pixels, axis=0)).mean()
