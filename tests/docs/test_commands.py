@@ -20,6 +20,7 @@ from tests.docs.pages import PAGES, blocks, commands, label, shell_lines
 from tests.docs.run_commands import PROGRAMS, SHELLS, session
 from texloom.pipelines.cli import main as cli
 from texloom.pipelines.engine import preflight, scheduler
+from texloom.pipelines.media import voted_results
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio import launch
 
@@ -57,6 +58,7 @@ def test_printed_commands_are_accepted(
     monkeypatch.setattr(scheduler, "execute", planned)
     monkeypatch.setattr(preflight, "free_space", lambda _: 10**12)
     monkeypatch.setattr(launch, "launch", lambda *_, **__: None)
+    monkeypatch.setattr(voted_results, "find", lambda *_: ("", "0" * 64))
     for arguments in read_by(SHELLS[shell], commands(page), folder):
         local = [argument.replace("/data/", f"{folder}/data/") for argument in arguments]
         make_files(local, folder)

@@ -1,15 +1,20 @@
 """The part of a picture that shows whole periods of its lattice, so that it can be made tileable."""
 
 import dataclasses
+import itertools
 import logging
+import math
 
 import numpy as np
+from jaxtyping import Float64
 from pydantic import Field
 
+from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
 from texloom.stages.synthesis.optimisation.lattice_phase import steps_along
 from texloom.stages.vocabulary.arrays import Image, Vectors
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.facts import TORUS
+from texloom.stages.vocabulary.normals import turned
 from texloom.stages.vocabulary.sizes import format_size
 from texloom.stages.vocabulary.tileable import Tileable
 
@@ -18,6 +23,8 @@ _LOG = logging.getLogger(__name__)
 _AXES = ("down", "across")
 _FITS = 0.08  # periods by which a part may miss whole ones, where the lattice leans or is not quite even
 _FITS_AS_IT_IS = 0.03  # the same of a side that is not cut
+_FEW = 0.05  # share of a side that may be cut off without looking for another way
+_WORTH = 1.02  # times the area that cutting leaves, that resampling has to leave
 _MIN_PERIODS = 2.0  # that a side has to show; of fewer nobody knows whether they return
 
 
@@ -28,6 +35,9 @@ class WholePeriodsParams(Params):
     """the picture stays as it is, whatever its periods"""
     most: float = Field(0.2, ge=0, le=0.5)
     """largest share of a side that is cut off"""
+    scaled: float = Field(0.04, ge=0, le=0.2)
+    """largest lean of the lattice, as a share, that is removed by resampling where cutting alone would take more
+    than a twentieth of a side; 0 never resamples"""
     tileable: Tileable = TORUS
     """the sides that are to have whole periods: x the width, y the height, both"""
 
@@ -37,7 +47,7 @@ class WholePeriods:
     """The part."""
 
     image: Image
-    """the middle of the picture, bit-identical"""
+    """the middle of the picture, bit-identical unless it is scaled"""
     generators: Vectors
     """the lattice where the part has whole periods, else no rows"""
 
@@ -49,6 +59,10 @@ def whole_periods(image: Image, generators: Vectors, params: WholePeriodsParams)
     A length fits if it is nearly a step of the lattice along its axis: then opposite borders show the same part of
     a cell. The longest one is taken, and the middle of the picture cut out. Straight lines at uneven distances have
     no period.
+
+    Where that would take more than a twentieth of a side, as where the lattice leans, the parallelogram of steps of
+    the lattice that is nearest to the picture is resampled to a rectangle, if that changes scale and direction by
+    a few per cent only; normals turn with it.
 
     Parameters
     ----------
@@ -65,31 +79,115 @@ def whole_periods(image: Image, generators: Vectors, params: WholePeriodsParams)
     if params.keep_size or not len(generators) or _are_lines(generators, sides):
         return none
     steps = steps_along(generators.astype(np.float64))
-    cut = list(sides)
-    for axis, wanted in enumerate(params.tileable):
-        if wanted:
-            part = _whole(steps[axis], sides[axis], params.most)
-            if part is None:
-                _LOG.warning(
-                    "the pattern has a period, but no %d px of the picture are whole periods %s, and it stays as "
-                    "it is: the new band bridges the difference. --set fitted.most=.3 may cut off more",
-                    round((1 - params.most) * sides[axis]),
-                    _AXES[axis],
-                )
-                return none
-            cut[axis] = part
-    if tuple(cut) == sides:
-        return WholePeriods(image, generators)
-    _LOG.warning(
-        "the pattern has a period, and the picture was cut to whole ones: %s of %s, %.1f %% of its width and "
-        "%.1f %% of its height less; --set keep_size=true keeps all of it",
-        format_size((cut[0], cut[1])),
-        format_size(image),
-        100 * (1 - cut[1] / sides[1]),
-        100 * (1 - cut[0] / sides[0]),
+    parts = [
+        _whole(steps[axis], side, params.most) if wanted else side
+        for axis, (side, wanted) in enumerate(zip(sides, params.tileable, strict=True))
+    ]
+    known = [part or 0 for part in parts]
+    fits = None not in parts and not any(
+        wanted and abs(off - np.rint(off)) > _FITS
+        for wanted, off in zip(params.tileable, steps[:, 0] * known, strict=True)
+        if len(generators) == 1  # courses that lean have too few periods along them to be cut by
     )
-    top, left = ((side - part) // 2 for side, part in zip(sides, cut, strict=True))
-    return WholePeriods(image.cropped(slice(top, top + cut[0]), slice(left, left + cut[1])), generators)
+    if not fits or any(part < (1 - _FEW) * side for part, side in zip(known, sides, strict=True)):
+        vectors = _near_sides(steps, sides, params)
+        if vectors is not None and determinant(vectors) > _WORTH * fits * math.prod(known):
+            return _scaled(image, generators, vectors)
+    if None in parts:
+        axis = parts.index(None)
+        _LOG.warning(
+            "the pattern has a period, but no %d px of the picture are whole periods %s, and it stays as "
+            "it is: the new band bridges the difference. --set fitted.most=.3 may cut off more",
+            round((1 - params.most) * sides[axis]),
+            _AXES[axis],
+        )
+        return none
+    height, width = known
+    if (height, width) == sides:
+        return WholePeriods(image, generators)
+    _LOG.warning("%s; --set keep_size=true keeps all of it", _told_of((height, width), sides))
+    top, left = ((side - part) // 2 for side, part in zip(sides, known, strict=True))
+    return WholePeriods(image.cropped(slice(top, top + height), slice(left, left + width)), generators)
+
+
+def _told_of(part: tuple[int, int], sides: tuple[int, int]) -> str:
+    """What was cut off."""
+    return (
+        f"the pattern has a period, and the picture was cut to whole ones: {format_size(part)} of "
+        f"{format_size(sides)}, {100 * (1 - part[1] / sides[1]):.1f} % of its width and "
+        f"{100 * (1 - part[0] / sides[0]):.1f} % of its height less"
+    )
+
+
+def _near_sides(
+    steps: np.ndarray, sides: tuple[int, int], params: WholePeriodsParams
+) -> Float64[np.ndarray, "2 2"] | None:
+    """Steps of the lattice that are nearest to the sides of a picture, down and across, within it; or none.
+
+    Parameters
+    ----------
+    steps : of the lattice along its generators, for a px of each side.
+    """
+    wanted = params.tileable
+    found = []
+    for axis, side in enumerate(sides):
+        vectors = np.zeros((1, 2))
+        vectors[0, axis] = side
+        if wanted[axis]:
+            vectors = _steps_near(steps, axis, sides, vectors)
+            vectors = vectors[vectors[:, axis] >= (1 - params.most) * side]
+        lean = np.abs(vectors[:, 1 - axis]) / vectors[:, axis]
+        found.append(vectors[lean <= params.scaled])
+    pairs = [np.stack(pair) for pair in itertools.product(*found)]
+    for pair in pairs:
+        for axis in (0, 1):
+            if not wanted[axis]:  # it makes room for the lean of the other one
+                pair[axis, axis] -= abs(pair[1 - axis, axis])
+    inside = [pair for pair in pairs if (np.abs(pair).sum(axis=0) <= np.array(sides) + 1e-6).all()]
+    return max(inside, key=lambda pair: float(determinant(pair)), default=None)
+
+
+def _steps_near(
+    steps: np.ndarray, axis: int, sides: tuple[int, int], whole: Float64[np.ndarray, "1 2"]
+) -> Float64[np.ndarray, "n 2"]:
+    """Steps of the lattice that are nearly a side of a picture; ``whole``: that side."""
+    side, other = sides[axis], 1 - axis
+    if steps.shape[1] == 1:
+        step = abs(steps[axis, 0])
+        if step * side >= _MIN_PERIODS:
+            periods = np.floor(step * side) - np.arange(2.0)
+            return np.eye(2)[axis] * periods[periods >= 1, None] / step
+        drift = steps[axis, 0] * side  # along courses, which must not have it
+        return whole + np.eye(2)[other] * (np.rint(drift) - drift) / steps[other, 0]
+    if np.abs(steps[axis]).max() * side < _MIN_PERIODS:
+        return whole
+    reach = [int(np.ceil((np.abs(steps[:, one]) * sides).sum())) for one in (0, 1)]
+    counts = np.stack(np.meshgrid(*(np.arange(-one, one + 1.0) for one in reach), indexing="ij"), axis=2)
+    vectors: np.ndarray = matrix_product(counts.reshape(-1, 2), inverse_of(steps))
+    return vectors[(vectors[:, axis] > 0) & (vectors[:, axis] <= side)]
+
+
+def _scaled(image: Image, generators: Vectors, vectors: Float64[np.ndarray, "2 2"]) -> WholePeriods:
+    """The parallelogram of two steps of the lattice in the middle of a picture, as a rectangle."""
+    from texloom.stages.kernels.core.resample import sampled
+
+    sides = (image.height, image.width)
+    height, width = round(vectors[0, 0]), round(vectors[1, 1])
+    axes = vectors / np.array([[height], [width]])  # px of the picture for one of the rectangle, down and across
+    first = (np.array(sides) - np.abs(vectors).sum(axis=0)) / 2 - np.minimum(vectors, 0).sum(axis=0)
+    rows, columns = np.arange(height)[:, None, None], np.arange(width)[None, :, None]
+    pixels = sampled(image.pixels, first + rows * axes[0] + columns * axes[1])
+    back = inverse_of(axes)
+    jacobian = np.broadcast_to(back.T.ravel().astype(np.float32), (height, width, 4))
+    lean = max(abs(vectors[0, 1]) / vectors[0, 0], abs(vectors[1, 0]) / vectors[1, 1])
+    _LOG.warning(
+        "%s; it was resampled, as its lattice leans by %.1f %%; --set fitted.scaled=0 only cuts, --set "
+        "keep_size=true keeps all of it",
+        _told_of((height, width), sides),
+        100 * lean,
+    )
+    made = image.elsewhere(turned(pixels, image.channels, jacobian))
+    return WholePeriods(made, matrix_product(generators, back).astype(np.float32))
 
 
 def _are_lines(generators: Vectors, sides: tuple[int, int]) -> bool:

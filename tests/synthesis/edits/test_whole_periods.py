@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.synthetic import blobs, tiled
+from tests.synthetic import blobs, picture, tiled
 from tests.wraps import X
 from texloom.stages.synthesis.edits.whole_periods import WholePeriods, WholePeriodsParams, whole_periods
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.normals import NORMAL
 
 RUNNING = [[16, 20], [16, -20]]
 """bricks of 40 x 16 px, each course displaced by half a brick"""
@@ -60,6 +61,47 @@ def test_a_part_that_is_nearly_whole_is_not_enough(rng: np.random.Generator) -> 
 def test_courses_have_a_period_across_them_alone(wall: Image) -> None:
     cut = run(wall, [[16.0, 0.0]]).image
     assert (cut.height, cut.width) == (176, 213)
+
+
+def test_a_lattice_that_leans_is_resampled(rng: np.random.Generator, caplog: pytest.LogCaptureFixture) -> None:
+    generators = np.array([[40.0, 0.8], [-0.9, 36.0]])
+    cell = blobs((64, 64), rng, 6.0)
+    rows, columns = np.indices((340, 340))
+    cells = np.stack([rows, columns], axis=2) @ np.linalg.inv(generators)
+    place = np.floor(cells * 64).astype(int) % 64
+    image = picture(cell[place[..., 0], place[..., 1]])
+    made = run(image, generators.tolist())
+    assert (made.image.height, made.image.width) == (320, 324)
+    ends = [
+        np.abs(np.take(made.image.pixels, 0, axis) - np.take(made.image.pixels, -1, axis)).mean() for axis in (0, 1)
+    ]
+    inner = [np.abs(np.diff(made.image.pixels, axis=axis)).mean() for axis in (0, 1)]
+    assert max(np.divide(ends, inner)) < 1.6
+    np.testing.assert_allclose(made.generators, [[40, 0], [0, 36]], atol=0.05)
+    assert "it was resampled, as its lattice leans by 2" in caplog.text
+    cut = run(image, generators.tolist(), scaled=0)
+    assert cut.image is image or cut.image.height * cut.image.width < 320 * 324
+    across = run(image, generators.tolist(), tileable=X)
+    assert across.image.width == 324
+
+
+def test_courses_that_lean_are_resampled() -> None:
+    rows, columns = np.indices((200, 240))
+    image = picture(0.5 + 0.4 * np.sin(2 * np.pi * (rows + 0.03 * columns) / 23.7))
+    generator = np.array([[1.0, 0.03]]) * 23.7 / (1 + 0.03**2)
+    made = run(image, generator.tolist()).image
+    for axis in (0, 1):
+        step = np.abs(np.take(made.pixels, 0, axis) - np.take(made.pixels, -1, axis)).mean()
+        assert step < 1.5 * np.abs(np.diff(made.pixels, axis=0)).mean()
+
+
+def test_normals_turn_with_the_lattice() -> None:
+    flat = np.tile(np.array([0.5, 0.5, 0.5, 0.6, 0, 0.8], np.float32), (330, 330, 1))
+    image = Image(flat, ("R", "G", "B", *NORMAL))
+    generators = [[40.0, 0.8], [-0.8, 40.0]]
+    turned = run(image, generators).image.pixels[0, 0, 3:]
+    angle = np.arctan2(turned[1], turned[0])
+    np.testing.assert_allclose(np.abs(angle), np.arctan(0.02), atol=1e-3)
 
 
 def test_too_much_is_not_cut_off(wall: Image, caplog: pytest.LogCaptureFixture) -> None:
