@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from pydantic import Field
 
+from texloom.stages.analysis.exemplars.picture_flaws import flaws_of
 from texloom.stages.common.features.slow_tone import BLACK, ToneField, relative_tone, with_tone
 from texloom.stages.common.grids.size_checks import check_side
 from texloom.stages.numerics.matrices import solve
@@ -52,7 +53,8 @@ class ToneParams(Params):
     min_drift: float = Field(4.0, ge=0, le=100)
     """minimum range of the drift that `auto` evens, CIELAB units"""
     warn: bool = True
-    """warn that the exemplar was evened; false where the even image serves only to find contours"""
+    """warn that the exemplar was evened, was enlarged, or shows strong compression; false where the even image
+    serves only to find contours"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,6 +115,8 @@ def tone(image: Image, params: ToneParams) -> Tone:
     materials, or a glare that hides its detail; but not if its lightness drifts more, and both as smoothly as light
     falls off. Maps other than colour do not change. Exemplars below 64 px a side are changed by `always` only.
 
+    Of an exemplar that was enlarged or strongly compressed it warns, see `flaws_of`.
+
     Parameters
     ----------
     image : the exemplar; its masked pixels have no influence.
@@ -126,6 +130,9 @@ def tone(image: Image, params: ToneParams) -> Tone:
     ----------
     Ours. [HollandWelsch1977]_ for the robust fit, with Cauchy's weights; [Otsu1979]_ for the threshold.
     """
+    if params.warn:
+        for flaw in flaws_of(image):
+            _LOG.warning("%s", flaw)
     unchanged = Tone(image, np.zeros((_SAMPLES, _SAMPLES, 3), np.float32), 0.0, 0.0)
     if params.even == "never" or (params.even == "auto" and min(image.height, image.width) < _MIN_SIDE):
         return unchanged

@@ -6,6 +6,7 @@ import numpy as np
 
 from texloom.stages.vocabulary.arrays import Mask, ScalarMap
 from texloom.stages.vocabulary.declare import stage
+from texloom.stages.vocabulary.scratch import bands
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,7 +39,9 @@ def signed_distance(structure: Mask) -> SignedDistance:
         for sign, zeros in ((1, 1 - inside), (-1, inside)):
             distance = cv2.distanceTransform(zeros, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
             # OpenCV's last bit depends on the array's alignment; squared distances are integers.
-            pixels += sign * np.sqrt(np.rint(np.square(distance, dtype=np.float64))).astype(np.float32)
+            for band in bands(len(distance)):
+                exact = np.sqrt(np.rint(np.square(distance[band], dtype=np.float64)))
+                pixels[band] += sign * exact.astype(np.float32)
     span = float(np.ptp(pixels))
     field = (pixels - pixels.min()) * np.float32(100 / span) if span else np.zeros_like(pixels)
-    return SignedDistance(np.clip(field, 0, 100).astype(np.float32), pixels)
+    return SignedDistance(np.clip(field, 0, 100, out=field), pixels)

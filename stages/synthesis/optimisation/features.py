@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float32, Int16
 
 from texloom.stages.common.features.maps import map_features
 from texloom.stages.common.grids.pyramid import MAX_ROW_VALUES
-from texloom.stages.common.grids.working_size import Halvings
+from texloom.stages.common.grids.working_size import Halvings, reduction
 from texloom.stages.common.similarity.neighbourhoods import UNIT, fixed_point
 from texloom.stages.synthesis.optimisation.guides import Guides
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
@@ -61,7 +61,8 @@ class PatchFeatures:
     ):
         self.planes, image, usable = exemplar.lab, exemplar.image, exemplar.valid
         colors = self.planes.reshape(-1, 3) if usable is None else self.planes[usable]
-        spread = float(np.sqrt(colors.var(axis=0, dtype=np.float64).sum()))
+        sampled = colors[:: reduction(*self.planes.shape[:2]) ** 2]  # double precision takes twice the memory
+        spread = float(np.sqrt(sampled.var(axis=0, dtype=np.float64).sum()))
         if _is_grey(self.planes) and (given is None or _is_grey(lab_from_linear(given.color))):
             self.planes = self.planes[..., :1]
         self.colors = self.planes.shape[2]
@@ -157,7 +158,7 @@ class PatchFeatures:
 
 def _is_grey(lab: Float32[np.ndarray, "h w 3"]) -> bool:
     """Whether a and b are 0 in fixed point."""
-    return bool(np.abs(lab[..., 1:]).max() * UNIT < 0.5)
+    return bool(max(lab[..., 1:].max(), -lab[..., 1:].min()) * UNIT < 0.5)
 
 
 def _maps_of_both(
