@@ -134,7 +134,7 @@ def _listed(document: Document) -> list[list[float]]:
         fits = isinstance(one, list) and len(one) == 3 and all(type(value) in is_number for value in one)
         if not fits or not np.isfinite(one).all() or one[2] <= 0:
             raise InputError(f"{document.file}: lights: {number} must be [x, y, z] with z above 0, got {one!r:.60}")
-    return listed
+    return [[float(value) for value in one] for one in listed]
 
 
 def _unit(vectors: np.ndarray) -> Float32[np.ndarray, "n 3"]:
