@@ -1335,7 +1335,7 @@ def test_flows(empty: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shown = {name for name, entry in flow_catalogue().items() if entry.listed}
     assert set(re.findall(r"^  (\w+)  ", listed.out, re.MULTILINE)) == shown
     assert {"self_tuning", "quilting", "materials", "fill", "on_mesh"} <= shown
-    assert len(shown) <= 20
+    assert len(shown) <= 32
     assert max(map(len, listed.out.splitlines())) <= 80
     assert list(GROUPS.values())[:-1] == [line for line in listed.out.splitlines() if line in GROUPS.values()]
     studies = set(re.findall(r"^  (\w+)  ", texloom("flows", "--studies").out, re.MULTILINE))
