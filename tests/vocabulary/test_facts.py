@@ -18,6 +18,7 @@ from texloom.stages.lookup.registry import find_stage, shipped_stages
 from texloom.stages.vocabulary import facts as vocabulary
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.facts import TORUS, UNKNOWN, Facts, MapFacts, Wraps
+from texloom.stages.vocabulary.normals import NORMAL
 
 SETS = {
     "synthesis.adaptive", "synthesis.bidirectional", "synthesis.collage", "synthesis.compact",
@@ -29,6 +30,8 @@ SETS = {
 ALWAYS = {"synthesis.epitome", "synthesis.wang_tiles"}
 """stages whose result is a torus"""
 KEEPS = {
+    "analysis.ao_from_height", "analysis.height_from_colour", "analysis.height_from_normal",
+    "analysis.normal_from_height", "analysis.roughness_from_colour",
     "analysis.exclusion_mask", "evaluation.choice", "evaluation.external_result", "synthesis.gradient_domain",
     "synthesis.inpaint", "synthesis.propagate_edit", "synthesis.refine", "synthesis.restore_tone",
     "synthesis.revise",
@@ -37,6 +40,7 @@ KEEPS = {
 DROPS = {
     # parts of pictures, pictures that are laid otherwise, pictures of measurements
     "analysis.crop", "analysis.straighten", "analysis.unroll", "analysis.unroll_hole", "analysis.patch_atlas",
+    "analysis.lens_distortion", "analysis.photometric_stereo",
     "analysis.tone",  # unless it changes nothing: drift ends differently on opposite sides
     "analysis.control_direction", "analysis.deformed_lattice", "analysis.dog_mask", "analysis.feature_distance",
     "analysis.gaussian_stack", "analysis.jacobian_field", "analysis.orientation_field", "analysis.plane_proposal",
@@ -69,8 +73,16 @@ def edited(stage: str, image: Image) -> Image:
     hole = np.zeros((image.height, image.width), bool)
     hole[20:30, 20:30] = True
     own, random = identity((image.height, image.width)), np.random.default_rng(3)
+    relief = Image(np.dstack([image.pixels, image.pixels[..., 0]]), (*image.channels, "height"), image.facts)
+    normal = np.zeros((*hole.shape, 3), np.float32) + np.float32([0, 0, 1])
+    level = Image(np.dstack([image.pixels, normal]), (*image.channels, *NORMAL), image.facts)
     known = {"summary": {"fidelity": 1.0, "structure": 1.0}}
     calls: dict[str, dict[str, Any]] = {
+        "analysis.ao_from_height": {"image": relief},
+        "analysis.height_from_colour": {"image": image},
+        "analysis.height_from_normal": {"image": level},
+        "analysis.normal_from_height": {"image": relief},
+        "analysis.roughness_from_colour": {"image": image},
         "analysis.exclusion_mask": {"image": image, "mask": picture(hole.astype(np.float32))},
         "evaluation.choice": {"first": image, "second": image, "first_scores": known, "second_scores": known},
         "evaluation.external_result": {"image": image},
@@ -88,8 +100,8 @@ def edited(stage: str, image: Image) -> Image:
         "synthesis.gradient_domain": {"maps": ["albedo"]},
     }
     declared = find_stage(stage)
-    params = declared.params(**options.get(stage, {}))
-    made: Image = declared.function(**calls[stage], params=params).image
+    params = {"params": declared.params(**options.get(stage, {}))} if declared.params.model_fields else {}
+    made: Image = declared.function(**calls[stage], **params).image
     return made
 
 

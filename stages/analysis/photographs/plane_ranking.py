@@ -11,7 +11,6 @@ from texloom.stages.analysis.photographs.line_segments import Segments
 from texloom.stages.analysis.photographs.plane_candidates import Cells, PlaneCandidate
 from texloom.stages.analysis.regularity.lattice import detail, gradient_magnitude, self_correlation
 from texloom.stages.kernels.core.elementary_functions import arctan2, cbrt, exp, log
-from texloom.stages.kernels.core.resample import sampled
 from texloom.stages.numerics.filters import gradients
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
@@ -93,6 +92,8 @@ def ranked(image: Image, candidates: list[PlaneCandidate], segments: Segments, c
 
 
 def _measured(image: Image, candidate: PlaneCandidate, segments: Segments, cells: Cells) -> RankedPlane | None:
+    from texloom.stages.kernels.core.resample import sampled
+
     corners = cells.pixels(candidate.corners)
     shape = (image.height, image.width)
     try:

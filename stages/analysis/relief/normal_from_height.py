@@ -39,6 +39,10 @@ def normal_from_height(image: Image, params: NormalFromHeightParams) -> NormalFr
     ------
     InputError
         there is no map ``height``, or all pixels are excluded.
+
+    References
+    ----------
+    Ours.
     """
     if has_map(image, "normal"):
         return NormalFromHeight(image)

@@ -49,6 +49,10 @@ def roughness_from_colour(image: Image, params: RoughnessFromColourParams) -> Ro
     ------
     InputError
         all pixels are excluded.
+
+    References
+    ----------
+    Ours.
     """
     if has_map(image, "roughness"):
         return RoughnessFromColour(image)
