@@ -62,7 +62,7 @@ class Exporter:
                 mesh="" if surface is None else self._origin(surface, scope),
             )
             place = str(export.path)
-            known = self.history.exports.get(place) if self.run.is_large else None
+            known = self.history.exports.get(place) if self.run.has_many_items else None
             state = export.current(self.run.store, known)
             if state is None:
                 state = self._write(export, reference, surface, scope, inputs)

@@ -122,7 +122,7 @@ class Preflight:
     @cached_property
     def _known_states(self) -> Mapping[str, Any]:
         """Path to the state of an export of a large set, as the last run left it."""
-        return self.run.history().exports if self.run.is_large else {}
+        return self.run.history().exports if self.run.has_many_items else {}
 
     def check_file(self, option: str, path: Path) -> None:
         """`InputError` where the file ``path`` cannot be written or would replace what the run reads."""

@@ -106,7 +106,7 @@ class Run:
         return [*self.notes_before, *(note for scope in self.known_scopes for note in scope.notes)]
 
     @property
-    def is_large(self) -> bool:
+    def has_many_items(self) -> bool:
         """Whether it has so many items that what the last run left is not opened again."""
         return self._known_files is not None
 
@@ -237,7 +237,7 @@ class Run:
             for name in ("history", "log"):
                 with contextlib.suppress(OSError), self.store.inside(name) as folder:
                     folder.remove_abandoned()  # left by a run that was killed here, after all else
-            history.save(exports if self.is_large else None)
+            history.save(exports if self.has_many_items else None)
             sources = self.source_references()
             run_log.write(self.store.root, LoggedRun(self.flow.name, sources, self.flow.seeds, history.used))
 
@@ -312,7 +312,7 @@ class Run:
 
     def known(self, step: Step, parts: KeyParts, label: str, history: History) -> Artifact | None:
         """The result of a step of a large set, if it is as the last run left it."""
-        if not self.is_large:
+        if not self.has_many_items:
             return None
         artifact = history.find(label, parts.as_dict())
         if artifact is None:
