@@ -52,5 +52,4 @@ class VotedPatches:
     @property
     def margin(self) -> tuple[int, int]:
         """What was voted above and below the result, left and right of it, px."""
-        down, across = (0 if around else self.patch_size - 1 for around in self.wraps)
-        return down, across
+        return self.wraps.where_open(self.patch_size - 1)
