@@ -10,12 +10,10 @@ import numpy as np
 
 from texloom.pipelines.media.delivery import METRES
 from texloom.stages.vocabulary.arrays import Image
-from texloom.stages.vocabulary.facts import MapFacts
+from texloom.stages.vocabulary.facts import DISPLACEMENT, MapFacts
 
 _LOG = logging.getLogger(__name__)
 _HEIGHT = "height"
-DISPLACEMENT = 0.05
-"""height of 1 over 0 where no unit is known, as a share of the texture's width; no map tells it"""
 _ROUNDING = 0.5 / (2**16 - 1)
 _OVERSHOOT = 0.05  # of heights from 0 to 1 that were integrated or filtered
 _NARROW = 1 / 16  # of 0..1: integers of 16 bits would have less than 12

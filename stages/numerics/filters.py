@@ -5,6 +5,7 @@ Those of OpenCV fuse products with sums on some processors.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -52,6 +53,14 @@ def filtered(pixels: np.ndarray, down: np.ndarray, across: np.ndarray, border: B
     given = (flat, down.astype(flat.dtype), across.astype(flat.dtype), rows, np.maximum(values, -1).ravel(), out)
     run_spans(filter_rows, given, height, min(_PIECES, max(1, flat.size >> 12)))
     return out.reshape(pixels.shape)
+
+
+def padded(plane: np.ndarray, margin: int, modes: Iterable[str]) -> np.ndarray:
+    """``plane``, (h, w), with ``margin`` px on each side, by the modes of `numpy.pad` down and across."""
+    for axis, mode in enumerate(modes):
+        beyond = [(margin, margin) if axis == one else (0, 0) for one in (0, 1)]
+        plane = np.pad(plane, beyond, mode)  # type: ignore[call-overload]
+    return plane
 
 
 def _beyond(side: int, length: int, border: Border) -> np.ndarray:

@@ -29,6 +29,9 @@ GREENS = ("up", "down")
 """where green points in normals: up in OpenGL, down in DirectX"""
 UNITS = ("um", "mm", "cm", "m", "in")
 """of lengths"""
+DISPLACEMENT = 0.05
+"""how far a height of 1 lies above one of 0 where no unit is known, as a share of the picture's width: no map tells
+it, so exported documents assume it"""
 
 
 class Wraps(NamedTuple):

@@ -19,10 +19,6 @@ from texloom.stages.vocabulary.masks import fill_excluded
 _LOG = logging.getLogger(__name__)
 
 HEIGHT = "height"
-UNIT_RELIEF = 0.05
-"""how far a height of 1 lies above one of 0 where nobody says it, as a share of the picture's width: what exported
-documents assume"""
-
 Relief = Annotated[
     float,
     Field(

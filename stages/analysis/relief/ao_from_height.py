@@ -6,11 +6,12 @@ import math
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.analysis.relief.added_maps import UNIT_RELIEF, Relief, has_map, heights, with_map
+from texloom.stages.analysis.relief.added_maps import Relief, has_map, heights, with_map
 from texloom.stages.kernels.core.elementary_functions import cos, sin
+from texloom.stages.numerics.filters import padded
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import Params, stage
-from texloom.stages.vocabulary.facts import MapFacts
+from texloom.stages.vocabulary.facts import DISPLACEMENT, MapFacts
 
 _GROWTH = 1.25  # of the distance from one sample to the next
 _PIECES = 64
@@ -19,7 +20,7 @@ _PIECES = 64
 class AoFromHeightParams(Params):
     """How deep the heights are, and how far they are looked at."""
 
-    relief: Relief = UNIT_RELIEF
+    relief: Relief = DISPLACEMENT
     reach: float = Field(0.06, gt=0, le=1)
     """distance up to which heights hide the sky, as a share of the picture's width"""
     directions: int = Field(16, ge=4, le=128)
@@ -65,11 +66,7 @@ def ao_from_height(image: Image, params: AoFromHeightParams) -> AoFromHeight:
         distances.append(float(further))
     height = heights(image, params.relief)
     margin = math.ceil(distances[-1]) + 1
-    wide = height
-    for axis, around in enumerate(image.wraps):  # beyond other borders nothing rises
-        wide = np.pad(
-            wide, [(margin, margin) if one == axis else (0, 0) for one in (0, 1)], "wrap" if around else "edge"
-        )
+    wide = padded(height, margin, image.wraps.modes("edge"))  # nothing rises beyond borders that are open
     places = np.stack([sin(angles), cos(angles)], axis=1)[:, None] * np.array(distances)[:, None]
     out = np.empty_like(height)
     given = (wide, places, np.array(distances), margin, out)

@@ -10,7 +10,6 @@ from pydantic import Field
 
 from texloom.stages.analysis.relief.added_maps import (
     HEIGHT,
-    UNIT_RELIEF,
     from_zero_to_one,
     has_map,
     smoothed,
@@ -21,7 +20,7 @@ from texloom.stages.common.grids.screened_poisson import divided_by_frequency
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params, stage
-from texloom.stages.vocabulary.facts import MapFacts
+from texloom.stages.vocabulary.facts import DISPLACEMENT, MapFacts
 from texloom.stages.vocabulary.masks import fill_excluded, nearest_valid, valid_pixels
 from texloom.stages.vocabulary.sizes import format_size
 
@@ -40,7 +39,7 @@ _STEEPNESS = 1 / 4  # width of a joint's flanks, as a share of the joints' mean 
 class HeightFromColourParams(Params):
     """How deep the surface is, and what colour says of it."""
 
-    relief: float = Field(0.015, gt=0, le=UNIT_RELIEF)
+    relief: float = Field(0.015, gt=0, le=DISPLACEMENT)
     """depth from the lowest to the highest point, as a share of the picture's width"""
     scale: float = Field(0.125, gt=0, le=1)
     """size of the largest forms that are relief, as a share of the shorter side; slower changes of tone are not"""
@@ -121,7 +120,7 @@ def height_from_colour(
         share = np.float32(params.joints)
         height = from_zero_to_one((1 - abs(share)) * height - share * network, valid)
     _report(params, None if joints is None else float(joints.mean()))
-    height = np.float32(0.5) + (height - np.float32(0.5)) * np.float32(params.relief / UNIT_RELIEF)
+    height = np.float32(0.5) + (height - np.float32(0.5)) * np.float32(params.relief / DISPLACEMENT)
     made = with_map(image, HEIGHT, height[..., None], (HEIGHT,), MapFacts())
     return HeightFromColour(made, none if joints is None else joints)
 

@@ -5,11 +5,11 @@ import logging
 
 import numpy as np
 
-from texloom.stages.analysis.relief.added_maps import HEIGHT, UNIT_RELIEF, has_map, with_map
+from texloom.stages.analysis.relief.added_maps import HEIGHT, has_map, with_map
 from texloom.stages.common.grids.screened_poisson import neighbours, screened_poisson
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, stage
-from texloom.stages.vocabulary.facts import MapFacts
+from texloom.stages.vocabulary.facts import DISPLACEMENT, MapFacts
 from texloom.stages.vocabulary.masks import fill_excluded
 from texloom.stages.vocabulary.normals import NORMAL
 
@@ -62,13 +62,13 @@ def height_from_normal(image: Image) -> HeightFromNormal:
             excess[first] += rise
             excess[second] -= rise
     excess -= np.float32(excess.mean(dtype=np.float64))  # rounding, which would lift all
-    height = screened_poisson(excess, _REACH * image.width, image.wraps) / np.float32(UNIT_RELIEF * image.width)
+    height = screened_poisson(excess, _REACH * image.width, image.wraps) / np.float32(DISPLACEMENT * image.width)
     height -= (height.max() + height.min()) / 2
     span = float(np.ptp(height))
     if span > 1:
         _LOG.warning(
             "heights span %.2g of the width; they were scaled to %g, so that normals are %.2g times as steep",
-            span * UNIT_RELIEF, UNIT_RELIEF, span,
+            span * DISPLACEMENT, DISPLACEMENT, span,
         )  # fmt: skip
         height /= np.float32(span)
     height += np.float32(0.5)

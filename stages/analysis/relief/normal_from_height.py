@@ -4,17 +4,17 @@ import dataclasses
 
 import numpy as np
 
-from texloom.stages.analysis.relief.added_maps import UNIT_RELIEF, Relief, has_map, heights, with_map
+from texloom.stages.analysis.relief.added_maps import Relief, has_map, heights, with_map
 from texloom.stages.vocabulary.arrays import Image, ScalarMap
 from texloom.stages.vocabulary.declare import Params, stage
-from texloom.stages.vocabulary.facts import MapFacts, Wraps
+from texloom.stages.vocabulary.facts import DISPLACEMENT, MapFacts, Wraps
 from texloom.stages.vocabulary.normals import NORMAL, unit
 
 
 class NormalFromHeightParams(Params):
     """How deep the heights are."""
 
-    relief: Relief = UNIT_RELIEF
+    relief: Relief = DISPLACEMENT
 
 
 @dataclasses.dataclass(frozen=True)

@@ -6,6 +6,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
+from texloom.stages.numerics.filters import padded
 from texloom.stages.synthesis.stitching.overlap import Errors, OverlapSearch
 from texloom.stages.synthesis.stitching.seams import FILLED, FREE, KEPT, SeamCosts, cheapest_cut
 from texloom.stages.vocabulary.arrays import Mask
@@ -79,11 +80,8 @@ class BlockFilling:
         import cv2
 
         margin = self.block // 2
-        padded = self.filled.astype(np.float32)
-        for axis, around in enumerate(self.wrap):
-            beyond = [(margin, margin) if axis == padded_axis else (0, 0) for padded_axis in (0, 1)]
-            padded = np.pad(padded, beyond, mode="wrap" if around else "constant")
-        sums = cv2.boxFilter(padded, -1, (self.block, self.block), normalize=False, borderType=cv2.BORDER_CONSTANT)
+        wide = padded(self.filled.astype(np.float32), margin, self.wrap.modes("constant"))
+        sums = cv2.boxFilter(wide, -1, (self.block, self.block), normalize=False, borderType=cv2.BORDER_CONSTANT)
         counts = np.rint(sums[margin : margin + self.shape[0], margin : margin + self.shape[1]])
         counts[self.filled] = -1
         middle = np.unravel_index(int(np.argmax(counts)), self.shape)

@@ -13,6 +13,7 @@ from texloom.stages.common.grids.size_checks import check_patch
 from texloom.stages.common.similarity.neighbourhoods import UNIT, fixed_point, places
 from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.kernels.core.threads import run_spans
+from texloom.stages.numerics.filters import padded
 from texloom.stages.numerics.matrices import matrix_product
 from texloom.stages.synthesis.edits.collage_phase import CollagePhase
 from texloom.stages.synthesis.optimisation import correspondence
@@ -251,9 +252,7 @@ def _unlike(difference: Float32[np.ndarray, "p q"], wrap: Wraps) -> Mask:
     ndimage = loaded("scipy.ndimage")
     some = np.ascontiguousarray(difference[::_STEP, ::_STEP])
     size, radius = some.shape, _AROUND // _STEP // 2 + 1
-    for axis, around in enumerate(wrap):  # the filter has one mode for both axes
-        beyond = [(radius, radius) if axis == padded else (0, 0) for padded in (0, 1)]
-        some = np.pad(some, beyond, mode="wrap" if around else "edge")
+    some = padded(some, radius, wrap.modes("edge"))  # the filter has one mode for both axes
     usual = ndimage.percentile_filter(some, 100 * _SHARE, _AROUND // _STEP)
     usual = usual[radius : radius + size[0], radius : radius + size[1]]
     usual = resize(usual[..., None], difference.shape[0], difference.shape[1], bilinear=True)[..., 0]

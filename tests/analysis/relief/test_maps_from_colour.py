@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from tests.synthetic import masked, picture, smooth_noise
-from texloom.stages.analysis.relief.added_maps import UNIT_RELIEF
 from texloom.stages.analysis.relief.ao_from_height import AoFromHeightParams, ao_from_height
 from texloom.stages.analysis.relief.height_from_colour import HeightFromColourParams, height_from_colour
 from texloom.stages.analysis.relief.height_from_normal import height_from_normal
@@ -18,7 +17,7 @@ from texloom.stages.analysis.relief.normal_from_height import NormalFromHeightPa
 from texloom.stages.analysis.relief.roughness_from_colour import RoughnessFromColourParams, roughness_from_colour
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
-from texloom.stages.vocabulary.facts import TORUS
+from texloom.stages.vocabulary.facts import DISPLACEMENT, TORUS
 
 SIDE = 96
 AUTO = HeightFromColourParams()
@@ -66,7 +65,7 @@ def test_heights_under_light_from_all_sides_are_found(rng: np.random.Generator) 
 
 def test_relief_is_the_depth_in_shares_of_the_width(rng: np.random.Generator) -> None:
     height = plane(height_from_colour(picture(relief(rng)), HeightFromColourParams(relief=0.02)).image, "height")
-    assert np.ptp(height) * UNIT_RELIEF == pytest.approx(0.02, rel=1e-4)
+    assert np.ptp(height) * DISPLACEMENT == pytest.approx(0.02, rel=1e-4)
     assert (height.min() + height.max()) / 2 == pytest.approx(0.5, abs=1e-6)
 
 
@@ -171,7 +170,7 @@ def test_normals_are_slopes_of_the_heights(rng: np.random.Generator) -> None:
         return np.asarray(np.roll(values, -1, axis) - np.roll(values, 1, axis)) / 2
 
     np.testing.assert_allclose(slope(y / z, 1), slope(-x / z, 0), atol=1e-4)
-    height = plane(made, "height").astype(float) * UNIT_RELIEF * SIDE
+    height = plane(made, "height").astype(float) * DISPLACEMENT * SIDE
     np.testing.assert_allclose(-x / z, slope(height, 1), atol=1e-4)
 
 
