@@ -213,4 +213,5 @@ def _what(opened: Run) -> dict[str, Any]:
 
 def _step(entry: StepReport | StepPlan) -> dict[str, Any]:
     """A step's line of a report; ``item`` only over a set."""
-    return {name: value for name, value in dataclasses.asdict(entry).items() if name != "item" or value is not None}
+    line = {name: value for name, value in dataclasses.asdict(entry).items() if name != "problem"}
+    return line if entry.item is not None else {name: value for name, value in line.items() if name != "item"}

@@ -49,6 +49,8 @@ class StepProgress:
     step: str
     """its `label`"""
     progress: Progress
+    picture: bytes = b""
+    """PNG of what there is, once for each scale, where the run `shows_scales`"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,6 +64,8 @@ class StepReport:
     seconds: float
     item: str | None = None
     """the item of a set that it ran for"""
+    problem: str | None = None
+    """why it has failed"""
 
     @property
     def label(self) -> str:
@@ -128,6 +132,33 @@ class Recorder:
         failed, left = len(self.problems), count - len(self.ended)
         done = len(self.ended) - failed
         return {"count": count, "done": done, "failed": failed, "left": left, "problems": self.problems}
+
+
+class HeldEvents:
+    """A listener that passes nothing on until a run is accepted, so that of a refused one only the error is told.
+
+    A run is accepted when its first step begins to compute or its first item has ended, and when it ends in any way
+    but by an `InputError`.
+    """
+
+    def __init__(self, listener: Listener):
+        self._listener = listener
+        self._held: list[Event] | None = []
+
+    def __call__(self, event: Event) -> None:
+        """Hold or pass on an event."""
+        if self._held is None:
+            self._listener(event)
+            return
+        self._held.append(event)
+        if isinstance(event, StepStarted | ItemReport):
+            self.release()
+
+    def release(self) -> None:
+        """Pass on what has been held, and all that follows."""
+        held, self._held = self._held or [], None
+        for event in held:
+            self._listener(event)
 
 
 def describe_progress(progress: Progress) -> str:

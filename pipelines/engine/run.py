@@ -96,6 +96,8 @@ class Run:
         self.shared = Scope(flow, store, known=self._known_files)
         self.scopes: dict[str, Scope | None] = {}
         """item to where its steps find what they take; none if its files are refused"""
+        self.shows_scales = False
+        """whether what steps report comes with a picture of each scale"""
         self._fixed: dict[str, tuple[str, Mapping[str, Any]]] = {}
         self._new_out: Path | None = None
         self._made_out: Path | None = None
@@ -349,6 +351,7 @@ class Run:
             gather={name: gathered(reference) for name, reference in step.gather.items()},
             items=[item.described() for item in self.items] if stage.uses_items else None,
             upstream=list(self._upstream(step, scope)) if stage.uses_provenance else None,
+            shows_scales=self.shows_scales,
         )
 
     def given(self, reference: Reference, scope: Scope) -> Given:

@@ -17,11 +17,12 @@ from texloom.pipelines.engine.stage_log import logging_to
 from texloom.pipelines.flow.model import Reference, Step
 from texloom.pipelines.media.sources import Source, SourceValue
 from texloom.pipelines.store.outputs import Outputs
+from texloom.pipelines.store.preview import eight_bits, small_png
 from texloom.pipelines.store.store import BrokenArtifactError, Store
 from texloom.stages.kernels.core.threads import sharing
 from texloom.stages.lookup.registry import find_stage
 from texloom.stages.vocabulary.declare import InputError, Stage
-from texloom.stages.vocabulary.progress import listening
+from texloom.stages.vocabulary.progress import Progress, listening
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,14 +81,8 @@ class TaskSpec:
     """all items, for stages that take them"""
     upstream: list[Upstream] | None
     """for stages that take provenance, in the order of the flow"""
-
-    @property
-    def outputs(self) -> list[Output]:
-        """The outputs of other steps that it takes."""
-        lists: list[GivenList] = [list(self.inputs.values())]
-        for gathered in self.gather.values():
-            lists += [gathered] if isinstance(gathered, list) else list(gathered.values())
-        return [given for listed in lists for given in listed if isinstance(given, Output)]
+    shows_scales: bool = False
+    """whether what it reports comes with a picture of each scale"""
 
     def to_json(self) -> str:
         """All of it as text."""
@@ -149,7 +144,7 @@ def run_task(
     began = time.perf_counter()
     with sharing(threads) if threads is not None else contextlib.nullcontext():
         with (
-            listening(lambda progress: listener(StepProgress(spec.label, progress))),
+            listening(_ProgressReports(spec, listener)),
             logging_to(stage.module, lambda text: listener(Note(f"{spec.label}: {text}", is_warning=True))),
             inputs.store.scratch(),
         ):
@@ -159,6 +154,22 @@ def run_task(
         artifact = inputs.store.save(stage, spec.parts.key, outputs, provenance, time.perf_counter() - began)
     inputs.keep(spec.step, outputs)
     return artifact.record
+
+
+class _ProgressReports:
+    """Reports of a step as events, with a picture of each scale where those are shown."""
+
+    def __init__(self, spec: TaskSpec, listener: Listener):
+        self._spec, self._listener = spec, listener
+        self._scale = -1
+
+    def __call__(self, progress: Progress) -> None:
+        picture = b""
+        if self._spec.shows_scales and progress.preview is not None and progress.scale != self._scale:
+            self._scale = progress.scale
+            with contextlib.suppress(Exception):  # a plug-in's may be wrong, and its result right
+                picture = small_png(eight_bits(progress.preview().color))
+        self._listener(StepProgress(self._spec.label, progress, picture))
 
 
 def _arguments(spec: TaskSpec, stage: Stage, inputs: Inputs, listener: Listener) -> dict[str, Any]:

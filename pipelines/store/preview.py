@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
@@ -12,6 +13,7 @@ from texloom.stages.vocabulary.scratch import release
 
 _MAX_PLANES = 4  # side by side in a picture
 _STRIP = 2**20  # pixels converted at once
+_SIDE = 512  # px, of a small picture
 
 
 @np.errstate(all="ignore")
@@ -95,6 +97,16 @@ def color_strips(planes: Mapping[str, np.ndarray], colors: str) -> Iterator[np.n
             rounded[..., -1] = _rounded(np.clip(_stacked(strip, alphas), 0, 1).min(axis=2))
         release(*strip.values())
         yield rounded
+
+
+def small_png(levels: np.ndarray) -> bytes:
+    """PNG of an 8-bit picture, (h, w, c), made smaller where a side is longer than 512 pixels."""
+    import PIL.Image
+
+    with PIL.Image.fromarray(levels.squeeze(2) if levels.shape[2] == 1 else levels) as made, io.BytesIO() as stream:
+        made.thumbnail((_SIDE, _SIDE))
+        made.save(stream, "png")
+        return stream.getvalue()
 
 
 def eight_bits(linear: np.ndarray) -> np.ndarray:

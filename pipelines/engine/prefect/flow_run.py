@@ -8,21 +8,25 @@ import dataclasses
 import glob
 import inspect
 import json
+import logging
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import httpx
+import prefect
+from prefect.logging.handlers import PrefectConsoleHandler
+from prefect.settings import PREFECT_API_URL, PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings
 
 from texloom.pipelines.engine import signals
 from texloom.pipelines.engine.destination import placed
-from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, Recorder, StepReport, summary_of
+from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, Recorder, summary_of
 from texloom.pipelines.engine.opening import open_request
-from texloom.pipelines.engine.prefect.artifacts import show_result, show_scores
-from texloom.pipelines.engine.prefect.task_runners import TaskRunnerExecutor, silence_console
+from texloom.pipelines.engine.prefect.scores import show_scores
+from texloom.pipelines.engine.prefect.task_runs import TaskRuns
 from texloom.pipelines.engine.preflight import Preflight
 from texloom.pipelines.engine.run import Run
-from texloom.pipelines.engine.scheduler import execute
+from texloom.pipelines.engine.scheduler import compute
 from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.model import Each, Flow, Overrides
 from texloom.pipelines.flow.source_files import is_pattern
@@ -33,9 +37,6 @@ from texloom.pipelines.store.location import default_store
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.yaml import parse_yaml
 from texloom.stages.vocabulary.declare import InputError
-
-import prefect  # isort: skip
-from prefect.settings import PREFECT_API_URL, PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings  # isort: skip
 
 
 class ItemsFailedError(RuntimeError):
@@ -59,7 +60,7 @@ _opened: contextvars.ContextVar[_Opened | None] = contextvars.ContextVar("opened
 def execute_as_flow_run(run: Run, listener: Listener, out: Path) -> dict[str, Path]:
     """As `texloom.pipelines.engine.scheduler.execute`, as a flow run under the flow's own name."""
     _require_server()
-    silence_console()
+    _silence_console()
     opened = _Opened(run, out, listener)
     token = _opened.set(opened)
     try:
@@ -157,23 +158,21 @@ def run_flow(flow: str | list[str], **given: Any) -> dict[str, str]:
     run, folder, listener = opened.run, opened.folder, opened.listener
     listener(Note(f"flow run {prefect.runtime.flow_run.name}: {prefect.runtime.flow_run.ui_url}"))
 
-    def show(event: Event) -> None:
-        listener(event)
-        with signals.deferred():
-            record(event)
+    run.shows_scales = True
+    with TaskRuns(run) as task_runs:
 
-    def record(event: Event) -> None:
-        if isinstance(event, StepReport) and event.state != "failed":
-            show_result(run.flow.name, run.store, event)
-        elif isinstance(event, Note):
-            prefect.get_run_logger().warning(event.text)
-        elif isinstance(event, ItemReport) and event.problem is not None:
-            prefect.get_run_logger().error(f"{event.item} failed: {event.problem}")
+        def show(event: Event) -> None:
+            listener(event)
+            with signals.deferred():
+                task_runs(event)
+                if isinstance(event, Note):
+                    prefect.get_run_logger().warning(event.text)
+                elif isinstance(event, ItemReport) and event.problem is not None:
+                    prefect.get_run_logger().error(f"{event.item} failed: {event.problem}")
 
-    recorder = Recorder(show)
-    executor = TaskRunnerExecutor(run)
-    with signals.accepted():
-        opened.exports = execute(run, recorder, folder, lambda: executor, submit_cached=True)
+        recorder = Recorder(show)
+        with signals.accepted():
+            opened.exports = compute(run, recorder, folder)
     show_scores(run)
     if recorder.problems:
         raise ItemsFailedError(summary_of(recorder.problems, len(run.items)))
@@ -216,6 +215,13 @@ texloom_flow = prefect.flow(
 
 def _ignore(_: Event) -> None:
     """Nobody is at the terminal."""
+
+
+def _silence_console() -> None:
+    """Remove Prefect's handler of log lines from the terminal."""
+    for handler in list(logging.getLogger().handlers):
+        if isinstance(handler, PrefectConsoleHandler):
+            logging.getLogger().removeHandler(handler)
 
 
 def _require_server() -> None:

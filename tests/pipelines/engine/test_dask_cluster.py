@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from tests.pipelines.flows import open_run, write_flow
-from texloom.pipelines.engine.dask_cluster import DaskExecutor, local_cluster
+from texloom.pipelines.engine.executors.dask_cluster import DaskExecutor, local_cluster
 
 
 def test_a_worker_that_dies_is_replaced_however_long_that_takes() -> None:

@@ -29,11 +29,12 @@ from tests.pipelines.flows import (
     write_flow,
     write_set,
 )
-from texloom.pipelines.engine import worker
 from texloom.pipelines.engine.events import Event, StepProgress, StepStarted
-from texloom.pipelines.engine.prefect.records import FileLocks
+from texloom.pipelines.engine.executors import worker
+from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
+from texloom.pipelines.engine.executors.inline import InlineExecutor
 from texloom.pipelines.engine.run import Run, StepFailedError
-from texloom.pipelines.engine.scheduler import InFlight, InlineExecutor, Outcome, execute
+from texloom.pipelines.engine.scheduler import compute
 from texloom.pipelines.engine.task import TaskSpec, check_same, run_task
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides, Runner
@@ -62,7 +63,7 @@ def opened(folder: Path, store: str = "artifacts", flow: str = "flow.yaml", **ru
     return Run(load_flow(folder / flow, Overrides(runner=runner)), Store(folder / store))
 
 
-class Bench:
+class Bench(Executor):
     """An executor that computes a task at once, or does with it what the test says."""
 
     def __init__(self, slots: int = 2, instead: Callable[[str], Outcome | None] = lambda _: None, ahead: int = 0):
@@ -78,7 +79,7 @@ class Bench:
     def ahead(self) -> int:
         return self.more
 
-    def submit(self, task: InFlight) -> None:
+    def submit(self, task: Task) -> None:
         self.given.append((task.spec.label, task.threads))
         outcome = self.instead(task.spec.label)
         if outcome is None:
@@ -91,7 +92,7 @@ class Bench:
 
     def run(self, run: Run, out: str = "out") -> tuple[Events, dict[str, Path]]:
         self.store, listener = run.store, Events()
-        return listener, execute(run, listener, run.store.root.parent / out, lambda: self)
+        return listener, compute(run, listener, run.store.root.parent / out, lambda _: self)
 
 
 def one_by_one(folder: Path, flow: str = "flow.yaml") -> dict[str, bytes]:
@@ -251,8 +252,10 @@ def test_another_texloom_or_store_is_refused(folder: Path, tmp_path: Path) -> No
         run.store.check_identity("0" * 32)
     with pytest.raises(InputError, match="is not there"):
         Store(tmp_path / "nowhere").check_identity(identity)
+    elsewhere = worker.Payload(task.to_json(), str(tmp_path / "nowhere"), 1, identity)
     with pytest.raises(InputError, match="nowhere"):
-        FileLocks(Store(tmp_path / "nowhere"), identity).acquire_lock("key", "me")
+        worker.compute_once(elsewhere, Events())
+    assert not (tmp_path / "nowhere").exists()
 
 
 def test_a_worker_says_whether_it_can_work_for_a_run(folder: Path) -> None:
@@ -265,7 +268,7 @@ def test_a_worker_says_whether_it_can_work_for_a_run(folder: Path) -> None:
     assert "flock" in worker.probe_worker(str(store.root), identity, version).problem
 
 
-# -- Prefect's task runners, with real threads and processes
+# -- real threads and processes
 
 
 def test_threads(folder: Path) -> None:
@@ -399,7 +402,7 @@ def pair(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[..
                 both.wait()
             return compute(spec, *given)
 
-        monkeypatch.setattr("texloom.pipelines.engine.scheduler.run_task", together)
+        monkeypatch.setattr("texloom.pipelines.engine.executors.inline.run_task", together)
 
     return instead
 
@@ -449,7 +452,7 @@ def test_ctrl_c_interrupts_both_of_two_steps(folder: Path, pair: Any) -> None:
 
 @pytest.mark.filterwarnings("ignore")
 def test_a_dask_cluster_with_other_working_folders(folder: Path, tmp_path: Path) -> None:
-    pytest.importorskip("prefect_dask")
+    pytest.importorskip("distributed")
     scheduler = subprocess.Popen(
         [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0",
          "--no-dashboard", "--scheduler-file", str(tmp_path / "scheduler.json")],

@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from texloom.pipelines import memory
+from texloom.pipelines.engine.executors.worker_count import worker_count
 from texloom.pipelines.engine.opening import open_run
-from texloom.pipelines.engine.workers import worker_count
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store
 from texloom.stages.kernels.core.threads import sharing

@@ -1,4 +1,4 @@
-"""Runs: what is computed, what is cached, what is lost when something breaks."""
+"""Runs as flow runs of a Prefect server: what it shows, and what its parameters repeat."""
 
 from __future__ import annotations
 
@@ -10,268 +10,33 @@ import multiprocessing
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
+from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
+from prefect.client.orchestration import SyncPrefectClient
 from prefect.client.schemas.objects import FlowRun
 
-from tests.crowds import crowd
-from tests.pipelines.engine.prefect.test_records import result_store
-from tests.pipelines.flows import ANALYSIS, SYNTHESIS, Events, files, open_run, run_local, start_run, write_flow
-from texloom.pipelines.engine.events import Event, StepProgress
-from texloom.pipelines.engine.prefect import flow_run, records, task_runners
+from tests.pipelines.flows import ANALYSIS, SYNTHESIS, Events, files, open_run, run_local, write_flow
+from texloom.pipelines.engine.executors import dask_cluster
+from texloom.pipelines.engine.prefect import flow_run
 from texloom.pipelines.engine.run import Run, StepFailedError
 from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.contact_sheet import open_flow
 from texloom.pipelines.flow.model import Overrides
-from texloom.pipelines.store import codec
-from texloom.pipelines.store.store import BrokenArtifactError, Store
+from texloom.pipelines.store.store import Store
 from texloom.stages.vocabulary.declare import InputError
 
 
 def execute(run: Run, out: Path | None = None) -> Events:
     return run_local(run, out or run.store.root / "out")
-
-
-def artifact_folder(run: Run, step: str) -> Path:
-    plan = {entry.name: entry for entry in run.plan()}
-    assert plan[step].key is not None
-    return run.store.folder(plan[step].stage, str(plan[step].key))
-
-
-def test_the_second_run_computes_nothing(tmp_path: Path) -> None:
-    path = write_flow(tmp_path)
-    first, second = execute(open_run(path), tmp_path / "1"), execute(open_run(path), tmp_path / "2")
-    assert first.states == {"edges": "ran", "structure": "ran", "distance": "ran"}
-    assert second.states == {"edges": "cached", "structure": "cached", "distance": "cached"}
-    for name in ("structure.png", "distance.exr"):
-        assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "2" / name).read_bytes()
-
-
-def test_a_changed_param_runs_its_step_and_what_follows(tmp_path: Path) -> None:
-    path = write_flow(tmp_path)
-    execute(open_run(path))
-    changed = execute(open_run(path, edges__detector="gradient"))
-    assert changed.states == {"edges": "ran", "structure": "ran", "distance": "ran"}
-    changed = execute(open_run(path, structure__min_extent="0.3"))
-    assert changed.states["edges"] == "cached"
-    assert changed.states["structure"] == "ran"
-
-
-def test_an_equal_result_stops_the_wave(tmp_path: Path) -> None:
-    path = write_flow(tmp_path)
-    execute(open_run(path))
-    run = open_run(path)
-    step = run.flow.steps["edges"]
-    newer = dataclasses.replace(step, stage=dataclasses.replace(step.stage, version=99))
-    run.flow = dataclasses.replace(run.flow, steps={**run.flow.steps, "edges": newer})
-    assert [entry.state for entry in run.plan()] == ["run", "wait", "wait"]
-    assert execute(run).states == {"edges": "ran", "structure": "cached", "distance": "cached"}
-
-
-@pytest.mark.parametrize("how", ["cut", "altered", "gone"])
-def test_a_broken_artifact_is_said_and_made_again(tmp_path: Path, how: str) -> None:
-    path = write_flow(tmp_path)
-    run = open_run(path)
-    execute(run)
-    file = artifact_folder(run, "structure") / "result.exr"
-    whole = file.read_bytes()
-    if how == "gone":
-        file.unlink()
-    else:
-        file.write_bytes(whole[:-10] if how == "cut" else whole[:-1] + bytes([whole[-1] ^ 1]))
-    assert "broken" in {entry.name: entry for entry in run.plan()}["structure"].reasons[0]
-    heard = execute(open_run(path))
-    assert heard.states == {"edges": "cached", "structure": "ran", "distance": "cached"}
-    assert any("structure" in note and "broken" in note for note in heard.notes)
-    assert file.read_bytes() == whole
-
-
-def test_damage_that_only_reading_finds_is_made_good_in_the_same_run(tmp_path: Path) -> None:
-    path = write_flow(tmp_path)
-    run = open_run(path)
-    execute(run)
-    file = artifact_folder(run, "structure") / "result.exr"
-    before, whole = file.stat(), file.read_bytes()
-    file.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
-    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
-    (run.store.root / "out" / "structure.png").unlink()  # or nothing would be read
-    heard = execute(open_run(path))
-    assert heard.states["structure"] == "ran"
-    assert heard.notes == [
-        "structure: the stored result is broken (result.exr has been altered); computing it again"
-    ]
-
-
-def test_a_failed_stage_leaves_no_record_and_the_steps_before_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = write_flow(tmp_path)
-    run = open_run(path)
-    broken = dataclasses.replace(run.flow.steps["structure"].stage, function=_raise)
-    run.flow = dataclasses.replace(
-        run.flow,
-        steps={**run.flow.steps, "structure": dataclasses.replace(run.flow.steps["structure"], stage=broken)},
-    )
-    listener = Events()
-    with pytest.raises(StepFailedError) as failure:
-        run_local(run, tmp_path / "out", listener)
-    assert failure.value.step == "structure"
-    assert isinstance(failure.value.__cause__, ZeroDivisionError)
-    assert listener.states == {"edges": "ran", "structure": "failed"}
-    assert not (tmp_path / "out").exists()
-    assert execute(open_run(path)).states == {"edges": "cached", "structure": "ran", "distance": "ran"}
-
-
-def _raise(**_arguments: Any) -> None:
-    raise ZeroDivisionError("as asked")
-
-
-def test_a_full_disk_fails_the_step_and_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write_flow(tmp_path)
-    write = codec.write
-
-    def full(*_: Any, **__: Any) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(codec, "write", full)
-    with pytest.raises(StepFailedError, match="No space left on device"):
-        execute(open_run(path))
-    monkeypatch.setattr(codec, "write", write)
-    assert execute(open_run(path)).states["edges"] == "ran"
-
-
-def test_plan_gives_reasons(tmp_path: Path) -> None:
-    path = write_flow(tmp_path)
-    fresh = open_run(path).plan()
-    assert [(entry.state, entry.reasons) for entry in fresh] == [
-        ("run", ("never run before",)),
-        ("wait", ("waits for edges",)),
-        ("wait", ("waits for structure",)),
-    ]
-    assert not (tmp_path / "artifacts").exists()
-    execute(open_run(path))
-    changed = open_run(path, edges__finest="3.0").plan()
-    assert changed[0].reasons == ("param finest: 1.5 -> 3.0",)
-    write_flow(tmp_path, side=72)
-    assert open_run(path).plan()[0].reasons == ("input image changed",)
-
-
-def test_nothing_changes_a_plan_but_what_it_depends_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write_flow(tmp_path)
-    execute(open_run(path))
-    monkeypatch.setenv("TEXLOOM_THREADS", "1")
-    (tmp_path / "exemplar.png").touch()
-    assert {entry.state for entry in open_run(path).plan()} == {"cached"}
-
-
-def test_checkpoints_belong_to_a_key(tmp_path: Path) -> None:
-    """A long step that was interrupted goes on; with another param it starts anew."""
-    path = write_flow(tmp_path, SYNTHESIS)
-    run = open_run(path)
-
-    class Stopper(Events):
-        def __call__(self, event: Event) -> None:
-            if isinstance(event, StepProgress) and event.progress.scale == 3:
-                raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run_local(run, tmp_path / "out", Stopper())
-    other = execute(open_run(path, texture__occurrence="20"))
-    assert other.notes == []
-    resumed = execute(open_run(path))
-    assert resumed.notes == ["texture: goes on after scale 2 of an interrupted run"]
-    assert min(progress.scale for progress in resumed.progress if progress.scale) == 3
-
-    whole = write_flow(tmp_path / "whole", SYNTHESIS)
-    execute(open_run(whole))
-    assert _digest(open_run(path)) == _digest(open_run(whole))
-
-
-def _digest(run: Run) -> str:
-    entry = next(entry for entry in run.plan() if entry.name == "texture")
-    artifact = run.store.find(entry.stage, str(entry.key))
-    assert artifact is not None
-    return artifact.outputs["image"]
-
-
-def test_a_killed_run_goes_on_where_it_was(tmp_path: Path) -> None:
-    path = write_flow(tmp_path, SYNTHESIS.replace("size: 96", "size: 256"), side=128)
-    process = start_run(path)
-    deadline = time.monotonic() + 120
-    while not list((tmp_path / "artifacts" / "checkpoints").glob("*/*/0[2-9]")):
-        assert time.monotonic() < deadline
-        assert process.poll() is None, process.communicate()[1]
-        time.sleep(0.01)
-    process.send_signal(signal.SIGKILL)
-    process.communicate()
-    again = start_run(path)
-    report, said = again.communicate(timeout=120)
-    assert again.returncode == 0, said
-    assert "goes on after scale" in said
-    assert {step["name"]: step["state"] for step in json.loads(report)["steps"]} == {
-        "start": "cached",
-        "texture": "ran",
-    }
-    whole = write_flow(tmp_path / "whole", SYNTHESIS.replace("size: 96", "size: 256"), side=128)
-    execute(open_run(whole))
-    assert _digest(open_run(path)) == _digest(open_run(whole))
-
-
-def test_three_runners_on_one_store_compute_each_step_once(tmp_path: Path) -> None:
-    assert crowd(tmp_path, ("local", "threads", "processes", "local")) == []
-
-
-def test_a_lock_outlives_no_process(tmp_path: Path) -> None:
-    """SIGKILL in the middle of a step leaves no lock behind."""
-    path = write_flow(tmp_path)
-    store = open_run(path).store
-    store.create()
-    locks = store.locks
-    holder = subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            "import sys, time, filelock\nlock = filelock.FileLock(sys.argv[1])\nlock.acquire()\n"
-            "print('held', flush=True)\ntime.sleep(60)",
-            str(locks / "one.lock"),
-        ],
-        stdout=subprocess.PIPE,
-    )
-    assert holder.stdout is not None
-    assert holder.stdout.readline() == b"held\n"
-    manager = records.FileLocks(open_run(path).store)
-    assert manager.is_locked("one")
-    assert not manager.acquire_lock("one", "me", acquire_timeout=0)
-    holder.kill()
-    holder.communicate()
-    assert manager.acquire_lock("one", "me", acquire_timeout=5)
-    assert manager.is_lock_holder("one", "me")
-    assert not manager.is_lock_holder("one", "you")
-    with pytest.raises(ValueError, match="not held"):
-        manager.release_lock("one", "you")
-    manager.release_lock("one", "me")
-    assert not manager.is_locked("one")
-
-
-def test_a_record_of_a_broken_artifact_reads_as_missing(tmp_path: Path) -> None:
-    run = open_run(write_flow(tmp_path))
-    execute(run)
-    folder = artifact_folder(run, "edges")
-    results = result_store(run.store)
-    name = next(path.name for path in run.store.records.iterdir() if path.name.startswith("analysis-edges"))
-    assert results.exists(name)
-    (folder / "result.exr").unlink()
-    assert not results.exists(name)
-    with pytest.raises(BrokenArtifactError):
-        run.store.find("analysis.edges", folder.name)
 
 
 def test_a_deployment_replaces_nothing_that_it_reads(tmp_path: Path) -> None:
@@ -305,33 +70,43 @@ def test_a_server_shows_steps_progress_and_pictures(tmp_path: Path) -> None:
     assert exports["texture.exr"].exists()
     assert listener.states == {"start": "cached", "texture": "ran"}
     with get_client(sync_client=True) as client:
-        flows = {entry.name for entry in client.read_flows()}
-        tasks = {entry.name: entry.state.name for entry in client.read_task_runs() if entry.state is not None}
-        artifacts = {entry.key: entry.type for entry in client.read_artifacts()}
-    assert "synthesis" in flows
-    assert tasks == {"start": "Cached", "texture": "Completed"}
-    assert artifacts["synthesis-texture"] == "image"
-    assert artifacts["synthesis-texture-progress"] == "progress"
+        assert "synthesis" in {entry.name for entry in client.read_flows()}
+        start, texture = sorted(client.read_task_runs(), key=lambda task: task.name)
+    assert (start.name, start.state.name) == ("start", "Cached")
+    assert (texture.name, texture.state.name) == ("texture", "Completed")
+    assert texture.total_run_time > timedelta(0)
+    assert [given.id for given in texture.task_inputs["wait_for"]] == [start.id]
+    _, _, artifacts = shown()
+    ours = {name: artifact.type for name, artifact in artifacts.items() if artifact.task_run_id == texture.id}
+    assert ours == {
+        "synthesis-texture": "image",
+        "synthesis-texture-scale": "image",
+        "synthesis-texture-progress": "progress",
+    }
     assert execute(open_run(path, texture__occurrence="12")).states == {"start": "cached", "texture": "cached"}
 
 
 @pytest.mark.usefixtures("server")
 @pytest.mark.filterwarnings("ignore")
-def test_a_cluster_of_this_machine_needs_credentials(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("prefect_dask")
+def test_steps_of_a_cluster_are_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With pictures of their scales, which come from its workers."""
+    pytest.importorskip("distributed")
     addresses = []
 
-    class Cluster(task_runners.DaskCluster):
-        def __init__(self, run: Run, workers: int):
-            super().__init__(run, workers)
+    class Cluster(dask_cluster.DaskCluster):
+        def __init__(self, *given: Any):
+            super().__init__(*given)
             addresses.append(self.client.scheduler.address)
 
-    monkeypatch.setattr(task_runners, "DaskCluster", Cluster)
+    monkeypatch.setattr(dask_cluster, "DaskCluster", Cluster)
     listener = Events()
-    run = open_run(write_flow(tmp_path, f"runner: {{name: dask, workers: 1}}\n{ANALYSIS}"))
+    run = open_run(write_flow(tmp_path, f"runner: {{name: dask, workers: 1}}\n{SYNTHESIS}"), start__size="32")
     flow_run.execute_as_flow_run(run, listener, tmp_path / "out")
-    assert listener.states == {"edges": "ran", "structure": "ran", "distance": "ran"}
+    assert listener.states == {"start": "ran", "texture": "ran"}
     assert [address[:16] for address in addresses] == ["tls://127.0.0.1:"]
+    _, states, artifacts = shown()
+    assert states == [("start", "Completed"), ("texture", "Completed")]
+    assert {"synthesis-start", "synthesis-texture", "synthesis-texture-scale"} <= set(artifacts)
 
 
 SCORED = """
@@ -350,22 +125,15 @@ exports:
 """
 
 
-def shown(ended: int = 0) -> tuple[FlowRun, list[tuple[str, str]], dict[str, Any]]:
-    """The last flow run, its task runs with their states, its artifacts.
-
-    The server records task runs some time after what they do: this waits until so many have ended.
-    """
+def shown() -> tuple[FlowRun, list[tuple[str, str]], dict[str, Any]]:
+    """The last flow run, its task runs with their states, its artifacts."""
     from prefect.client.orchestration import get_client
     from prefect.client.schemas.filters import ArtifactFilter, FlowRunFilter
 
     with get_client(sync_client=True) as client:
         run = max(client.read_flow_runs(), key=lambda run: run.created or run.start_time)
         mine = FlowRunFilter.model_validate({"id": {"any_": [run.id]}})
-        for _ in range(600):
-            tasks = client.read_task_runs(flow_run_filter=mine)
-            if sum(task.state is not None and task.state.is_final() for task in tasks) >= ended:
-                break
-            time.sleep(0.1)
+        tasks = client.read_task_runs(flow_run_filter=mine)
         artifacts = client.read_artifacts(
             artifact_filter=ArtifactFilter.model_validate({"flow_run_id": {"any_": [run.id]}})
         )
@@ -391,7 +159,7 @@ def test_any_runner_is_a_flow_run_that_its_parameters_repeat(
     assert set(exports) == {"all.json", "edges.png", "contact_sheet.png", "4/start.png", "5/start.png"}
     steps = {"edges", "all", "contact_sheet"}
     steps |= {f"{seed}/{step}" for seed in (4, 5) for step in ("start", "scores", "thumbnail")}
-    run, states, artifacts = shown(len(steps))
+    run, states, artifacts = shown()
     assert states == sorted((step, "Completed") for step in steps)
     assert run.name == "scored, exemplar.png, 2 seeds"
     assert {name: value for name, value in run.parameters.items() if value not in (None, False)} == {
@@ -414,7 +182,7 @@ def test_any_runner_is_a_flow_run_that_its_parameters_repeat(
     again = tmp_path / "again"
     returned = flow_run.texloom_flow(**{**run.parameters, "out": str(again)})
     assert returned == {name: str(again / name) for name in exports}
-    run, states, artifacts = shown(len(steps))
+    run, states, artifacts = shown()
     assert states == sorted((step, "Cached") for step in steps)
     assert files(again) == first
     assert artifacts["scored-edges"].type == "image", "cached results are shown too"
@@ -435,14 +203,45 @@ def test_the_parameters_of_a_comparison_repeat_it(tmp_path: Path) -> None:
     )
     opened = Run(flow, Store(tmp_path / "artifacts"))
     exports, steps = flow_run.execute_as_flow_run(opened, Events(), tmp_path / "out"), len(opened.plan())
-    run, states, _ = shown(steps)
+    run, states, _ = shown()
     assert run.parameters["flow"] == names
     assert {state for _, state in states} <= {"Completed", "Cached"}
     again = flow_run.texloom_flow(**{**run.parameters, "out": str(tmp_path / "again")})
     assert set(again) == set(exports)
     assert len(states) == steps
-    assert shown(steps)[1] == [(step, "Cached") for step, _ in states]
+    assert shown()[1] == [(step, "Cached") for step, _ in states]
     assert files(tmp_path / "again") == files(tmp_path / "out")
+
+
+@pytest.mark.usefixtures("server")
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("problem", [ZeroDivisionError("as asked"), KeyboardInterrupt()])
+def test_what_ends_a_run_ends_its_task_run(tmp_path: Path, problem: BaseException) -> None:
+    run = open_run(write_flow(tmp_path))
+
+    def raises(**_: Any) -> None:
+        raise problem
+
+    step = run.flow.steps["structure"]
+    broken = dataclasses.replace(step, stage=dataclasses.replace(step.stage, function=raises))
+    run.flow = dataclasses.replace(run.flow, steps={**run.flow.steps, "structure": broken})
+    is_failure = isinstance(problem, Exception)
+    with pytest.raises(StepFailedError if is_failure else KeyboardInterrupt):
+        flow_run.execute_as_flow_run(run, Events(), tmp_path / "out")
+    assert shown()[1] == [("edges", "Completed"), ("structure", "Failed" if is_failure else "Crashed")]
+
+
+@pytest.mark.usefixtures("server")
+@pytest.mark.filterwarnings("ignore")
+def test_a_server_that_falls_silent_stops_no_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: Any, **__: Any) -> None:
+        raise httpx.ConnectError("refused")
+
+    monkeypatch.setattr(SyncPrefectClient, "create_task_run", refused)
+    listener = Events()
+    flow_run.execute_as_flow_run(open_run(write_flow(tmp_path)), listener, tmp_path / "out")
+    assert listener.states == {"edges": "ran", "structure": "ran", "distance": "ran"}
+    assert shown()[1] == []
 
 
 @pytest.mark.usefixtures("server")
@@ -464,7 +263,7 @@ def test_a_task_run_whose_worker_is_killed_has_crashed(tmp_path: Path) -> None:
     flow_run.execute_as_flow_run(run, Events(), tmp_path / "out")
     killer.join()
     completed = [(step, "Completed") for step in ("distance", "edges", "structure")]
-    assert shown(4)[1] == sorted([("edges", "Crashed"), *completed])
+    assert shown()[1] == sorted([("edges", "Crashed"), *completed])
 
 
 def test_a_server_that_does_not_answer_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

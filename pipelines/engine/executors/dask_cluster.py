@@ -1,23 +1,24 @@
 """The executor on a Dask cluster: workers of this machine, or those of a cluster at an address, whose machines must
-see the store under the same path. Tasks are those of `texloom.pipelines.engine.pool`.
+see the store under the same path.
 """
 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import functools
+import itertools
 import logging
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from typing import Any
 
-from texloom.pipelines.engine import pool, signals, worker
+from texloom.pipelines.engine import signals
+from texloom.pipelines.engine.events import Event
+from texloom.pipelines.engine.executors import worker
+from texloom.pipelines.engine.executors.dask_events import EventReceiver, compute_and_tell
+from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
 from texloom.pipelines.engine.run import Run
-from texloom.pipelines.engine.scheduler import InFlight, Outcome
-from texloom.pipelines.engine.worker_progress import DaskReceiver
-from texloom.pipelines.engine.workers import worker_count
 from texloom.pipelines.errors import NoWorkersError, one_line
 from texloom.pipelines.interruption import interruption_of
 from texloom.pipelines.store.store import program_version
@@ -30,8 +31,12 @@ _ANSWER = 5.0  # seconds to wait for the answer of a task that has ended, before
 class DaskCluster:
     """Workers that can compute tasks of a run, until `close`."""
 
-    def __init__(self, run: Run, workers: int):
+    def __init__(self, run: Run, workers: int, tell: Callable[[int, Event], None]):
         """Start ``workers`` of this machine, or connect to the cluster at the address of the flow's runner.
+
+        Parameters
+        ----------
+        tell : receives the number of a task and what it tells, from any thread.
 
         Raises
         ------
@@ -41,15 +46,13 @@ class DaskCluster:
         import distributed
 
         self._store, self._choice = run.store, run.flow.runner
-        self.place: Any
-        """the address of the cluster, or that of this machine itself, which knows its credentials"""
         self.hosts: dict[str, int] = {}
         """machine to how many steps share it, of a cluster at an address"""
         with contextlib.ExitStack() as stack:
-            self.place = self._choice.address or stack.enter_context(local_cluster(workers))
+            place = self._choice.address or stack.enter_context(local_cluster(workers))
             where = f"--runner dask: {self._choice.address or 'a cluster on this machine'}"
             try:
-                self.client = distributed.Client(self.place, timeout=_SECONDS, set_as_default=False)
+                self.client = distributed.Client(place, timeout=_SECONDS, set_as_default=False)
                 stack.callback(self.client.close)
                 self.client.wait_for_workers(1, timeout=_SECONDS)
             except OSError as error:
@@ -57,8 +60,9 @@ class DaskCluster:
                 raise InputError(f"{where}: no scheduler with workers answers ({reason})") from None
             if self._choice.address is not None:
                 self._probe_workers(where)
-            self.receiver = DaskReceiver(self.client, pool.tell_progress)
-            stack.callback(self.receiver.close)
+            receiver = EventReceiver(self.client, tell)
+            stack.callback(receiver.close)
+            self.topic = receiver.topic
             self.close = stack.pop_all().close
 
     def slots(self) -> int:
@@ -81,74 +85,83 @@ class DaskCluster:
             self.hosts[host] = self.hosts.get(host, 0) + threads
 
 
-class DaskExecutor:
-    """See `texloom.pipelines.engine.scheduler.Executor`."""
+class DaskExecutor(Executor):
+    """Computes tasks on a Dask cluster."""
 
-    def __init__(self, run: Run):
-        """The workers are started with the first task."""
+    def __init__(self, run: Run, workers: int):
+        """``workers``: of a cluster that is started on this machine."""
         self._run = run
-        self._workers = run.flow.runner.workers or worker_count(run)
+        self._workers = workers
         self._cluster: DaskCluster | None = None
+        self._numbers = itertools.count()
+        self._tasks: dict[int, Task] = {}
+        """those that have been submitted and have not ended, by number"""
         self._futures: dict[int, Any] = {}
-        """by number of the task; Dask forgets a task of which nobody holds the future"""
+        """Dask forgets a task of which nobody holds the future"""
         self._is_over = False
 
     def slots(self) -> int:
-        """See `texloom.pipelines.engine.scheduler.Executor`."""
+        """See `Executor`."""
         if self._run.flow.runner.address is None:
             return self._workers
         with signals.deferred():
             return self._started().slots()
 
     def ahead(self) -> int:
-        """See `texloom.pipelines.engine.scheduler.Executor`."""
+        """See `Executor`."""
         return self.slots()
 
-    def submit(self, task: InFlight) -> None:
-        """See `texloom.pipelines.engine.scheduler.Executor`."""
+    def submit(self, task: Task) -> None:
+        """See `Executor`."""
         with signals.deferred():
-            store = self._run.store
-            payload = pool.hand_over(task, store, self._start, self._cluster is None, in_process=False)
-            if payload is None:
+            if self._cluster is None and not worker.sources_are_fit(task):
                 return
-            number, payload = payload.number, dataclasses.replace(payload, identity=store.identity())
-            future = self._started().client.submit(
-                pool.compute_once, payload, key=f"{task.step.name}-{number}", pure=False
+            cluster, store, number = self._started(), self._run.store, next(self._numbers)
+            task.tell_started()
+            threads = cluster.hosts or task.threads
+            payload = worker.Payload(task.spec.to_json(), str(store.root), threads, store.identity())
+            self._tasks[number] = task
+            future = cluster.client.submit(
+                compute_and_tell, payload, cluster.topic, number, key=f"{task.spec.step}-{number}", pure=False
             )
             self._futures[number] = future
             future.add_done_callback(lambda future: task.end(self._outcome(future, task, number)))
 
     def stop(self, at_once: bool) -> None:  # noqa: ARG002 (workers of this machine end with their cluster)
-        """See `texloom.pipelines.engine.scheduler.Executor`."""
+        """See `Executor`."""
         self._is_over = True
-        with signals.deferred():
-            if self._cluster is not None:
+        if self._cluster is not None:
+            with signals.deferred():
                 self._cluster.close()
-            self._cluster = None
+                self._cluster = None
 
     def _started(self) -> DaskCluster:
         if self._cluster is None:
             self._run.store.create()
-            self._cluster = DaskCluster(self._run, self._workers)
+            self._cluster = DaskCluster(self._run, self._workers, self._tell)
         return self._cluster
 
-    def _start(self) -> pool.Workers:
-        cluster = self._started()
-        return pool.Workers(cluster.receiver, cluster.hosts)
+    def _tell(self, number: int, event: Event) -> None:
+        task = self._tasks.get(number)
+        if task is not None:
+            task.tell(event)
 
-    def _outcome(self, future: Any, task: InFlight, number: int) -> Outcome:
-        pool.in_flight.pop(number, None)
+    def _outcome(self, future: Any, task: Task, number: int) -> Outcome:
+        self._tasks.pop(number, None)
         self._futures.pop(number, None)
-        try:
-            while not self._is_over:  # then nobody answers, and the thread of the callbacks would wait for ever
-                with contextlib.suppress(TimeoutError):
-                    problem = future.exception(timeout=_ANSWER)
-                    if problem is not None:
-                        return pool.failed(problem)
-                    return pool.outcome_of(future.result(timeout=_ANSWER), task)
-        except BaseException as error:
-            return pool.failed(error)
-        return pool.failed(CancelledError())
+        while not self._is_over:  # then nobody answers, and the thread of the callbacks would wait for ever
+            try:
+                problem = future.exception(timeout=_ANSWER)
+            except TimeoutError:
+                continue
+            except BaseException as error:
+                return worker.failed(error)
+            if type(problem).__name__ == "KilledWorker":  # Dask has tried several
+                return Outcome(error=OSError("its workers were killed, one after the other"))
+            if problem is not None:
+                return worker.failed(problem)
+            return worker.outcome_of(functools.partial(future.result, timeout=_ANSWER), task)
+        return worker.failed(CancelledError())
 
 
 @contextlib.contextmanager
@@ -161,7 +174,7 @@ def local_cluster(workers: int) -> Iterator[Any]:
     import dask
     import distributed
 
-    from texloom.pipelines.engine import dask_nodes
+    from texloom.pipelines.engine.executors import dask_nodes
 
     security = distributed.Security.temporary()
     local = {"host": "127.0.0.1", "protocol": "tls://", "security": security}

@@ -23,10 +23,21 @@ class WorkerDiedError(Exception):
     """The process that computed a call has ended before it."""
 
 
+Tell = Callable[[Any], None]
+"""receives what a call tells before it answers"""
+
+
 class _Call(NamedTuple):
     future: Future[Any]
-    work: Callable[[Any], Any]
+    work: Callable[[Any, Tell], Any]
     given: Any
+    tell: Tell
+
+
+class _Told(NamedTuple):
+    """What a process sends before its answer."""
+
+    what: Any
 
 
 class _WorkerHandle(NamedTuple):
@@ -52,10 +63,13 @@ class ProcessPool:
         for thread in self._threads:
             thread.start()
 
-    def submit(self, work: Callable[[Any], Any], given: Any) -> Future[Any]:
-        """Have ``work(given)`` computed by the next process that is free; `WorkerDiedError` if that dies."""
+    def submit(self, work: Callable[[Any, Tell], Any], given: Any, tell: Tell = lambda _: None) -> Future[Any]:
+        """Have ``work(given, tell)`` computed by the next process that is free; `WorkerDiedError` if that dies.
+
+        What ``work`` tells must be picklable, and is passed on to ``tell`` by a thread of this process.
+        """
         future: Future[Any] = Future()
-        self._calls.put(_Call(future, work, given))
+        self._calls.put(_Call(future, work, given, tell))
         return future
 
     def kill(self) -> None:
@@ -89,7 +103,9 @@ class ProcessPool:
                 continue
             try:
                 worker.connection.send((call.work, call.given))
-                answer, error = worker.connection.recv()
+                while isinstance(received := worker.connection.recv(), _Told):
+                    call.tell(received.what)
+                answer, error = received
             except (EOFError, OSError):
                 worker = self._replaced(number, worker)
                 answer, error = None, WorkerDiedError()
@@ -125,7 +141,13 @@ class ProcessPool:
 
 def _answer(connection: Connection) -> None:
     """Compute calls in a process of the pool, until that closes."""
-    init_process()
+    _init_process()
+    sending = threading.Lock()
+
+    def tell(what: Any) -> None:
+        with sending:
+            connection.send(_Told(what))
+
     while True:
         try:
             work, given = connection.recv()
@@ -133,7 +155,7 @@ def _answer(connection: Connection) -> None:
             os._exit(0)  # all is written; to take Python and its libraries down takes longer than to start a step
         answer: tuple[Any, Exception | None]
         try:
-            answer = work(given), None
+            answer = work(given, tell), None
         except Exception as error:
             answer = None, error
         try:
@@ -142,7 +164,7 @@ def _answer(connection: Connection) -> None:
             connection.send((None, RuntimeError(str(error))))
 
 
-def init_process() -> None:
+def _init_process() -> None:
     """Prepare a process that computes steps: it ends with the one that started it, however that ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the run receives it too, and decides
     keep_freed_memory()

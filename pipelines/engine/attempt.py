@@ -1,0 +1,269 @@
+"""One attempt at a run: which steps can be computed now, and what becomes of their results.
+
+Only steps whose result is not in the store become tasks, and only when all that they take is there, so that their
+keys are known.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import queue
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TypeVar
+
+from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, State, StepReport
+from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
+from texloom.pipelines.engine.exporter import Exporter
+from texloom.pipelines.engine.keys import KeyParts
+from texloom.pipelines.engine.run import Run, StepFailedError
+from texloom.pipelines.engine.scope import Scope
+from texloom.pipelines.engine.scope_run import ScopeRun
+from texloom.pipelines.flow.model import Step
+from texloom.pipelines.media.sources import SourceError
+from texloom.pipelines.store.store import Artifact, BrokenArtifactError
+from texloom.stages.kernels.core.threads import thread_count
+from texloom.stages.vocabulary.declare import InputError
+
+T = TypeVar("T")
+
+_MAX_LOST = 3  # workers that may die with a task: another one may have been at fault, or the memory that all need
+
+
+@dataclasses.dataclass
+class InFlight(Task):
+    """A task that is being computed, and the steps that wait for its key."""
+
+    wanted: list[tuple[ScopeRun, Step]] = dataclasses.field(default_factory=list)
+    lost: int = 0
+    """how many workers have died with it; from the second on it is computed alone, with all the memory"""
+
+    @property
+    def step(self) -> Step:
+        """The step that it computes."""
+        return self.wanted[0][1]
+
+
+class Attempt:
+    """A run up to its end, or to the first broken result."""
+
+    def __init__(self, run: Run, executor: Callable[[], Executor], listener: Listener, out: Path):
+        """``executor``: asked for when there is something to compute."""
+        self.run, self.executor, self.listener = run, executor, listener
+        self.history = run.history()
+        self.written: dict[str, Path] = {}
+        self.exporter = Exporter(run, out, self.history)
+        self.in_flight: dict[str, InFlight] = {}
+        self.again: list[InFlight] = []
+        """tasks that have lost a worker"""
+        self.alone: list[InFlight] = []
+        """tasks that have lost several"""
+        self.broken: BrokenArtifactError | None = None
+        self.thread = threading.get_ident()
+        self.messages: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self.ended_items = 0
+
+    def exports(self) -> dict[str, Path]:
+        """Run what is not cached, and write the exports."""
+        run = self.run
+        run.shared.lost.clear()
+        for note in run.notes_before:
+            self.listener(Note(note))
+        self._tell_notes(run.shared)
+        shared = ScopeRun(run, run.shared, "shared")
+        try:
+            self._complete(iter([shared]))
+            self._complete(self._items())
+            final = ScopeRun(run, run.shared, "final")
+            self._complete(iter([final]))
+            for scope_run in (shared, final):
+                self._export(run.shared, scope_run)
+        finally:
+            run.remember(self.history, self.exporter.states)
+        return run.in_order(self.written)
+
+    def _items(self) -> Iterator[ScopeRun]:
+        for item in self.run.items:
+            self.run.scopes[item.name] = None
+            try:
+                self.run.scopes[item.name] = scope = Scope(self.run.flow, self.run.store, item, self.run.shared)
+            except InputError as error:
+                self._end_item(item.name, str(error))
+            else:
+                self._tell_notes(scope)
+                yield ScopeRun(self.run, scope, "item")
+
+    def _tell_notes(self, scope: Scope) -> None:
+        for note in scope.notes:
+            self.listener(Note(note))
+
+    # -- what can be computed
+
+    def _complete(self, scope_runs: Iterator[ScopeRun]) -> None:
+        """Compute all steps of all scopes."""
+        active: list[ScopeRun] = []
+        while self._submit(self._chosen(active, scope_runs)) or self.in_flight:
+            if self.in_flight:
+                self.messages.get()()
+        if self.broken is not None:
+            raise self.broken
+
+    def _chosen(self, active: list[ScopeRun], scope_runs: Iterator[ScopeRun]) -> list[InFlight]:
+        """The tasks to submit now."""
+        if self.alone:
+            return [] if self.in_flight else [self._begun(self.alone.pop(0))]
+        chosen: list[InFlight] = []
+        while self.broken is None and (not self.in_flight or len(self.in_flight) < self._most()):
+            task = self.again.pop(0) if self.again else self._next(active, scope_runs)
+            if task is None:
+                break
+            chosen.append(self._begun(task))
+        return chosen
+
+    def _most(self) -> int:
+        """How many tasks may be in flight."""
+        return self.executor().slots() + self.executor().ahead()
+
+    def _begun(self, task: InFlight) -> InFlight:
+        """The task, which counts as in flight."""
+        self.in_flight[task.spec.parts.key] = task
+        return task
+
+    def _next(self, active: list[ScopeRun], scope_runs: Iterator[ScopeRun]) -> InFlight | None:
+        """The first task of the scopes that have begun, or of the next ones."""
+        while True:
+            for scope_run in list(active):
+                while (step := scope_run.next()) is not None:
+                    task = self._look_up(scope_run, step)
+                    if task is not None:
+                        return task
+                if scope_run.is_over:
+                    active.remove(scope_run)
+                    self._end(scope_run)
+            begun = next(scope_runs, None)
+            if begun is None:
+                return None
+            active.append(begun)
+
+    def _look_up(self, scope_run: ScopeRun, step: Step) -> InFlight | None:
+        """A task for a step whose result is neither in the store nor being computed."""
+        run, scope = self.run, scope_run.scope
+        parts = run.parts(step, scope)
+        artifact = run.known(step, parts, scope.label(step), self.history)
+        if artifact is None and parts.key in self.in_flight:
+            self.in_flight[parts.key].wanted.append((scope_run, step))
+            return None
+        try:
+            artifact = artifact or run.find(step, parts)
+        except BrokenArtifactError as error:
+            self.listener(Note(f"{scope.label(step)}: the stored result is broken ({error}); computing it again"))
+        if artifact is not None:
+            self._end_step(scope_run, step, parts, artifact, "cached", 0.0)
+            return None
+        return InFlight(run.task(step, parts, scope), step.stage, scope_run.inputs, wanted=[(scope_run, step)])
+
+    def _submit(self, tasks: list[InFlight]) -> bool:
+        """Submit tasks, which share the processors that others do not use; whether there were any."""
+        before = [task.threads for task in self.in_flight.values() if task.threads]
+        slots = self.executor().slots() if len(self.in_flight) > 1 else 1
+        free = min(slots - len(before), len(tasks))  # of which tasks can begin now
+        for index, task in enumerate(tasks):
+            begins = index < free
+            task.threads = max(1, (thread_count() - sum(before)) // free if begins else thread_count() // slots)
+        for task in tasks:
+            task.tell = functools.partial(self._post, functools.partial(self._on_report, task))
+            task.end = functools.partial(self._post, functools.partial(self._on_result, task))
+            task.is_beside = task is not tasks[0]
+        for task in [*tasks[1:], *tasks[:1]]:
+            self.executor().submit(task)
+        return bool(tasks)
+
+    def _post(self, receive: Callable[[T], None], message: T) -> None:
+        """Deliver a message in the thread of the scheduler."""
+        if threading.get_ident() == self.thread:
+            receive(message)
+        else:
+            self.messages.put(functools.partial(receive, message))
+
+    # -- what has become of it
+
+    def _on_report(self, task: InFlight, event: Event) -> None:
+        """Pass on what a task tells; workers' reports may arrive after its end."""
+        if self.in_flight.get(task.spec.parts.key) is task:
+            self.listener(event)
+
+    def _on_result(self, task: InFlight, outcome: Outcome) -> None:
+        del self.in_flight[task.spec.parts.key]
+        if outcome.is_lost and task.lost < _MAX_LOST:
+            self.listener(Note(f"{task.spec.label}: {outcome.error}; computing it again"))
+            lost = dataclasses.replace(task, lost=task.lost + 1, threads=0)
+            (self.alone if task.lost else self.again).append(lost)
+            return
+        try:
+            result = self._result(task, outcome)
+        except BrokenArtifactError as error:
+            self.broken = error
+            return
+        if outcome.seconds is not None and isinstance(result, Artifact):
+            self.run.store.drop_checkpoints(result.stage, result.key)
+        state: State = "failed" if isinstance(result, Exception) else "cached" if outcome.seconds is None else "ran"
+        seconds = outcome.seconds or 0.0
+        for scope_run, step in task.wanted:
+            self._end_step(scope_run, step, task.spec.parts, result, state, seconds)
+            state, seconds = "failed" if state == "failed" else "cached", 0.0  # for those that waited for it
+
+    def _result(self, task: InFlight, outcome: Outcome) -> Artifact | Exception:
+        """The artifact, or why there is none; `BrokenArtifactError` if it or what the task takes is broken."""
+        error = outcome.error
+        if outcome.record is not None:
+            return self.run.checked(task.step, task.spec.label, task.spec.parts, outcome.record)
+        if isinstance(error, BrokenArtifactError):
+            raise error
+        if isinstance(error, SourceError):  # the message names the source
+            return error
+        if isinstance(error, InputError):
+            return InputError(f"{self.run.flow.where('steps', task.step.name)}: {error}")
+        return StepFailedError(task.step.name, error or RuntimeError("no result"))
+
+    def _end_step(
+        self,
+        scope_run: ScopeRun,
+        step: Step,
+        parts: KeyParts,
+        result: Artifact | Exception,
+        state: State,
+        seconds: float,
+    ) -> None:
+        scope_run.end(step, result)
+        if isinstance(result, Artifact):
+            self.history.add(scope_run.scope.label(step), parts.as_dict(), result, state == "ran")
+        if not isinstance(result, SourceError):  # then the source is at fault, which the problem of the run says
+            item, problem = scope_run.scope.name, str(result) if isinstance(result, Exception) else None
+            self.listener(StepReport(step.name, step.stage.name, parts.key, state, seconds, item, problem))
+
+    def _end(self, scope_run: ScopeRun) -> None:
+        """An item is done, as far as it could be; the run has failed if a step that all items share has."""
+        scope = scope_run.scope
+        if scope.name is None:
+            if scope_run.problem is not None:
+                raise scope_run.problem
+            return
+        try:
+            self._export(scope, scope_run)
+        except BrokenArtifactError as error:
+            self.broken = error
+            return
+        scope.forget_values()
+        self._end_item(scope.name, scope.problem)
+
+    def _export(self, scope: Scope, scope_run: ScopeRun) -> None:
+        self.written |= self.exporter.export(scope, scope_run.kind, scope_run.inputs)
+        for note in self.exporter.told:
+            self.listener(Note(note, is_warning=True))
+        self.exporter.told.clear()
+
+    def _end_item(self, name: str, problem: str | None) -> None:
+        self.ended_items += 1
+        self.listener(ItemReport(name, self.ended_items, len(self.run.items), problem))

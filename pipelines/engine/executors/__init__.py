@@ -1,0 +1,1 @@
+"""What computes the steps of a run: this process, processes of this machine, or a Dask cluster."""
