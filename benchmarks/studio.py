@@ -30,19 +30,15 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
 from texloom.pipelines.store import exr
-from texloom.pipelines.studio.messages import (
+from texloom.pipelines.studio.messages.message import Message, packed, unpacked
+from texloom.pipelines.studio.messages.recipes import PatchRecipe, PhotoRecipe, Recipe
+from texloom.pipelines.studio.messages.requests import (
     Lattice,
     LatticeRequest,
-    Message,
     PaintDabRequest,
     PaintOpenRequest,
-    PatchRecipe,
-    PhotoRecipe,
     PhotoRequest,
     PreviewRequest,
-    Recipe,
-    packed,
-    unpacked,
 )
 from texloom.pipelines.studio.page import BUILT
 

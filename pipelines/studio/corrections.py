@@ -12,7 +12,9 @@ from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.model import Reference
 from texloom.pipelines.store.store import Store
-from texloom.pipelines.studio.messages import AlternativePicture, AlternativesRequest, BadPlace, Insight
+from texloom.pipelines.studio.messages.answers import AlternativePicture
+from texloom.pipelines.studio.messages.requests import AlternativesRequest
+from texloom.pipelines.studio.messages.runs import BadPlace, Insight
 from texloom.pipelines.studio.pixels import rgba
 from texloom.pipelines.studio.recipes import image_of, open_recipe, open_texture
 from texloom.pipelines.studio.work import InsightWork, Places, library_of

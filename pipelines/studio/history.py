@@ -9,7 +9,7 @@ from pathlib import Path
 from texloom.pipelines.store import run_log
 from texloom.pipelines.store.run_log import LoggedRun
 from texloom.pipelines.store.store import BrokenArtifactError, read_manifest
-from texloom.pipelines.studio.messages import PastRun, PastStep
+from texloom.pipelines.studio.messages.runs import PastRun, PastStep
 from texloom.stages.vocabulary.declare import InputError
 
 _MOST = 200  # runs that are listed

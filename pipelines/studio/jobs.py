@@ -10,7 +10,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.studio.messages import Job, JobChanged, JobPicture, Recipe, packed, unpacked
+from texloom.pipelines.studio.messages.answers import JobChanged, JobPicture
+from texloom.pipelines.studio.messages.message import packed, unpacked
+from texloom.pipelines.studio.messages.recipes import Recipe
+from texloom.pipelines.studio.messages.runs import Job
 from texloom.pipelines.studio.processes import WorkCancelledError, WorkerProcess
 from texloom.pipelines.studio.work import Places, Ran, Running, RunWork
 from texloom.stages.vocabulary.declare import InputError

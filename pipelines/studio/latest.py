@@ -5,13 +5,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 
-from texloom.pipelines.studio.messages import (
-    AlternativesRequest,
-    PhotoRequest,
-    PreviewFailed,
-    PreviewRequest,
-    packed,
-)
+from texloom.pipelines.studio.messages.answers import PreviewFailed
+from texloom.pipelines.studio.messages.message import packed
+from texloom.pipelines.studio.messages.requests import AlternativesRequest, PhotoRequest, PreviewRequest
 from texloom.pipelines.studio.processes import WorkCancelledError, WorkerProcess
 from texloom.stages.vocabulary.declare import InputError
 

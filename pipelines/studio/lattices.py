@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from texloom.pipelines.media.sources import open_source
-from texloom.pipelines.studio.messages import Lattice, LatticePicture, LatticeRequest
+from texloom.pipelines.studio.messages.answers import LatticePicture
+from texloom.pipelines.studio.messages.requests import Lattice, LatticeRequest
 from texloom.pipelines.studio.work import Places, library_of
 from texloom.stages.interactive.lattice_session import LatticeSession
 

@@ -13,7 +13,7 @@ import yaml
 
 from texloom.pipelines.store import codec, exr
 from texloom.pipelines.store.capture import capture_output
-from texloom.pipelines.studio.messages import Layer, Layers
+from texloom.pipelines.studio.messages.runs import Layer, Layers
 from texloom.pipelines.studio.work import Described, LayersWork
 from texloom.stages.vocabulary.declare import InputError
 

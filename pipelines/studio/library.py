@@ -21,7 +21,7 @@ from texloom.pipelines.media.shapes import SHAPES
 from texloom.pipelines.media.sources import Source, open_mesh, open_source
 from texloom.pipelines.store.atomic import file_digest, write_atomically
 from texloom.pipelines.store.store import Store
-from texloom.pipelines.studio.messages import Picture
+from texloom.pipelines.studio.messages.catalogue import Picture
 from texloom.stages.vocabulary.declare import InputError
 
 MOST_BYTES = 2**29

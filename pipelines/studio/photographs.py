@@ -10,18 +10,16 @@ import numpy as np
 
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.studio.library import GEOMETRY, Library
-from texloom.pipelines.studio.messages import (
-    BrushRecipe,
-    KeptPhoto,
+from texloom.pipelines.studio.messages.answers import (
     PhotoArea,
     PhotoLines,
     PhotoPatch,
     PhotoPreview,
     PhotoProposal,
-    PhotoRecipe,
-    PhotoRequest,
     PhotoState,
 )
+from texloom.pipelines.studio.messages.recipes import BrushRecipe, KeptPhoto, PhotoRecipe
+from texloom.pipelines.studio.messages.requests import PhotoRequest
 from texloom.pipelines.studio.work import KeepPhotoWork, Places, library_of
 from texloom.stages.analysis.photographs.line_segments import Frame
 from texloom.stages.analysis.photographs.plane_proposal import find_planes

@@ -16,7 +16,9 @@ from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.store.housekeeping import set_limit
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
-from texloom.pipelines.studio.messages import PreviewPicture, PreviewRequest, Recipe
+from texloom.pipelines.studio.messages.answers import PreviewPicture
+from texloom.pipelines.studio.messages.recipes import Recipe
+from texloom.pipelines.studio.messages.requests import PreviewRequest
 from texloom.pipelines.studio.pixels import rgba
 from texloom.pipelines.studio.recipes import image_of, open_texture
 from texloom.pipelines.studio.reduced import Reducer, reduced_document, reduced_size, scale_of

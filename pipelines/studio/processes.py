@@ -9,7 +9,7 @@ import threading
 from collections.abc import AsyncIterator
 from multiprocessing.connection import Connection
 
-from texloom.pipelines.studio.messages import packed, unpacked
+from texloom.pipelines.studio.messages.message import packed, unpacked
 from texloom.pipelines.studio.work import Ended, Places, Work
 from texloom.pipelines.studio.worker import CANCEL, serve
 from texloom.stages.vocabulary.declare import InputError

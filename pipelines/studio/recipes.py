@@ -23,7 +23,9 @@ from texloom.pipelines.media.arrays import file_source, masked
 from texloom.pipelines.request import RunRequest, request
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
-from texloom.pipelines.studio.messages import Described, Method, PlannedStep, Recipe
+from texloom.pipelines.studio.messages.catalogue import Method
+from texloom.pipelines.studio.messages.recipes import Recipe
+from texloom.pipelines.studio.messages.runs import Described, PlannedStep
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.sizes import size_value

@@ -26,22 +26,11 @@ from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio import history, recipes, work
 from texloom.pipelines.studio.jobs import Jobs
 from texloom.pipelines.studio.library import MOST_BYTES, safe_name
-from texloom.pipelines.studio.messages import (
-    Described,
-    FlowEntry,
-    Job,
-    KeptPhoto,
-    Layers,
-    PastRun,
-    PastStep,
-    PhotoRecipe,
-    Picture,
-    PreviewRequest,
-    Problem,
-    Recipe,
-    Start,
-    unpacked,
-)
+from texloom.pipelines.studio.messages.catalogue import Picture, Problem, Start
+from texloom.pipelines.studio.messages.message import unpacked
+from texloom.pipelines.studio.messages.recipes import KeptPhoto, PhotoRecipe, Recipe
+from texloom.pipelines.studio.messages.requests import PreviewRequest
+from texloom.pipelines.studio.messages.runs import Described, FlowEntry, Job, Layers, PastRun, PastStep
 from texloom.pipelines.studio.page import BUILT
 from texloom.pipelines.studio.processes import Spares, WorkerProcess
 from texloom.pipelines.studio.security import Codes, Guard

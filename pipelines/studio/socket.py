@@ -9,16 +9,14 @@ from fastapi import WebSocket, WebSocketDisconnect
 
 from texloom.pipelines.studio.jobs import Jobs
 from texloom.pipelines.studio.latest import Latest
-from texloom.pipelines.studio.messages import (
+from texloom.pipelines.studio.messages.answers import JobChanged, PreviewFailed
+from texloom.pipelines.studio.messages.message import packed, unpacked
+from texloom.pipelines.studio.messages.requests import (
     TO_SERVER,
-    JobChanged,
     LatticeRequest,
     PaintDabRequest,
     PaintOpenRequest,
     PhotoRequest,
-    PreviewFailed,
-    packed,
-    unpacked,
 )
 from texloom.pipelines.studio.processes import Spares, WorkCancelledError, WorkerProcess
 from texloom.pipelines.studio.work import Places

@@ -8,10 +8,12 @@ from typing import Any
 
 import pydantic
 
-from texloom.pipelines.studio import messages
+from texloom.pipelines.studio.messages import answers, catalogue, recipes, requests, runs
+from texloom.pipelines.studio.messages.message import Message
 
 FILE = Path(__file__).parent / "client" / "src" / "messages.ts"
-_HEAD = "// Written by texloom.pipelines.studio.typescript from messages.py; do not edit.\n"
+_HEAD = "// Written by texloom.pipelines.studio.typescript from the room messages; do not edit.\n"
+_MODULES = (catalogue, recipes, runs, requests, answers)
 _PLAIN = {"string": "string", "integer": "number", "number": "number", "boolean": "boolean", "null": "null"}
 
 
@@ -19,15 +21,17 @@ def types() -> str:
     """The content of the file."""
     models = [
         one
-        for name, one in vars(messages).items()
-        if inspect.isclass(one) and issubclass(one, messages.Message) and name == one.__name__ != "Message"
+        for module in _MODULES
+        for one in vars(module).values()
+        if inspect.isclass(one) and issubclass(one, Message) and one.__module__ == module.__name__
     ]
     parts = [_HEAD]
     for model in models:
         schema = model.model_json_schema(mode="serialization", ref_template="{model}")
         parts.append(_interface(model.__name__, schema, _required_to_send(model)))
-    for name in ("ToServer", "ToPage"):
-        members = pydantic.TypeAdapter(getattr(messages, name)).json_schema(ref_template="{model}")
+    unions: dict[str, Any] = {"ToServer": requests.ToServer, "ToPage": answers.ToPage}
+    for name, union in unions.items():
+        members = pydantic.TypeAdapter(union).json_schema(ref_template="{model}")
         listed = [_type(one) for one in members.get("anyOf", [])] or [members["title"]]
         parts.append(f"export type {name} = {' | '.join(listed)};\n")
     return "\n".join(parts)

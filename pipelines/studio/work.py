@@ -8,19 +8,18 @@ from typing import Literal
 from pydantic import Field, TypeAdapter
 
 from texloom.pipelines.studio.library import Library
-from texloom.pipelines.studio.messages import (
+from texloom.pipelines.studio.messages.catalogue import Picture
+from texloom.pipelines.studio.messages.message import Message
+from texloom.pipelines.studio.messages.recipes import PhotoRecipe, Recipe
+from texloom.pipelines.studio.messages.requests import (
     AlternativesRequest,
     LatticeRequest,
-    Layers,
-    Message,
     PaintDabRequest,
     PaintOpenRequest,
-    PhotoRecipe,
     PhotoRequest,
-    Picture,
     PreviewRequest,
-    Recipe,
 )
+from texloom.pipelines.studio.messages.runs import Layers
 
 
 class Places(Message):

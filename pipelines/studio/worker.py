@@ -18,16 +18,14 @@ from collections.abc import Callable
 from multiprocessing.connection import Connection
 
 from texloom.pipelines.errors import one_line
-from texloom.pipelines.studio.messages import (
+from texloom.pipelines.studio.messages.message import Message, packed, unpacked
+from texloom.pipelines.studio.messages.requests import (
     AlternativesRequest,
     LatticeRequest,
-    Message,
     PaintDabRequest,
     PaintOpenRequest,
     PhotoRequest,
     PreviewRequest,
-    packed,
-    unpacked,
 )
 from texloom.pipelines.studio.work import (
     WORK,

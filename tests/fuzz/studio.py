@@ -15,7 +15,8 @@ import PIL.Image
 
 from tests.fuzz.mutations import mutated, mutated_text
 from texloom.pipelines.studio.lattices import Lattices
-from texloom.pipelines.studio.messages import (
+from texloom.pipelines.studio.messages.message import unpacked
+from texloom.pipelines.studio.messages.requests import (
     TO_SERVER,
     AlternativesRequest,
     LatticeRequest,
@@ -23,7 +24,6 @@ from texloom.pipelines.studio.messages import (
     PaintOpenRequest,
     PhotoRequest,
     PreviewRequest,
-    unpacked,
 )
 from texloom.pipelines.studio.painting import Painter
 from texloom.pipelines.studio.photographs import Photographer

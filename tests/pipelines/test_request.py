@@ -17,7 +17,7 @@ from texloom.pipelines.cli import main as cli
 from texloom.pipelines.cli.options import FlowCommand
 from texloom.pipelines.engine.prefect.flow_run import run_flow
 from texloom.pipelines.request import RunRequest, request
-from texloom.pipelines.studio.messages import Recipe
+from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.stages.vocabulary.declare import InputError
 
 FIELDS = set(RunRequest.model_fields)

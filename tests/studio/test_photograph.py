@@ -14,7 +14,9 @@ from tests.studio.conftest import Watched, repeated
 from texloom.pipelines.engine.opening import open_run
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store
-from texloom.pipelines.studio.messages import BrushRecipe, Message, PatchRecipe, PhotoRecipe, PhotoRequest, Recipe
+from texloom.pipelines.studio.messages.message import Message
+from texloom.pipelines.studio.messages.recipes import BrushRecipe, PatchRecipe, PhotoRecipe, Recipe
+from texloom.pipelines.studio.messages.requests import PhotoRequest
 from texloom.pipelines.studio.photographs import Photographer, keep
 from texloom.pipelines.studio.recipes import described, open_recipe
 from texloom.pipelines.studio.work import KeepPhotoWork, Places

@@ -29,7 +29,9 @@ from websockets.sync.client import ClientConnection, connect
 from tests.studio.conftest import Served, exemplar, run_again
 from texloom.pipelines.store import codec
 from texloom.pipelines.studio import processes
-from texloom.pipelines.studio.messages import PreviewRequest, Recipe, packed, unpacked
+from texloom.pipelines.studio.messages.message import packed, unpacked
+from texloom.pipelines.studio.messages.recipes import Recipe
+from texloom.pipelines.studio.messages.requests import PreviewRequest
 from texloom.pipelines.studio.work import PictureWork, Places, RunWork
 from texloom.pipelines.studio.worker import Worker
 from texloom.stages.vocabulary.declare import InputError

@@ -17,7 +17,7 @@ from texloom.pipelines.store.preview import picture
 from texloom.pipelines.studio import tiles
 from texloom.pipelines.studio.endless import Endless
 from texloom.pipelines.studio.layers import layers_of
-from texloom.pipelines.studio.messages import Recipe
+from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.recipes import image_of, open_texture
 from texloom.pipelines.studio.tiles import SIDE, Tiler
 from texloom.pipelines.studio.work import EndlessWork, Places, TileWork

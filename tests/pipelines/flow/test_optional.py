@@ -17,7 +17,7 @@ from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Flow, Overrides
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
-from texloom.pipelines.studio.messages import Recipe
+from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.recipes import flow_file, open_recipe
 from texloom.stages.vocabulary.declare import InputError
 

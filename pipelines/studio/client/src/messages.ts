@@ -1,4 +1,4 @@
-// Written by texloom.pipelines.studio.typescript from messages.py; do not edit.
+// Written by texloom.pipelines.studio.typescript from the room messages; do not edit.
 
 export interface Picture {
   id: string;
