@@ -65,7 +65,7 @@ def plan(flow: str | None, as_json: bool, out: Path | None, force: bool, **optio
         from texloom.pipelines.engine.preflight import Preflight
 
         Preflight(opened).check(folder, force)
-    steps = opened.plan()
+    steps = opened.first_plan
     for note in opened.notes:
         complain(note)
     taken = opened.footprint() if any(step.state != "cached" for step in steps) else None

@@ -68,7 +68,7 @@ class Preflight:
     def _check_footprint(self) -> None:
         """`InputError` where memory or disk do not suffice for a large result, unless it is in the store."""
         taken = self.run.footprint()
-        if taken is None or all(step.state == "cached" for step in self.run.plan()):
+        if taken is None or all(step.state == "cached" for step in self.run.first_plan):
             return
         if taken.problem:
             raise InputError(taken.problem)
@@ -84,7 +84,7 @@ class Preflight:
         try:
             self.run.store.check_writable()
         except InputError:
-            if any(step.state != "cached" for step in self.run.plan()):
+            if any(step.state != "cached" for step in self.run.first_plan):
                 raise
 
     def _problem_with(self, path: str, is_folder: bool, force: bool) -> str | None:

@@ -126,7 +126,7 @@ class Run:
                 continue
             exemplar = scope.source(first)
             is_large = exemplar.kind == "picture" and reduction(exemplar.height, exemplar.width) > 1
-            if is_large and any(step.state in ("run", "wait") for step in self.plan()):
+            if is_large and any(step.state in ("run", "wait") for step in self.first_plan):
                 return [*self.store_notes, expectation(self.flow.steps, scope, exemplar)]
         return self.store_notes
 
@@ -184,6 +184,11 @@ class Run:
                 self.scopes[item.name] = scope
                 plans += self._plan_scope(scope, "item", earlier)
         return plans + self._plan_scope(self.shared, "final", earlier)
+
+    @cached_property
+    def first_plan(self) -> list[StepPlan]:
+        """The plan as it was first made, for all that is to be known before anything runs."""
+        return self.plan()
 
     def skipped(self) -> list[StepPlan]:
         """The steps that are left out of this run."""

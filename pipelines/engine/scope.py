@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from texloom.pipelines.engine.events import label
@@ -20,6 +20,12 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, Outline
 
 _MAX_KEPT = 2**28  # bytes of results in memory for each scope
+
+_OPENERS: Mapping[str, Callable[[str, str, Store], Source]] = {
+    "picture": lambda name, given, _: open_source(name, given),
+    "mesh": lambda name, given, _: open_mesh(name, given),
+    "patches": open_patches,
+}
 
 
 class Scope:
@@ -59,11 +65,7 @@ class Scope:
         self._known: KnownFiles | None = known if shared is None else shared._known
         with using(self._known):
             self.sources = {
-                name: open_mesh(name, path)
-                if name in flow.meshes
-                else open_patches(name, path, store)
-                if name in flow.results
-                else open_source(name, path)
+                name: _OPENERS[flow.kinds.get(name, "picture")](name, path, store)
                 for name, path in opened.items()
                 if name in self.used
             }

@@ -28,7 +28,7 @@ _EXPORTABLE = {
 """what writers take, in words"""
 _IMAGE = Hint.of(Image)
 _MESH = Hint.of(Mesh)
-_PATCHES = Hint.of(VotedPatches)
+_KINDS = {"patches": Hint.of(VotedPatches), "mesh": _MESH}
 
 
 class Connections:
@@ -43,9 +43,8 @@ class Connections:
         self.draft = draft
         self.stages = stages
         self.dropped = dropped
-        self.meshes = self._sources_taken_as(_MESH)
-        self.results = self._sources_taken_as(_PATCHES)
-        """earlier results, whose patches a step takes"""
+        self.kinds = {name: kind for kind, hint in _KINDS.items() for name in self._sources_taken_as(hint)}
+        """sources that are no pictures, and what they are instead, see `Flow`"""
 
     def of_step(self, name: str, step: DraftStep) -> Taker:
         """What a step takes, checked."""
@@ -207,8 +206,7 @@ class Connections:
     def type_of(self, reference: Reference) -> Hint:
         """The type of what a reference names."""
         if reference.output is None:
-            name = reference.name
-            return _MESH if name in self.meshes else _PATCHES if name in self.results else _IMAGE
+            return _KINDS.get(self.kinds.get(reference.name, ""), _IMAGE)
         return Hint.of(self.stages[reference.name].outputs[reference.output])
 
     def _check_export(self, file: str, entry: Entry, reference: Reference) -> None:
@@ -233,16 +231,16 @@ class Connections:
         if writer.companions and {folder, f"{folder}/"} & set(self.draft.exports):
             raise entry.fail(f"its maps are written into '{folder}', which is another export")
 
-    def _sources_taken_as(self, kind: Hint) -> tuple[str, ...]:
+    def _sources_taken_as(self, kind: Hint) -> set[str]:
         """The sources that a step takes as a mesh, or as an earlier result."""
-        taken = {
+        return {
             text
             for name, step in self.draft.steps.items()
             for key, entry in step.inputs.items()
             if key in self.stages[name].inputs and Hint.of(self.stages[name].inputs[key]) == kind
             for text in texts_of(entry.value)
+            if text in self.draft.sources
         }
-        return tuple(name for name in self.draft.sources if name in taken)
 
 
 def _named(text: str) -> str:

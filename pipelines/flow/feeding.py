@@ -27,7 +27,7 @@ def feeding(flow: Flow, reference: Reference) -> set[str]:
             sources.add(one.name)
         else:
             left += _taken(flow.steps[one.name], one.output)
-    return sources - {*flow.meshes, *flow.results}
+    return sources - flow.kinds.keys()
 
 
 def _taken(step: Step, output: str) -> list[Reference]:

@@ -79,7 +79,7 @@ def _of_part(flow: Flow, draft: Draft, part: Part) -> Flow:
     """The flow with a part of its first source; `InputError` where something names pixels of the whole."""
     option = "--reduce" if part.size is None else "--crop"
     first = next(iter(flow.sources), None)
-    if first is None or first in flow.meshes:
+    if first is None or flow.kinds.get(first) == "mesh":
         raise refused(f"{option}: {flow.name} takes no picture")
     for step in flow.steps.values():
         for param in document_params(type(step.params)):
@@ -190,9 +190,9 @@ class _Checker:
         }
         overrides = dataclasses.replace(self.overrides, params=step_params.texts(self.overrides.params))
         return Flow(
-            draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, surfaces, connections.meshes,
-            connections.results, of_maps, own, tuple(draft.included), flow_params, missing, left_out, overrides,
-            delivery=delivery, skipped=skipped, unwritten=unwritten, optional=optional,
+            draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, surfaces, connections.kinds,
+            of_maps, own, tuple(draft.included), flow_params, missing, left_out, overrides, delivery=delivery,
+            skipped=skipped, unwritten=unwritten, optional=optional,
         )  # fmt: skip
 
     def _check_sources(self) -> None:

@@ -161,10 +161,8 @@ class Flow:
     """folder of maps, or PNG, to the source whose file names and formats it takes"""
     surfaces: Mapping[str, Reference] = dataclasses.field(default_factory=dict)
     """model to the mesh on which its picture lies"""
-    meshes: tuple[str, ...] = ()
-    """the sources that are meshes"""
-    results: tuple[str, ...] = ()
-    """the sources that are earlier results"""
+    kinds: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """the sources that are no pictures: ``mesh``, or ``patches`` of an earlier result"""
     of_maps: tuple[str, ...] = ()
     """the exports that are written only where the source that they are like is a map set"""
     own_examples: tuple[str, ...] = ()

@@ -49,6 +49,15 @@ def picture(path: Path, side: int) -> Path:
     return path
 
 
+def test_a_large_exemplar_is_planned_once_before_it_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = opened("quilting", 256, tmp_path / "store", picture(tmp_path / "6144.png", 6144))
+    plan, planned = Run.plan, []
+    monkeypatch.setattr(Run, "plan", lambda self: planned.append(self) or plan(self))
+    Preflight(run).check(tmp_path / "out")
+    assert "on this machine" in run.notes_before[-1]
+    assert planned == [run]
+
+
 @pytest.mark.parametrize("flow", ["quilting", "self_tuning", "near_regular", "hybrid", "texture_optimisation"])
 def test_a_large_exemplar_takes_memory_whatever_the_result(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flow: str

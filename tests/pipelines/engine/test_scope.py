@@ -13,7 +13,7 @@ import pytest
 
 from tests.pipelines.flows import SYNTHESIS, open_run, paint, run_local, write_flow
 from texloom.pipelines.engine import scope
-from texloom.pipelines.engine.scheduler import ScopeRun
+from texloom.pipelines.engine.scope_run import ScopeRun
 from texloom.pipelines.engine.task import Inputs, Output
 from texloom.pipelines.flow.model import Reference, Runner
 from texloom.pipelines.store import exr
