@@ -80,6 +80,8 @@ def keeps_no_key() -> str | None:
         if not (folder / _KEY_FILE).exists():
             probe_folder(nearest_folder(folder))
             return None
+    if _key() is not None:  # another process has made it meanwhile
+        return None
     return f"no key can be kept in {folder}, so that nothing is removed from the store; set XDG_CONFIG_HOME"
 
 
