@@ -41,8 +41,8 @@ def choose_runner(declared: Any, overrides: Mapping[str, Any], fail: Fail) -> Ru
 
 def require_installed(runner: Runner) -> None:
     """`InputError` where what the runner needs is missing; nothing is imported."""
-    if runner.name == "dask" and importlib.util.find_spec("prefect_dask") is None:
-        raise InputError("--runner dask: prefect-dask is not installed; pip install 'texloom[dask]'")
+    if runner.name == "dask" and importlib.util.find_spec("distributed") is None:
+        raise InputError("--runner dask: Dask is not installed; pip install 'texloom[dask]'")
 
 
 def check_environment() -> None:
