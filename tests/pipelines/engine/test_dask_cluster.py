@@ -105,7 +105,7 @@ def test_a_cluster_leaves_no_files(
 
 def test_nobody_waits_for_answers_after_the_end(tmp_path: Path) -> None:
     """A task that ends while the client is closed has no answer; its thread would keep the program from ending."""
-    executor = DaskExecutor(open_run(write_flow(tmp_path)))
+    executor = DaskExecutor(open_run(write_flow(tmp_path)), 1)
     asked = []
 
     class Unanswered:

@@ -34,9 +34,18 @@ def run(folder: Path, text: str | None = None, **overrides: str) -> tuple[Run, E
     return opened, listener, execute(opened, listener, folder / "out")
 
 
+@pytest.fixture(scope="module")
+def results_of_set(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The store of a finished set."""
+    folder = write_set(tmp_path_factory.mktemp("set")).parent
+    run(folder)
+    return folder / "artifacts"
+
+
 @pytest.fixture
-def large(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def large(folder: Path, results_of_set: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder of a finished set that is taken for a large one."""
+    shutil.copytree(results_of_set, folder / "artifacts")
     monkeypatch.setattr("texloom.pipelines.engine.run._MANY", 3)
     monkeypatch.setattr("texloom.pipelines.engine.user_cache._file", lambda name: folder / f"{name}.json")
     monkeypatch.setattr("texloom.pipelines.media.known_files._RESOLUTION", 0)

@@ -47,7 +47,7 @@ def test_frequent_reports_are_left_out_but_neither_the_last_nor_pictures(
     assert scales == list(range(1, pictures[0].progress.scales + 1))
     assert len(told) <= len(pictures) + 2
     with PIL.Image.open(io.BytesIO(pictures[-1].picture)) as picture:
-        assert (picture.format, picture.size) == ("PNG", (32, 32))
+        assert picture.format == "PNG"
 
 
 QUILTING = """

@@ -1,36 +1,21 @@
-"""The deployments of `prefect.yaml` on a server of their own, with a work pool and two workers."""
+"""A Prefect server, and what is started beside it."""
 
 from __future__ import annotations
 
-import importlib.metadata
 import os
-import shutil
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import httpx
-import numpy as np
-import PIL.Image
-import pytest
 
 T = TypeVar("T")
 
-ROOT = Path(__file__).parents[4]
 SECONDS = 240
-FLOW = """
-flow: library
-sources:
-  exemplar: {each: "library/*.png"}
-steps:
-  edges: {stage: analysis.edges, inputs: {image: exemplar}, params: {detector: gradient}}
-exports:
-  edges.png: edges.strength
-"""
 
 
 class Server:
@@ -107,54 +92,3 @@ def wait_for(answer: Callable[[], T | None]) -> T:
             return found
         time.sleep(0.2)
     raise TimeoutError
-
-
-@pytest.fixture
-def server(tmp_path: Path) -> Iterator[Server]:
-    (tmp_path / "server").mkdir()
-    made = Server(tmp_path / "server")
-    yield made
-    made.stop()
-
-
-def test_two_workers_run_the_deployments(server: Server, tmp_path: Path, rng: np.random.Generator) -> None:
-    place = tmp_path / "deployed"
-    (place / "library").mkdir(parents=True)
-    for name in ("a", "b"):
-        PIL.Image.fromarray(rng.integers(0, 256, (32, 32, 3), np.uint8)).save(place / "library" / f"{name}.png")
-    (place / "library.yaml").write_text(FLOW)
-    shutil.copy(ROOT / "prefect.yaml", place)
-    server.call("work-pool", "create", "--type", "process", "texloom", folder=place)
-    server.call("deploy", "--all", "--no-prompt", folder=place)
-    for name in ("one", "two"):
-        server.start("worker", "start", "--pool", "texloom", "--name", name, "--limit", "1")
-    known = {entry["name"]: entry for entry in wait_for(lambda: server.post("deployments/filter", {}))}
-    assert set(known) == {"run", "nightly"}
-    assert [entry["schedule"]["cron"] for entry in known["nightly"]["schedules"]] == ["0 2 * * *"]
-
-    common = {"flow": str(place / "library.yaml"), "source": {}, "store": str(place / "store"), "runner": "local"}
-    runs = [
-        server.post(
-            f"deployments/{known[name]['id']}/create_flow_run",
-            {"parameters": {**common, "out": str(place / f"out_{name}")}, "state": {"type": "SCHEDULED"}},
-        )["id"]
-        for name in ("run", "nightly")
-    ]
-
-    def states() -> list[str] | None:
-        found = server.post("flow_runs/filter", {"flow_runs": {"id": {"any_": runs}}}) or []
-        over = [run for run in found if run["state_type"] in ("COMPLETED", "FAILED", "CRASHED")]
-        return [run["state_type"] for run in over] if len(over) == 2 else None
-
-    try:
-        assert wait_for(states) == ["COMPLETED", "COMPLETED"], server.logs()
-    except TimeoutError:
-        pytest.fail(server.logs())
-    for name in ("run", "nightly"):
-        assert sorted(path.parent.name for path in (place / f"out_{name}").rglob("edges.png")) == ["a", "b"]
-    workers = wait_for(lambda: server.post("work_pools/texloom/workers/filter", {}))
-    assert {entry["name"] for entry in workers} == {"one", "two"}
-    if not importlib.metadata.version("sqlalchemy").startswith("2.0."):
-        return  # an environment that is older than the limit in pyproject.toml
-    coming = {"deployment_id": {"any_": [known["nightly"]["id"]]}, "state": {"type": {"any_": ["SCHEDULED"]}}}
-    assert wait_for(lambda: server.post("flow_runs/filter", {"flow_runs": coming}))
