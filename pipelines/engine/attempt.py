@@ -23,7 +23,8 @@ from texloom.pipelines.engine.scope import Scope
 from texloom.pipelines.engine.scope_run import ScopeRun
 from texloom.pipelines.flow.model import Step
 from texloom.pipelines.media.sources import SourceError
-from texloom.pipelines.store.store import Artifact, BrokenArtifactError
+from texloom.pipelines.store.result_files import BrokenArtifactError
+from texloom.pipelines.store.store import Artifact
 from texloom.stages.kernels.core.threads import thread_count
 from texloom.stages.vocabulary.declare import InputError
 

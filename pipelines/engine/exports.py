@@ -29,7 +29,8 @@ from texloom.pipelines.media.writers.registry import Job
 from texloom.pipelines.store import written
 from texloom.pipelines.store.atomic import file_digest
 from texloom.pipelines.store.history import file_state
-from texloom.pipelines.store.store import Store, small_file
+from texloom.pipelines.store.result_files import small_file
+from texloom.pipelines.store.store import Store
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.frame_stacks import frame_count
 

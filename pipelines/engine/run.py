@@ -26,8 +26,9 @@ from texloom.pipelines.store.atomic import make_new_folder
 from texloom.pipelines.store.history import History
 from texloom.pipelines.store.location import passed_over
 from texloom.pipelines.store.ownership import keeps_no_key
+from texloom.pipelines.store.result_files import BrokenArtifactError
 from texloom.pipelines.store.run_log import LoggedRun
-from texloom.pipelines.store.store import Artifact, BrokenArtifactError, Store
+from texloom.pipelines.store.store import Artifact, Store
 from texloom.stages.common.grids.working_size import reduction
 from texloom.stages.vocabulary.declare import InputError
 

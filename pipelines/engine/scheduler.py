@@ -17,7 +17,8 @@ from texloom.pipelines.engine.events import HeldEvents, Listener, Note, RunStart
 from texloom.pipelines.engine.executors.choice import executor_of
 from texloom.pipelines.engine.executors.executor import Executor
 from texloom.pipelines.engine.run import Run
-from texloom.pipelines.store.store import BrokenArtifactError, BrokenStoreError, Store
+from texloom.pipelines.store.result_files import BrokenArtifactError
+from texloom.pipelines.store.store import BrokenStoreError, Store
 from texloom.stages.vocabulary.declare import InputError
 
 MAX_RESTARTS = 5

@@ -18,7 +18,8 @@ from texloom.pipelines.flow.model import Reference, Step
 from texloom.pipelines.media.sources import Source, SourceValue
 from texloom.pipelines.store.outputs import Outputs
 from texloom.pipelines.store.preview import eight_bits, small_png
-from texloom.pipelines.store.store import BrokenArtifactError, Store
+from texloom.pipelines.store.result_files import BrokenArtifactError
+from texloom.pipelines.store.store import Store
 from texloom.stages.kernels.core.threads import sharing
 from texloom.stages.lookup.registry import find_stage
 from texloom.stages.vocabulary.declare import InputError, Stage

@@ -104,11 +104,6 @@ class Runner:
     address: str | None = None
     """of the scheduler of a Dask cluster, as in ``tcp://head:8786``"""
 
-    @property
-    def has_workers(self) -> bool:
-        """Whether several steps are computed at a time."""
-        return self.name in WITH_WORKERS
-
 
 @dataclasses.dataclass(frozen=True)
 class Overrides:

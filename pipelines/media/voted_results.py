@@ -16,7 +16,8 @@ from typing import Any
 
 from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.store import codec, exr, run_log
-from texloom.pipelines.store.store import NOT_AS_EXPECTED, BrokenArtifactError, Store, read_manifest
+from texloom.pipelines.store.result_files import NOT_AS_EXPECTED, BrokenArtifactError, read_manifest
+from texloom.pipelines.store.store import Store
 from texloom.stages.lookup.registry import find_stage
 from texloom.stages.vocabulary.sizes import size_value
 from texloom.stages.vocabulary.voted_patches import VotedPatches

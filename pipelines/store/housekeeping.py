@@ -22,13 +22,8 @@ from texloom.pipelines.errors import refused
 from texloom.pipelines.store import ownership, removal, run_log, usage, written
 from texloom.pipelines.store.lease import protected_since
 from texloom.pipelines.store.record import record_name
-from texloom.pipelines.store.store import (
-    NOT_AS_EXPECTED,
-    BrokenArtifactError,
-    Store,
-    check_files,
-    read_manifest,
-)
+from texloom.pipelines.store.result_files import NOT_AS_EXPECTED, BrokenArtifactError, check_files, read_manifest
+from texloom.pipelines.store.store import Store
 
 _KEY = re.compile(r"[0-9a-f]{64}")
 _NEW_FOLDER = re.compile(r"\.new-([0-9a-f]{64})-[0-9a-f]{8}")

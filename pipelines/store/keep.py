@@ -1,8 +1,4 @@
-"""Computing a result once: the lock of its key is held from the look for its record until that is written.
-
-The records and locks are those that Prefect's tasks use, see `texloom.pipelines.engine.prefect.records`. Importing
-Prefect takes longer than most steps, so it is not needed here.
-"""
+"""Computing a result once: the lock of its key is held from the look for its record until that is written."""
 
 from __future__ import annotations
 
@@ -11,7 +7,8 @@ from collections.abc import Callable
 from typing import Any
 
 from texloom.pipelines.store.record import encode_record, record_name
-from texloom.pipelines.store.store import BrokenArtifactError, Store
+from texloom.pipelines.store.result_files import BrokenArtifactError
+from texloom.pipelines.store.store import Store
 
 
 def keep_record(

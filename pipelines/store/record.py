@@ -1,7 +1,7 @@
-"""The records of finished steps: their names, and the form in which Prefect keeps them.
+"""The records of finished steps: their names, and their form.
 
-A record is JSON: ``{"metadata": {"serializer": {"type": SERIALIZER}, ...}, "result": "<JSON of the record>"}``.
-Prefect would obey any serializer that a file names, also one that unpickles; so only this form is ever read.
+A record is JSON: ``{"metadata": {"serializer": {"type": SERIALIZER}, ...}, "result": "<JSON of the record>"}``, the form
+in which Prefect kept them once. One that names another serializer is foreign; no other is ever used.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import json
 from typing import Any
 
 SERIALIZER = "texloom-artifact"
-"""name of the only serializer that is accepted"""
+"""name of the only one that is accepted"""
 
 
 class ForeignRecordError(Exception):
@@ -18,7 +18,7 @@ class ForeignRecordError(Exception):
 
 
 def record_name(stage: str, key: str) -> str:
-    """File name of a record and of its lock. Prefect's records with a dot in their names would share one lock."""
+    """File name of a record and of its lock."""
     return f"{stage.replace('.', '-')}-{key}"
 
 

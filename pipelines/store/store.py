@@ -5,7 +5,7 @@
     artifacts/
       cache/<stage>/<key>/             one result: result.exr, tables.json, previews, manifest.json
       checkpoints/<stage>/<key>/<level>/   the same for the scales of a long step, without previews
-      records/<stage>-<key>            Prefect's record of a finished step; a result without one is ignored
+      records/<stage>-<key>            the record of a finished step; a result without one is ignored
       locks/                           one file a key; its lock is released when the holding process ends
       history/<flow>                   what a flow's last runs used, see `texloom.pipelines.store.history`
       log/<digest>.json                a run and the results that it used, see `texloom.pipelines.store.run_log`
@@ -27,27 +27,30 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import datetime
-import errno
-import functools
-import hashlib
-import importlib.metadata
 import json
 import os
-import secrets
-import stat
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from texloom.pipelines.errors import refused
 from texloom.pipelines.memory import memory_limit
 from texloom.pipelines.store import ownership, removal, usage
-from texloom.pipelines.store.atomic import check_folder, file_digest, probe_folder, write_atomically
-from texloom.pipelines.store.folders import Folder, LinkError, named
+from texloom.pipelines.store.atomic import check_folder, probe_folder
+from texloom.pipelines.store.folders import Folder, LinkError
 from texloom.pipelines.store.lease import Lease
 from texloom.pipelines.store.record import ForeignRecordError, decode_record, record_name
-from texloom.stages.kernels.core.threads import run_all
+from texloom.pipelines.store.result_files import (
+    MANIFEST,
+    NOT_AS_EXPECTED,
+    BrokenArtifactError,
+    check_files,
+    read_manifest,
+    read_result,
+    small_file,
+    write_result,
+)
+from texloom.pipelines.store.stored_checkpoints import StoredCheckpoints
 from texloom.stages.vocabulary.declare import InputError, Stage
 from texloom.stages.vocabulary.scratch import Scratch, using
 
@@ -56,22 +59,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-MANIFEST = removal.MANIFEST
-_MAX_JSON_SIZE = 1 << 24  # bytes
 _SCRATCH_SHARE = 1 / 32  # of the memory limit; larger arrays are in files
-_AT_ONCE = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
-"""how files are opened: to open a pipe without it would wait for its writer; links are not followed"""
 _CAN_TOUCH_LINKS = os.utime in os.supports_follow_symlinks
-NOT_AS_EXPECTED = (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError)
-"""raised by reading JSON of unexpected form"""
-
-
-class BrokenArtifactError(Exception):
-    """A result that has a record is missing, truncated or altered; ``key`` is its key, where known."""
-
-    def __init__(self, problem: str, key: str = ""):
-        super().__init__(problem)
-        self.key = key
 
 
 class BrokenStoreError(OSError):
@@ -289,13 +278,15 @@ class Store:
         self.forget(stage.name, key)
         folder = self.folder(stage.name, key)
         with self.inside("cache", stage.name, create=True) as parent:
-            outputs, digest = _write(parent, key, result, {**provenance, "stage": stage.name, "key": key}, seconds)
+            outputs, digest = write_result(
+                parent, key, result, {**provenance, "stage": stage.name, "key": key}, seconds
+            )
         usage.add(self, folder)
         return Artifact(stage.name, key, str(folder), outputs, digest)
 
     def load(self, artifact: Artifact, kind: type[Any], names: Collection[str] | None = None) -> dict[str, Any]:
         """The outputs called ``names``, or all; `BrokenArtifactError` if a file was altered."""
-        return _read(artifact.folder, kind, names)
+        return read_result(artifact.folder, kind, names)
 
     def table(self, artifact: Artifact, output: str) -> Any:
         """A table for people to look at, not compared with its digest; none where it cannot be read."""
@@ -361,184 +352,3 @@ class Store:
                 yield False
             else:
                 yield True
-
-
-class StoredCheckpoints:
-    """The checkpoints of one step, see `texloom.stages.vocabulary.checkpoints.Checkpoints`."""
-
-    def __init__(self, root: Path, stage: str, key: str):
-        self.folder = root / "checkpoints" / stage / key
-        self._root, self._stage, self._key = root, stage, key
-
-    def levels(self) -> list[int]:
-        """The stored levels, highest first."""
-        names = (path.name for path in self.folder.glob("[0-9]*"))
-        return sorted((int(name) for name in names if name.isdecimal()), reverse=True)
-
-    def latest(self, state: type[T]) -> tuple[int, T] | None:
-        """The highest complete checkpoint and its level."""
-        for level in self.levels():
-            with contextlib.suppress(BrokenArtifactError):
-                return level, state(**_read(self.folder / f"{level:02d}", state, None))
-        return None
-
-    def save(self, level: int, state: Any) -> None:
-        """Store ``state``; after a power failure it may be broken, and then an earlier one is the latest."""
-        provenance = {"stage": self._stage, "key": self._key, "level": level}
-        with Folder.at(self._root, "checkpoints", self._stage, self._key, create=True) as folder:
-            _write(folder, f"{level:02d}", state, provenance, is_checkpoint=True)
-
-
-def _write(
-    parent: Folder,
-    name: str,
-    result: Any,
-    provenance: Mapping[str, Any],
-    seconds: float = 0.0,
-    is_checkpoint: bool = False,
-) -> tuple[dict[str, str], str]:
-    """File ``result`` as a folder in ``parent``; content digests of its outputs, and the manifest's.
-
-    A checkpoint is not flushed to the disk and has no previews.
-    """
-    from texloom.pipelines.store.outputs import outputs_of
-
-    result = outputs_of(result)
-    with named(f"{parent.path}/{name}"):
-        return _write_as(parent, name, result, provenance, seconds, is_checkpoint)
-
-
-def _write_as(
-    parent: Folder, name: str, result: Any, provenance: Mapping[str, Any], seconds: float, is_checkpoint: bool
-) -> tuple[dict[str, str], str]:
-    from texloom.pipelines.store import codec
-
-    prefix = f".new-{name}-"
-    for left in parent.names():
-        if left.startswith(prefix):  # by a process that was killed, as the lock is ours
-            removal.remove_temporary(parent, left)
-    temporary = prefix + secrets.token_hex(4)
-    parent.mkdir(temporary)
-    folder = Path(parent.path, temporary)
-    try:
-        made = {"program": program_version(), **provenance}
-        names = codec.write(result, folder, made, previews=not is_checkpoint)
-        # the digests of the outputs are computed while others wait for the disk
-        work: list[Callable[[], Any]] = [functools.partial(codec.digests, result)]
-        work += [functools.partial(_entry, folder / file, not is_checkpoint) for file in names]
-        outputs, *entries = run_all(lambda one: one(), [(one,) for one in work])
-        files = dict(zip(names, entries, strict=True))
-        times = {"created": _now(), "seconds": round(seconds, 3)}
-        manifest = json.dumps({**made, **times, "outputs": outputs, "files": files}, indent=2).encode()
-        write_atomically(folder / MANIFEST, manifest, not is_checkpoint)
-        if not is_checkpoint:
-            _flush(folder)
-        _make_room(parent, name, outputs)
-        parent.rename(temporary, name)
-        if not is_checkpoint:
-            _flush(Path(parent.path))
-    except BaseException:
-        removal.remove_temporary(parent, temporary)
-        raise
-    return outputs, hashlib.sha256(manifest).hexdigest()
-
-
-def _make_room(parent: Folder, name: str, outputs: Collection[str]) -> None:
-    """Remove what is in place of a result: it is broken, or it would not be computed again."""
-    status = parent.status(name)
-    if status is None:
-        return
-    if not stat.S_ISDIR(status.st_mode):
-        parent.unlink(name)
-    elif not removal.remove_result(parent, name, outputs):
-        raise OSError(
-            errno.ENOTEMPTY, "holds files that texloom did not write; move them away", f"{parent.path}/{name}"
-        )
-
-
-def _entry(path: Path, is_durable: bool) -> dict[str, Any]:
-    """A file's entry in the manifest; first it is flushed if it is to outlast a power failure."""
-    if is_durable:
-        _flush(path)
-    status = path.stat()
-    return {"sha256": file_digest(path), "bytes": status.st_size, "mtime_ns": status.st_mtime_ns}
-
-
-def _read(folder: Path, kind: type[Any], names: Collection[str] | None) -> dict[str, Any]:
-    from texloom.pipelines.store import codec
-
-    manifest, _ = read_manifest(folder)
-    files = manifest["files"]
-    check_files(folder, {name: entry for name, entry in files.items() if not name.endswith(".png")}, thorough=True)
-    try:
-        return codec.read(kind, folder, names)
-    except codec.ArtifactError as error:
-        raise BrokenArtifactError(str(error)) from None
-
-
-@functools.cache
-def program_version() -> str:
-    """The program that results name as their maker."""
-    return f"texloom {importlib.metadata.version('texloom')}"
-
-
-def read_manifest(folder: str | Path) -> tuple[dict[str, Any], str]:
-    """The manifest of a result, and its digest."""
-    try:
-        content = small_file(f"{folder}/{MANIFEST}")
-    except (FileNotFoundError, NotADirectoryError):
-        raise BrokenArtifactError("its files are missing") from None
-    except NOT_AS_EXPECTED:
-        raise BrokenArtifactError(f"{MANIFEST} cannot be read") from None
-    try:
-        manifest = json.loads(content)
-        if not all(isinstance(entry, dict) for entry in manifest["files"].values()):
-            raise TypeError
-    except NOT_AS_EXPECTED:
-        raise BrokenArtifactError(f"{MANIFEST} cannot be read") from None
-    return dict(manifest), hashlib.sha256(content).hexdigest()
-
-
-def check_files(folder: str | Path, files: Mapping[str, Mapping[str, Any]], thorough: bool) -> None:
-    """`BrokenArtifactError` unless the files of a manifest are there; ``thorough``: and hold what was written."""
-    for name, entry in files.items():
-        try:
-            if os.path.basename(name) != name:  # noqa: PTH119 (paths as text, as there are thousands)
-                raise ValueError(name)
-            status = os.stat(f"{folder}/{name}")  # noqa: PTH116
-            if status.st_size != entry.get("bytes"):
-                raise BrokenArtifactError(f"{name} has {status.st_size} bytes, not {entry.get('bytes')}")
-            same_time = status.st_mtime_ns == entry.get("mtime_ns")
-            if (thorough or not same_time) and file_digest(Path(folder, name)) != entry.get("sha256"):
-                raise BrokenArtifactError(f"{name} has been altered")
-        except (OSError, ValueError):
-            raise BrokenArtifactError(f"{name} is missing") from None
-
-
-def small_file(path: str | Path) -> bytes:
-    """The content of a file of JSON; `OSError` or `ValueError` if it cannot be one."""
-    handle = os.open(path, _AT_ONCE)
-    try:
-        status = os.fstat(handle)
-        if not stat.S_ISREG(status.st_mode):
-            raise ValueError("not a file")
-        if status.st_size > _MAX_JSON_SIZE:
-            raise ValueError("too large")
-        content = os.read(handle, status.st_size)
-        if len(content) != status.st_size:
-            raise ValueError("has changed while it was read")
-        return content
-    finally:
-        os.close(handle)
-
-
-def _flush(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
-
-
-def _now() -> str:
-    return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")

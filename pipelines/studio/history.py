@@ -7,8 +7,8 @@ import re
 from pathlib import Path
 
 from texloom.pipelines.store import run_log
+from texloom.pipelines.store.result_files import BrokenArtifactError, read_manifest
 from texloom.pipelines.store.run_log import LoggedRun
-from texloom.pipelines.store.store import BrokenArtifactError, read_manifest
 from texloom.pipelines.studio.messages.runs import PastRun, PastStep
 from texloom.stages.vocabulary.declare import InputError
 

@@ -21,7 +21,7 @@ from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.errors import NoWorkersError, one_line
 from texloom.pipelines.interruption import interruption_of
-from texloom.pipelines.store.store import program_version
+from texloom.pipelines.store.result_files import program_version
 from texloom.stages.vocabulary.declare import InputError
 
 _SECONDS = 10.0  # to wait for a scheduler, and for its first worker

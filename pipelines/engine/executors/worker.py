@@ -17,7 +17,8 @@ from texloom.pipelines.errors import format_error, is_resource_error, one_line
 from texloom.pipelines.media.sources import SourceError
 from texloom.pipelines.store.atomic import probe_folder
 from texloom.pipelines.store.keep import keep_record
-from texloom.pipelines.store.store import BrokenArtifactError, Store, program_version
+from texloom.pipelines.store.result_files import BrokenArtifactError, program_version
+from texloom.pipelines.store.store import Store
 from texloom.stages.kernels.core.threads import thread_count
 from texloom.stages.lookup.registry import find_stage
 from texloom.stages.vocabulary.declare import InputError

@@ -23,12 +23,8 @@ from texloom.pipelines.store import codec
 from texloom.pipelines.store.folders import Folder
 from texloom.pipelines.store.keep import keep_record
 from texloom.pipelines.store.record import SERIALIZER, decode_record, record_name
-from texloom.pipelines.store.store import (
-    Artifact,
-    BrokenArtifactError,
-    BrokenStoreError,
-    Store,
-)
+from texloom.pipelines.store.result_files import BrokenArtifactError
+from texloom.pipelines.store.store import Artifact, BrokenStoreError, Store
 
 GATHERING = """steps:
   start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 32, method: pixels}}

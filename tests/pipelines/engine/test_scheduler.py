@@ -38,7 +38,8 @@ from texloom.pipelines.engine.scheduler import compute
 from texloom.pipelines.engine.task import TaskSpec, check_same, run_task
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides, Runner
-from texloom.pipelines.store.store import Store, program_version
+from texloom.pipelines.store.result_files import program_version
+from texloom.pipelines.store.store import Store
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.progress import Progress
 

@@ -15,7 +15,8 @@ from tests.pipelines.store.results import KEY, STAGE, finished, result
 from texloom.pipelines.store import codec, housekeeping
 from texloom.pipelines.store.history import History
 from texloom.pipelines.store.record import SERIALIZER, record_name
-from texloom.pipelines.store.store import BrokenArtifactError, Store
+from texloom.pipelines.store.result_files import BrokenArtifactError
+from texloom.pipelines.store.store import Store
 from texloom.stages.analysis.structure.otsu import Otsu
 from texloom.stages.vocabulary.declare import InputError
 
