@@ -1,20 +1,23 @@
-"""One attempt at a run: which steps can be computed now, and what becomes of their results.
+"""Attempts at a run: which steps can be computed now, on which executor, and what becomes of their results.
 
-Only steps whose result is not in the store become tasks, and only when all that they take is there, so that their
-keys are known.
+A result that turns out to be broken is computed again, in another attempt. Only steps whose result is not in the
+store become tasks, and only when all that they take is there, so that their keys are known.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import queue
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
 from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, State, StepReport
+from texloom.pipelines.engine.executors.choice import executor_of
 from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
 from texloom.pipelines.engine.exporter import Exporter
 from texloom.pipelines.engine.keys import KeyParts
@@ -24,13 +27,74 @@ from texloom.pipelines.engine.scope_run import ScopeRun
 from texloom.pipelines.flow.model import Step
 from texloom.pipelines.media.sources import SourceError
 from texloom.pipelines.store.result_files import BrokenArtifactError
-from texloom.pipelines.store.store import Artifact
+from texloom.pipelines.store.store import Artifact, BrokenStoreError, Store
 from texloom.stages.kernels.core.threads import thread_count
 from texloom.stages.vocabulary.declare import InputError
 
 T = TypeVar("T")
 
+MAX_RESTARTS = 5
+"""how often a run is restarted because of one result that turns out to be broken"""
 _MAX_LOST = 3  # workers that may die with a task: another one may have been at fault, or the memory that all need
+
+
+def compute(
+    run: Run, listener: Listener, out: Path, start: Callable[[Run], Executor] = executor_of
+) -> dict[str, Path]:
+    """Run what is not cached and write the exports into the folder ``out``, without a server; export name to file.
+
+    Over a set, the exports of an item go into a folder of its name. What fails there is reported to the listener
+    and stops neither other items nor those steps of its own that do not depend on it.
+
+    A task that is lost with its worker is submitted again, from the second time on when no other one is in flight;
+    what is lost again and again has failed. When a result turns out to be broken, its record is removed and the run
+    restarted.
+
+    Parameters
+    ----------
+    start : makes the executor when the first task is submitted; by default that of the flow's runner.
+
+    Raises
+    ------
+    StepFailedError : a stage raised an exception.
+    InputError : a stage or source refused what it was given, or there are no workers or no server.
+    BrokenStoreError : a result is broken each time that it has been computed again.
+    """
+    executor = functools.cache(functools.partial(start, run))
+    restarts: Counter[str] = Counter()
+    at_once = True
+    try:
+        while True:
+            try:
+                with run.store.used_by_run() as lease:
+                    exports = Attempt(run, executor, listener, out).exports()
+                    if lease.is_taken:
+                        _tidy(run.store, listener)
+                at_once = False
+                return exports
+            except BrokenArtifactError as error:
+                restarts[error.key] += 1
+                if restarts[error.key] > MAX_RESTARTS:
+                    raise BrokenStoreError(
+                        f"{error}, again and again, though it was computed {MAX_RESTARTS} times; "
+                        f"is the disk of --store {run.store.root} sound, and does no other program write there?"
+                    ) from None
+                listener(Note(f"{error}; computing it again"))
+    finally:
+        if executor.cache_info().currsize:
+            executor().stop(at_once)
+
+
+def _tidy(store: Store, listener: Listener) -> None:
+    """Remove what killed runs have left, and keep the store within its limit."""
+    from texloom.pipelines.store import housekeeping
+
+    with contextlib.suppress(OSError):
+        housekeeping.tidy(store)
+        housekeeping.keep_limit(store, measure=False)
+        problem = housekeeping.foreign_limit(store)
+        if problem is not None:
+            listener(Note(problem))
 
 
 @dataclasses.dataclass

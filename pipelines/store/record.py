@@ -1,7 +1,7 @@
 """The records of finished steps: their names, and their form.
 
-A record is JSON: ``{"metadata": {"serializer": {"type": SERIALIZER}, ...}, "result": "<JSON of the record>"}``, the form
-in which Prefect kept them once. One that names another serializer is foreign; no other is ever used.
+A record is JSON: ``{"metadata": {"serializer": {"type": SERIALIZER}, ...}, "result": "<JSON of the record>"}``.
+That is the form of Prefect, which kept them once. One that names another serializer is foreign, and is not used.
 """
 
 from __future__ import annotations

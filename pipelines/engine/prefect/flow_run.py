@@ -19,6 +19,7 @@ from prefect.logging.handlers import PrefectConsoleHandler
 from prefect.settings import PREFECT_API_URL, PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings
 
 from texloom.pipelines.engine import signals
+from texloom.pipelines.engine.attempt import compute
 from texloom.pipelines.engine.destination import placed
 from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, Recorder, summary_of
 from texloom.pipelines.engine.opening import open_request
@@ -26,7 +27,6 @@ from texloom.pipelines.engine.prefect.scores import show_scores
 from texloom.pipelines.engine.prefect.task_runs import TaskRuns
 from texloom.pipelines.engine.preflight import Preflight
 from texloom.pipelines.engine.run import Run
-from texloom.pipelines.engine.scheduler import compute
 from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.model import Each, Flow, Overrides
 from texloom.pipelines.flow.source_files import is_pattern

@@ -16,8 +16,9 @@ import pytest
 
 from tests.pipelines.cli.test_main import texloom
 from tests.pipelines.flows import ANALYSIS, Events, files, open_run, run_local, write_flow
+from texloom.pipelines.engine.attempt import MAX_RESTARTS
 from texloom.pipelines.engine.run import Run
-from texloom.pipelines.engine.scheduler import MAX_RESTARTS, execute
+from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.model import Runner
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.folders import Folder

@@ -29,12 +29,12 @@ from tests.pipelines.flows import (
     write_flow,
     write_set,
 )
+from texloom.pipelines.engine.attempt import compute
 from texloom.pipelines.engine.events import Event, StepProgress, StepStarted
 from texloom.pipelines.engine.executors import worker
 from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
 from texloom.pipelines.engine.executors.inline import InlineExecutor
 from texloom.pipelines.engine.run import Run, StepFailedError
-from texloom.pipelines.engine.scheduler import compute
 from texloom.pipelines.engine.task import TaskSpec, check_same, run_task
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides, Runner

@@ -10,10 +10,10 @@ import PIL.Image
 import pytest
 
 from tests.pipelines.flows import SYNTHESIS, Events, open_run, write_flow
+from texloom.pipelines.engine.attempt import compute
 from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.executors import worker
 from texloom.pipelines.engine.run import Run
-from texloom.pipelines.engine.scheduler import compute
 from texloom.pipelines.flow.model import Runner
 
 Reported = list[StepProgress]

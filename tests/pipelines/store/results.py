@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 
-from texloom.pipelines.engine.prefect.records import ArtifactSerializer
-from texloom.pipelines.store.record import SERIALIZER, record_name
+from texloom.pipelines.store.record import encode_record, record_name
 from texloom.pipelines.store.store import Artifact, Store
 from texloom.stages.analysis.structure.otsu import Otsu
 from texloom.stages.lookup.registry import find_stage
@@ -30,6 +27,5 @@ def finished(store: Store, key: str = KEY) -> Artifact:
 
 def write_record(store: Store, artifact: Artifact) -> None:
     """Its record alone."""
-    content = ArtifactSerializer().dumps({"record": artifact.record}).decode()
-    path = store.records / record_name(artifact.stage, artifact.key)
-    path.write_text(json.dumps({"metadata": {"serializer": {"type": SERIALIZER}}, "result": content}))
+    name = record_name(artifact.stage, artifact.key)
+    store.write_record(name, encode_record(artifact.record, name))
