@@ -630,7 +630,7 @@ def test_the_installed_command(empty: Path) -> None:
     assert list(empty.iterdir()) == []
 
 
-@pytest.mark.parametrize("runner", ["local", "threads", "processes", "dask"])
+@pytest.mark.parametrize("runner", ["local", "processes", "dask"])
 def test_modules_of_the_working_folder_are_not_imported(runner: str, tmp_path: Path) -> None:
     """A folder of pictures may hold files that are called as modules of Python, of its packages, or texloom."""
     command = Path(sys.executable).with_name("texloom")

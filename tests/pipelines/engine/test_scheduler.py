@@ -101,10 +101,16 @@ def one_by_one(folder: Path, flow: str = "flow.yaml") -> dict[str, bytes]:
     return files(folder / "one_by_one")
 
 
-def test_the_same_files_as_one_step_after_the_other(folder: Path) -> None:
+@pytest.fixture(scope="module")
+def of_set(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """The files of the set of `folder`."""
+    return one_by_one(write_set(tmp_path_factory.mktemp("set")).parent)
+
+
+def test_the_same_files_as_one_step_after_the_other(folder: Path, of_set: dict[str, bytes]) -> None:
     bench = Bench()
     listener, _ = bench.run(opened(folder))
-    assert files(folder / "out") == one_by_one(folder)
+    assert files(folder / "out") == of_set
     assert set(listener.states.values()) <= {"ran", "cached"}
     assert listener.items == dict.fromkeys(["a-1", "a-2", "b-1", "b-2", "c-1", "c-2"])
     assert bench.stopped == [False]
@@ -194,7 +200,7 @@ def test_what_loses_its_worker_is_computed_again_and_the_next_time_alone(
     assert any("a-1/edges: its worker was killed; computing it again" in note for note in listener.notes)
 
 
-def test_a_broken_result_is_made_again(folder: Path) -> None:
+def test_a_broken_result_is_made_again(folder: Path, of_set: dict[str, bytes]) -> None:
     run = opened(folder)
     Bench().run(run)
     start = next((run.store.root / "cache" / "synthesis.initialise").glob("*/result.exr"))
@@ -206,7 +212,7 @@ def test_a_broken_result_is_made_again(folder: Path) -> None:
     listener, _ = Bench().run(opened(folder))
     assert any("broken" in note for note in listener.notes)
     assert start.read_bytes() == whole
-    assert files(folder / "out") == one_by_one(folder)
+    assert files(folder / "out") == of_set
 
 
 def test_without_a_set_the_first_problem_ends_the_run(tmp_path: Path) -> None:
@@ -272,11 +278,11 @@ def test_a_worker_says_whether_it_can_work_for_a_run(folder: Path) -> None:
 # -- real threads and processes
 
 
-def test_threads(folder: Path) -> None:
+def test_threads(folder: Path, of_set: dict[str, bytes]) -> None:
     run = opened(folder, name="threads", workers=2)
     assert run.flow.runner == Runner("threads", 2)
     run_local(run, folder / "out")
-    assert files(folder / "out") == one_by_one(folder)
+    assert files(folder / "out") == of_set
 
 
 def children(process: int) -> Iterator[int]:
@@ -452,7 +458,7 @@ def test_ctrl_c_interrupts_both_of_two_steps(folder: Path, pair: Any) -> None:
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_a_dask_cluster_with_other_working_folders(folder: Path, tmp_path: Path) -> None:
+def test_a_dask_cluster_with_other_working_folders(folder: Path, tmp_path: Path, of_set: dict[str, bytes]) -> None:
     pytest.importorskip("distributed")
     scheduler = subprocess.Popen(
         [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0",
@@ -474,7 +480,7 @@ def test_a_dask_cluster_with_other_working_folders(folder: Path, tmp_path: Path)
         listener = run_local(opened(folder, name="dask", address=address), folder / "out")
         assert set(listener.states.values()) <= {"ran", "cached"}
         assert len(listener.items) == 6
-        assert files(folder / "out") == one_by_one(folder)
+        assert files(folder / "out") == of_set
     finally:
         for process in (worker_process, scheduler):
             if process is not None:
