@@ -305,8 +305,8 @@ def test_processes_that_are_killed(folder: Path) -> None:
     """A worker dies, then the run; then the rest is computed, with the same bits as one step after the other."""
     path = folder / "long.yaml"
     path.write_text(LONG)
-    for name in "abcd":
-        paint(folder / "pictures" / f"{name}.png", side=700, seed=ord(name))
+    for name in "abcde":
+        paint(folder / "pictures" / f"{name}.png", side=900, seed=ord(name))
     options = ("--runner", "processes", "--workers", 2, "--out", folder / "out", "--store", folder / "artifacts")
     first = start_run(path, *options)
     locks = folder / "artifacts" / "locks"
