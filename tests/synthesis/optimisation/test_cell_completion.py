@@ -6,22 +6,22 @@ from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.border import Border
 from texloom.stages.synthesis.optimisation.cell_completion import CellCompletion
 from texloom.stages.synthesis.optimisation.contour_cells import ContourCells
-from texloom.stages.vocabulary.facts import NOWHERE, TORUS, Wraps
+from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
 SIZE, HEIGHT, COURSES = 8, 14, 10
 BORDER = Border(1)
 
 
-def wall(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def wall(rng: np.random.Generator, lengths: tuple[int, ...] = (18, 24, 30)) -> tuple[np.ndarray, np.ndarray]:
     """Courses of bricks of random lengths and tones between dark joints: lightness and colour, and its contours."""
     width = 150
     lightness = np.zeros((HEIGHT * COURSES, width), np.float32)
     for course in range(COURSES):
         left = -int(rng.integers(0, 20))
         while left < width:
-            length = int(rng.choice([18, 24, 30]))
+            length = int(rng.choice(lengths))
             brick = np.s_[course * HEIGHT : (course + 1) * HEIGHT, max(0, left) : max(0, left + length)]
-            lightness[brick] = rng.uniform(40, 90)
+            lightness[brick] = rng.choice([40, 52, 64, 76, 88])
             lightness[brick][:, :2] = 10
             left += length
         lightness[course * HEIGHT : course * HEIGHT + 2] = 10
@@ -59,18 +59,18 @@ def test_cells_of_courses_become_whole(rng: np.random.Generator) -> None:
     assert (match.max(axis=(1, 2)) <= np.array(lab.shape[:2]) - SIZE).all()
 
 
-@pytest.mark.parametrize("wrap", [NOWHERE, TORUS, Wraps(False, True)])
+@pytest.mark.parametrize("wrap", [NOWHERE, Wraps(False, True)])
 def test_cells_across_a_border_that_wraps_become_whole(wrap: Wraps, rng: np.random.Generator) -> None:
     """Its left and right end show different bricks, in the same courses."""
-    lab, strength = wall(rng)
-    match = np.indices((7 * HEIGHT, 106)).astype(np.int32)
+    lab, strength = wall(rng, (24,))
+    match = np.indices((7 * HEIGHT, 96)).astype(np.int32)
     completion = CellCompletion(lab, ContourCells(strength, BORDER), SIZE, None)
-    rolled = np.roll(match, 53, axis=2)
+    rolled = np.roll(match, 48, axis=2)
     before = mixed(rolled, lab)
     assert before >= 3
     completion.complete(match, wrap)
-    after = mixed(np.roll(match, 53, axis=2), lab)
-    assert after <= before // 3 if wrap.across else after == before
+    after = mixed(np.roll(match, 48, axis=2), lab)
+    assert after == (0 if wrap.across else before)
 
 
 def test_only_allowed_patches_are_used(rng: np.random.Generator) -> None:
