@@ -32,7 +32,7 @@ def cut_cells(lab, slopes, core, offset, unit, most, old, rows, shifts, state, f
         many columns of ``old`` it has
     state : (n, width) int8
     taken : (n, width) bool, filled for windows first..last
-    costs : (windows, 2) int64, of all seams in a window before and after
+    costs : (windows, 2) int64, of all seams in a window before and after, but those between kept pixels
     """
     for window in range(first, last):
         top, bottom = rows[window], rows[window + 1]
@@ -80,6 +80,8 @@ def _cut(lab, slopes, core, offset, unit, most, old, row, column, width, state, 
             for x in range(width - (axis == 1)):
                 v, u = y + (axis == 0), x + (axis == 1)
                 one, other = state[y, x], state[v, u]
+                if one == KEPT and other == KEPT:
+                    continue
                 a, b, c, d = old[y, x, 0], old[y, x, 1], old[v, u, 0], old[v, u, 1]
                 stay = _cost(lab, slopes, core, offset, unit, most, axis, a, b, c, d)
                 before += stay
@@ -126,6 +128,8 @@ def _cut(lab, slopes, core, offset, unit, most, old, row, column, width, state, 
         for y in range(height - (axis == 0)):
             for x in range(width - (axis == 1)):
                 v, u = y + (axis == 0), x + (axis == 1)
+                if state[y, x] == KEPT and state[v, u] == KEPT:
+                    continue
                 a, b = (row + y, column + x) if taken[y, x] else (np.int64(old[y, x, 0]), np.int64(old[y, x, 1]))
                 c, d = (row + v, column + u) if taken[v, u] else (np.int64(old[v, u, 0]), np.int64(old[v, u, 1]))
                 after += _cost(lab, slopes, core, offset, unit, most, axis, a, b, c, d)

@@ -25,6 +25,7 @@ _MAJORITY = 0.5  # weight of the most frequent source, relative to the pixels ar
 _POINTS = 120  # of a cell that are compared
 _TRIED = 48  # cells of the exemplar for a cell
 _SAME = 2.0  # factor on the cost of a cell that is also next to it
+_LEAST_KNOWN = 0.25  # of a cell's area, that is shown, for it to be completed at its place
 _NEAR = 0.3  # of a cell's area, that counts as shown
 _CHOSEN = 2  # best cells, and as many completed fragments, that are cut out
 _STUB = 0.5  # of the area of the exemplar's small cells, below which a cell is a stub
@@ -42,6 +43,8 @@ class _Shown:
     boxes: Int64[np.ndarray, "n 4"]
     severity: Float64[np.ndarray, "n"]
     """cost of the seams across a cell; 0 where what differs from its most frequent source is too small to see"""
+    used: Float64[np.ndarray, "k"]
+    """use of the exemplar's cells, relative to even use, at least 1"""
 
 
 class CellCompletion:
@@ -66,6 +69,7 @@ class CellCompletion:
         self.stub = _STUB * float(np.quantile(cells.area[cells.whole], _SMALL))
         self.stub_cost = _STUB_COST * UNIT * float(np.sqrt(self.stub))
         self.whole = np.flatnonzero(cells.whole)
+        self.fair = np.bincount(cells.label.ravel(), minlength=len(cells.area)) / max(1, int(self.places.sum()))
 
     def complete(self, match: Patches, wrap: Wraps) -> int:
         """Complete cells of a result in place, and tell how many.
@@ -76,25 +80,32 @@ class CellCompletion:
         saves most cost of seams is kept, if anything does. Cells that are used much, or lie next to it, cost more.
         """
         total = 0
+        recent = np.ones(match.shape[1:], bool)  # what the round before changed
         for _ in range(_ROUNDS):
             changed = 0
+            tried, recent = recent, np.zeros(match.shape[1:], bool)
             for window in target_windows(match.shape[1:], wrap, _WINDOW, _WIDEST + 4 * _BAND):
                 source = match[:, *window.place].astype(np.int64) + self.middle
-                count = self._completed(source, window.border)
+                before = source.copy()
+                count = self._completed(source, window.border, tried[window.place])
                 if count:
                     match[:, *window.place] = source - self.middle
+                    recent[window.place] |= (source != before).any(axis=0)
                 changed += count
             total += changed
             if not changed:
                 break
         return total
 
-    def _completed(self, source: Int64[np.ndarray, "2 p q"], border: Bool[np.ndarray, "p q"]) -> int:
-        """Complete a window in place; how many cells."""
+    def _completed(
+        self, source: Int64[np.ndarray, "2 p q"], border: Bool[np.ndarray, "p q"], tried: Bool[np.ndarray, "p q"]
+    ) -> int:
+        """Complete those cells of a window, in place, that have pixels of ``tried``; how many."""
         shown = self._shown(source)
         largest = min(_WIDEST, int(_LARGEST * min(self.lab.shape[:2])))
         sides = shown.boxes[:, 2:] - shown.boxes[:, :2]
         mixed = (shown.severity >= _MIN_SEAM * UNIT) & (sides.max(axis=1) <= largest)
+        mixed &= np.bincount(shown.number[tried], minlength=len(mixed)) > 0
         pad = _BAND + 3 + np.ceil(_REACH * sides).astype(np.int64)
         limits = np.array(source.shape[1:])
         outer = np.concatenate([shown.boxes[:, :2] - pad, shown.boxes[:, 2:] + pad], axis=1)
@@ -142,20 +153,40 @@ class CellCompletion:
         most = _most(own[with_seam], code[with_seam], count)
         size = np.bincount(own, minlength=count)
         severity[size - most < _MIN_PART * size] = 0
-        return _Shown(number, boxes_of(number, core, count), severity)
+        use = np.bincount(self.cells.label[source[0], source[1]].ravel(), minlength=len(self.cells.area))
+        return _Shown(
+            number, boxes_of(number, core, count), severity, np.maximum(1.0, use / (self.fair * number.size))
+        )
 
     def _laid(
         self, source: Int64[np.ndarray, "2 p q"], shown: _Shown, cells: list[int], outer: Int64[np.ndarray, "n 4"]
     ) -> int:
-        """Complete cells whose surroundings do not overlap."""
+        """Complete cells whose surroundings do not overlap: with the first candidates, else with the others."""
+        found = self._candidates(source, shown, cells, outer)
+        done: set[int] = set()
+        for first in (True, False):
+            tried = [
+                (cell, shift, region, factor)
+                for cell, own in zip(cells, found, strict=True)
+                for is_first, shift, region, factor in own
+                if is_first == first and cell not in done
+            ]
+            if tried:
+                done |= self._cut_out(source, shown, tried, outer)
+        return len(done)
+
+    def _cut_out(
+        self,
+        source: Int64[np.ndarray, "2 p q"],
+        shown: _Shown,
+        tried: list[tuple[int, np.ndarray, np.ndarray, float]],
+        outer: Int64[np.ndarray, "n 4"],
+    ) -> set[int]:
+        """Lay the best of the tried displacements over each cell, where one pays; the cells where it does."""
+        import cv2
+
         from texloom.stages.kernels.cells.cell_cuts import FILLED, FREE, KEPT, cut_cells
         from texloom.stages.kernels.core.threads import run_all, spans
-
-        found = self._candidates(source, shown, cells, outer)
-        tried = [(cell, *candidate) for cell, own in zip(cells, found, strict=True) for candidate in own]
-        if not tried:
-            return 0
-        import cv2
 
         sides = outer[:, 2:] - outer[:, :2]
         rows = np.cumsum([0, *(sides[cell, 0] for cell, *_ in tried)])
@@ -205,7 +236,7 @@ class CellCompletion:
             chosen = taken[rows[index] : rows[index + 1], : right - left]
             new = np.indices(chosen.shape) + shifts[index, :2, None, None]
             source[:, top:bottom, left:right] = np.where(chosen, new, source[:, top:bottom, left:right])
-        return len(best)
+        return set(best)
 
     def _more_stubs(
         self, old: Int32[np.ndarray, "a b 2"], taken: Bool[np.ndarray, "a b"], shift: Int64[np.ndarray, "3"]
@@ -226,16 +257,12 @@ class CellCompletion:
 
     def _candidates(
         self, source: Int64[np.ndarray, "2 p q"], shown: _Shown, cells: list[int], outer: Int64[np.ndarray, "n 4"]
-    ) -> list[list[tuple[np.ndarray, np.ndarray, float]]]:
-        """For each cell, displacements, what is laid at least, and a factor on the saving: the best cells of the
-        exemplar, and those of which it shows parts."""
+    ) -> list[list[tuple[bool, np.ndarray, np.ndarray, float]]]:
+        """For each cell, whether it is tried first, displacements, what is laid at least, and a divisor of the
+        saving: the best cells of the exemplar, and those of which it shows parts."""
         from texloom.stages.kernels.cells.cell_costs import fit_cells
         from texloom.stages.kernels.core.threads import run_all, spans
 
-        use = np.bincount(self.cells.label[source[0], source[1]].ravel(), minlength=len(self.cells.area))
-        size = np.maximum(1, np.bincount(self.cells.label.ravel(), minlength=len(use)))
-        fair = source[0].size / max(1, int(self.places.sum()))
-        used = np.maximum(1.0, use / (size * fair))
         points, weights, shifts, labels, factors, own = [], [], [], [], [], []
         for cell in cells:
             top, left, bottom, right = outer[cell]
@@ -251,8 +278,8 @@ class CellCompletion:
             shifts.append(moved)
             labels.append(label)
             around = self.cells.label[source[0][view], source[1][view]][(shown.number[view] > 0) & ~inside]
-            near = np.bincount(around, minlength=len(used)) > _NEAR * self.cells.area
-            factors.append((used * np.where(near, _SAME, 1.0))[label])
+            near = np.bincount(around, minlength=len(shown.used)) > _NEAR * self.cells.area
+            factors.append((shown.used * np.where(near, _SAME, 1.0))[label])
         ends, tried = (np.cumsum([0, *(len(one) for one in parts)]) for parts in (points, shifts))
         every, at = np.concatenate(shifts), np.concatenate(points)
         costs, best = np.full(len(every), np.inf), np.zeros(len(every), np.int64)
@@ -268,7 +295,7 @@ class CellCompletion:
         found = []
         for index, (cell, (inside, parts)) in enumerate(zip(cells, own, strict=True)):
             span = np.s_[tried[index] : tried[index + 1]]
-            chosen: list[tuple[np.ndarray, np.ndarray, float]] = []
+            chosen: list[tuple[bool, np.ndarray, np.ndarray, float]] = []
             taken: set[int] = set()
             for place in np.argsort(costs[span], kind="stable").tolist():
                 if len(chosen) == _CHOSEN or not np.isfinite(costs[span][place]):
@@ -276,7 +303,8 @@ class CellCompletion:
                 if labels[index][place] not in taken:
                     taken.add(int(labels[index][place]))
                     moved = every[span][place] + _JITTER[best[span][place]]
-                    chosen.append((moved, inside, float(factors[index][place])))
+                    chosen.append((not chosen, moved, inside, float(factors[index][place])))
+            count = len(chosen)
             for label, moved in parts:
                 box = self.cells.boxes[label] - np.tile(moved, 2)
                 limit = outer[cell] + np.array([1, 1, -1, -1]) * (_BAND + 1)
@@ -284,7 +312,7 @@ class CellCompletion:
                     first = outer[cell][:2] + moved
                     here = _window(self.cells.core, first, inside.shape)
                     here &= _window(self.cells.label, first, inside.shape) == label
-                    chosen.append((moved, here, 1.0))
+                    chosen.append((len(chosen) == count, moved, here, 1.0))
             found.append(chosen)
         return found
 
@@ -292,19 +320,17 @@ class CellCompletion:
         self, inside: np.ndarray, shift: np.ndarray, label: np.ndarray
     ) -> tuple[list[tuple[int, np.ndarray]], Bool[np.ndarray, "a b"]]:
         """Label and displacement of the whole cells that are shown most, and where the most frequent one is."""
-        values, inverse, counts = np.unique(
-            np.stack([label[inside], shift[0][inside], shift[1][inside]]),
-            axis=1,
-            return_inverse=True,
-            return_counts=True,
-        )
+        width = 4 * max(*self.lab.shape[:2], *inside.shape, int(np.abs(shift).max()))
+        code = (label[inside] * width + shift[0][inside] + width // 2) * width + shift[1][inside] + width // 2
+        _, first, inverse, counts = np.unique(code, return_index=True, return_inverse=True, return_counts=True)
         order = np.argsort(-counts, kind="stable")[:_CHOSEN].tolist()
         common = np.zeros(inside.shape, bool)
-        common[inside] = inverse.ravel() == order[0]
+        common[inside] = inverse == order[0]
+        labels, moves = label[inside][first[order]], shift[:, inside][:, first[order]].T
         kept = [
-            (int(values[0, index]), values[1:, index])
-            for index in order
-            if self.cells.whole[values[0, index]] and counts[index] >= 0.25 * self.cells.area[values[0, index]]
+            (int(own), move)
+            for own, move, count in zip(labels, moves, counts[order], strict=True)
+            if self.cells.whole[own] and count >= _LEAST_KNOWN * self.cells.area[own]
         ]
         return kept, common
 

@@ -9,7 +9,8 @@ from texloom.stages.vocabulary.arrays import ScalarMap
 _DEPTH = 0.35  # of the strength of clear contours, of what lies between two cells
 _CLEAR = 0.9  # quantile of an exemplar's strength that is a clear contour's
 _WEAK = 0.2  # quantile of a cell's contour that has to be that much stronger than its inside
-_MIN_SHARE = 0.4  # of the area of whole cells, in closed contours, of an exemplar that consists of cells
+_MIN_SHARE = 0.6  # of the area of whole cells, in closed contours, of an exemplar that consists of cells
+_MIN_COVER = 0.25  # of the exemplar's area, in such cells
 _MIN_CELLS = 8  # whole ones
 _MAX_AREA = 0.125  # of the exemplar's, of a cell
 _RIM = 2  # px beside a contour that are not the inside of a cell
@@ -69,12 +70,13 @@ class ContourCells:
         closed = self.whole & (strong - weak > depth)
         total = int(size[self.whole].sum())
         self.closed_share = float(size[closed].sum()) / total if total else 0.0
+        self.cover = float(size[closed].sum()) / (height * width)
         self.boxes = boxes_of(self.label, self.core, count)
 
     @property
     def clear(self) -> bool:
         """Whether the exemplar consists of cells."""
-        return bool(self.whole.sum() >= _MIN_CELLS and self.closed_share >= _MIN_SHARE)
+        return bool(self.whole.sum() >= _MIN_CELLS and self.closed_share >= _MIN_SHARE and self.cover >= _MIN_COVER)
 
 
 def boxes_of(label: np.ndarray, present: np.ndarray, count: int) -> Int64[np.ndarray, "n 4"]:

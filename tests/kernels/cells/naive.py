@@ -52,14 +52,15 @@ def seams(
     unit: float,
     most: float,
     source: np.ndarray,
+    state: np.ndarray,
 ) -> int:
-    """Cost of all seams of a window with these sources."""
+    """Cost of all seams of a window with these sources, but those between two pixels of state 0."""
     last = np.array(lab.shape[:2]) - 1
     total = 0
     for axis, step in enumerate(np.array([[1, 0], [0, 1]])):
         for place in np.ndindex(source.shape[0] - step[0], source.shape[1] - step[1]):
             one, other = source[place], source[tuple(place + step)]
-            if (one + step == other).all():
+            if (one + step == other).all() or not (state[place] or state[tuple(place + step)]):
                 continue
             ends = [np.clip(at, 0, last) for at in (one, other)]
             after, before = np.minimum(ends[0] + step, last), np.maximum(ends[1] - step, 0)
@@ -83,5 +84,5 @@ def least_seams(
     for choice in itertools.product([False, True], repeat=len(free)):
         taken = state == 2
         taken[tuple(free.T)] = choice
-        costs.append(seams(*given, np.where(taken[..., None], new, old)))
+        costs.append(seams(*given, np.where(taken[..., None], new, old), state))
     return min(costs)

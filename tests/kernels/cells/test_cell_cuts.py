@@ -33,8 +33,8 @@ def test_cuts_cost_least(rng: np.random.Generator) -> None:
         new = places + shifts[index, :2]
         assert taken[own][state[own] == FILLED].all()
         assert not taken[own][state[own] == KEPT].any()
-        assert costs[index, 0] == naive.seams(*given, old[own])
-        after = naive.seams(*given, np.where(taken[own][..., None], new, old[own]))
+        assert costs[index, 0] == naive.seams(*given, old[own], state[own])
+        after = naive.seams(*given, np.where(taken[own][..., None], new, old[own]), state[own])
         assert costs[index, 1] == after
         least = naive.least_seams(given, old[own], new, state[own])
         exact += after == least
