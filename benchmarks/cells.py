@@ -4,10 +4,10 @@
     python -m benchmarks.cells wall.png --size 512 --seeds 3 --tileable
     python -m benchmarks.cells wall.png --preset fast
 
-A cell of the result is what connects the insides of the exemplar's cells (`ContourCells`). It counts as mixed where
-at least 6 % of its pixels come from another place than most of them, and differ there by more than 6 CIELAB units
-from what that place would show. Exemplars that do not consist of cells are named, without the second run. CPU seconds
-are of the whole run; the first runs of a new installation compile kernels.
+A cell of the result is what connects the insides of the exemplar's cells (`ContourCells`). It counts as mixed
+where at least 6 % of its pixels come from another place than most of them, and differ there by more than 6 CIELAB
+units from what that place would show. Exemplars that do not consist of cells are named, without the second run.
+CPU seconds are of the whole run; the first runs of a new installation compile kernels.
 """
 
 from __future__ import annotations
