@@ -35,6 +35,7 @@ def test_alone_it_has_the_steps_that_it_always_had() -> None:
             "guidance": "distance.field",
             "weight": "guidance.weight",
             "generators": "lattice.generators",
+            "contours": "edges.strength",
         },
     }
     assert not flow.is_set

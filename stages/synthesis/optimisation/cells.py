@@ -1,4 +1,4 @@
-"""Whole cells of a lattice: joints that cross a cell are moved to its outline."""
+"""Whole cells of a lattice without clear contours: joints that cross a cell are moved to its outline."""
 
 import math
 from dataclasses import dataclass
@@ -8,16 +8,15 @@ from jaxtyping import Bool, Float32, Float64, Int64
 
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
 from texloom.stages.synthesis.optimisation.allowed import Allowed
-from texloom.stages.synthesis.optimisation.cell_segments import segments_of, unlikeness
 from texloom.stages.synthesis.optimisation.correspondence import Patches
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
-from texloom.stages.synthesis.optimisation.whole_cells import WholeCells
+from texloom.stages.synthesis.optimisation.target_windows import target_windows
 from texloom.stages.synthesis.stitching.seams import SeamCosts, pairs
 from texloom.stages.vocabulary.arrays import Vectors
 from texloom.stages.vocabulary.facts import Wraps
 
 _LEAST_SAVING = 0.5  # of the cost of a cell's joints; with less, lines across several cells break
-_MAX_STRETCH = 1.0  # px of the generators, on a torus, up to which whole cells are searched
+_STEPS = ((1, 0), (0, 1), (1, 1), (1, -1))  # generators to the cells that are compared
 _WINDOW = 1024  # px of the result that are in memory at once
 
 
@@ -49,54 +48,35 @@ def complete_cells(
     phase: LatticePhase,
     allowed: Allowed | None,
 ) -> None:
-    """Make cells whole that show parts of several, in place.
-
-    Where joints surround the parts of a cell, such as bricks, mixed ones are searched in the whole exemplar, see
-    `WholeCells`. Elsewhere a cell gets its most frequent displacement where that halves the cost of its
-    joints.
+    """Give cells that show parts of several their most frequent displacement, where that halves their joints' cost.
 
     Where cells differ in tone alone, a joint costs the same wherever it crosses a cell, so the optimisation ends
     with cells of two tones. Costs of joints are those of graph cuts, squared: less along contours than in flat
-    places, and most across contours that do not continue. Cells larger than half of `_WINDOW` are left, and
-    those at borders that wrap.
+    places, and most across contours that do not continue. Cells larger than half of `_WINDOW` are left.
 
     Parameters
     ----------
-    match : at full size; the target has ``margin`` px above and below, left and right.
+    match : at full size, changed in place; the target has ``margin`` px above and below, left and right.
     wrap : where the target wraps.
     lab : the exemplar, CIELAB.
     generators : px, two rows.
     """
-    height, width = match.shape[1:]
     reach = 2 + math.ceil(np.abs(generators).sum(axis=0).max())  # more than the height and width of a cell
     if 2 * reach > _WINDOW:
         return
     costs = SeamCosts(lab, gradients=True, squared=True)
-    stretch = float(np.abs(inverse_of(phase.target) - generators).max())
-    unlike = unlikeness(lab, generators)
-    segments = None
-    if stretch <= _MAX_STRETCH:  # else cells of the exemplar do not fit, and lose their joints
-        segments = segments_of(lab, *unlike, generators)
-    search = None if segments is None else WholeCells(lab, costs, generators, segments, patch_size, allowed)
-    outline = _outline(*unlike, generators) if search is None else None
-    for top in range(0, height, _WINDOW - reach):
-        for left in range(0, width, _WINDOW - reach):
-            place = np.s_[top : top + _WINDOW, left : left + _WINDOW]
-            part = match[:, *place]
-            rows, columns = (
-                np.arange(first, first + count) + (patch_size // 2 - before)
-                for first, count, before in zip((top, left), part.shape[1:], margin, strict=True)
-            )
-            down, across = phase.target[..., None, None]
-            position = rows[:, None] * down + columns * across + phase.origin[:, None, None]
-            ends = np.zeros(part.shape[1:], bool)
-            ends[0], ends[-1] = wrap.down or top > 0, wrap.down or top + _WINDOW < height
-            ends[:, 0] |= wrap.across or left > 0
-            ends[:, -1] |= wrap.across or left + _WINDOW < width
-            if search is not None:
-                search.complete(part, position, ends)
-            elif outline is not None:
-                _complete(part, np.floor(outline(position)).astype(np.int64), ends, costs, patch_size, allowed)
+    outline = _outline(*_unlikeness(lab, generators), generators)
+    down, across = phase.target[..., None, None]
+    for window in target_windows(match.shape[1:], wrap, _WINDOW, reach):
+        rows, columns = (
+            line + (patch_size // 2 - before)
+            for line, before in zip((window.rows, window.columns), margin, strict=True)
+        )
+        position = rows[:, None] * down + columns * across + phase.origin[:, None, None]
+        part = match[:, *window.place]
+        cell = np.floor(outline(position)).astype(np.int64)
+        _complete(part, cell, window.border, costs, patch_size, allowed)
+        match[:, *window.place] = part
 
 
 def _complete(
@@ -189,10 +169,32 @@ def _joint_costs(
     return total
 
 
+def _unlikeness(
+    lab: Float32[np.ndarray, "h w 3"], generators: Vectors
+) -> tuple[Float64[np.ndarray, "h w"], Float64[np.ndarray, "h w"]]:
+    """Mean squared difference of each pixel from those in the same place of the cells around, and their number."""
+    import cv2
+
+    smooth = cv2.blur(lab, (3, 3))
+    height, width = lab.shape[:2]
+    total, pairs_of = np.zeros((height, width)), np.zeros((height, width))
+    for step in _STEPS:
+        down, across = (int(one) for one in np.rint(matrix_product(step, generators.astype(np.float64))))
+        if abs(down) >= height or abs(across) >= width:
+            continue
+        one = np.s_[max(0, -down) : height - max(0, down), max(0, -across) : width - max(0, across)]
+        other = np.s_[max(0, down) : height + min(0, down), max(0, across) : width + min(0, across)]
+        difference = ((smooth[one] - smooth[other]) ** 2).sum(axis=2)
+        for end in (one, other):
+            total[end] += difference
+            pairs_of[end] += 1
+    return total / np.maximum(pairs_of, 1), pairs_of
+
+
 def _outline(
     different: Float64[np.ndarray, "h w"], pairs_of: Float64[np.ndarray, "h w"], generators: Vectors
 ) -> _Outline:
-    """The outline on which the cells of an exemplar differ least from each other, see `unlikeness`."""
+    """The outline on which the cells of an exemplar differ least from each other, see `_unlikeness`."""
     basis = generators.astype(np.float64)
     here = np.moveaxis(np.indices(different.shape), 0, 2)
     position = np.moveaxis(matrix_product(here, inverse_of(basis)), 2, 0)

@@ -13,6 +13,7 @@ from pydantic import Field
 from texloom.stages.common.grids.working_size import Halvings
 from texloom.stages.synthesis.optimisation import correspondence
 from texloom.stages.synthesis.optimisation.border import Border
+from texloom.stages.synthesis.optimisation.cell_completion import CellCompletion
 from texloom.stages.synthesis.optimisation.cells import complete_cells
 from texloom.stages.synthesis.optimisation.coarse_to_fine import (
     CoarserPatches,
@@ -23,6 +24,7 @@ from texloom.stages.synthesis.optimisation.coarse_to_fine import (
     match_at,
     patch_scales,
 )
+from texloom.stages.synthesis.optimisation.contour_cells import ContourCells
 from texloom.stages.synthesis.optimisation.correspondence import Patches, from_layers, to_layers
 from texloom.stages.synthesis.optimisation.features import FeaturesOfScale, PatchFeatures
 from texloom.stages.synthesis.optimisation.fixed import FixedPixels
@@ -63,6 +65,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "regularity": 0.0,
         "starts": 1,
         "border": False,
+        "whole_cells": False,
     },
     "default": {},
     "fast": {
@@ -120,6 +123,9 @@ class OptimiseParams(CoarseToFineParams):
     exemplar's, energy and occurrence penalty is continued"""
     border: bool = True
     """the exemplar is continued by half a patch, mirrored, so that its outermost pixels are used like all others"""
+    whole_cells: bool = True
+    """at the end, whole cells of the exemplar, such as bricks or stones, replace those that show parts of several;
+    where contours or a lattice show cells, and nothing is kept or guided"""
 
     def occurrence_at(self, scale: PatchScale) -> float:
         """Weight of spatial uniformity at a scale."""
@@ -281,7 +287,7 @@ class _Optimisation:
         return best_start(exemplar, [self.picture(match, scale) for match in matches], records)
 
 
-@stage(version=1, check=check_patches, in_bands=True, exemplar_bytes=90, seconds=(0.7, 9))
+@stage(version=2, check=check_patches, in_bands=True, exemplar_bytes=90, seconds=(0.7, 9))
 def optimise(
     image: Image,
     start: Correspondence,
@@ -295,6 +301,7 @@ def optimise(
     exemplar_guide: Float32[np.ndarray, "h w k"] | None = None,
     target_guide: Float32[np.ndarray, "H W k"] | None = None,
     guiding: Bool[np.ndarray, "_ _"] | None = None,
+    contours: ScalarMap | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Optimised:
     """Make every patch of the result similar to a patch of the exemplar, and use the exemplar uniformly.
@@ -322,8 +329,8 @@ def optimise(
     weight : factor on ``guidance``, whose energy is scaled by its square; see `guidance_weight`.
     generators : the exemplar's lattice, two rows of px, or one, at right angles to its courses; none or no rows
         where it has none. Patches are then also compared by their phase in the lattice; a tileable result contains
-        whole cells; and where nothing is kept or guided, joints that cross a cell are moved to its outline where
-        that halves their cost. Not in the paper.
+        whole cells; and where nothing is kept or guided and contours show no cells, joints that cross a cell are
+        moved to its outline where that halves their cost. Not in the paper.
     keep : true where the result is given: there it is bit-identical to the exemplar's pixels, masked or not, that
         ``start`` names, and the rest is synthesised to match. None keeps nothing.
     given : an image of the result's size with the exemplar's channels, whose pixels are kept instead of those that
@@ -332,6 +339,9 @@ def optimise(
         units; see `guide`. Patches are also compared by it, and the exemplar's patches of every value of the guide
         are used uniformly. The target's is resized to the result, and NaN where it asks for nothing. None without a
         guide.
+    contours : strength of the exemplar's contours, see `edges`. Where they surround cells, such as bricks, and
+        nothing is kept or guided, those of the result that show parts of several are replaced by whole ones at the
+        end; see `CellCompletion`. Not in the paper.
     guiding : true where pixels of ``keep`` are only matched to: the result has the votes of its patches there,
         which resemble them. None for none.
 
@@ -362,7 +372,7 @@ def optimise(
     >>> texloom.stages.optimise(brick, start, preset="fast").image.shape
     (48, 64, 1)
     """
-    _check_inputs(image, start, guidance, keep, given, guiding)
+    _check_inputs(image, start, guidance, keep, given, guiding, contours)
     kept = image if given is None else given
     wrap = wraps_after(params.tileable, NOWHERE if keep is None else kept.wraps)
     params = params.model_copy(update={"tileable": wrap})
@@ -389,10 +399,13 @@ def optimise(
         optimisation, scales, randoms, params.tolerance, checkpoints, others, optimisation.best
     )
 
-    if phase is not None and len(phase.origin) == 2 and keep is None and guides is None:
-        complete_cells(
-            match, optimisation.lab, params.patch_size, margin, wrap, generators, phase, scales[-1].allowed
-        )
+    if params.whole_cells and keep is None and guides is None:
+        found = None if contours is None else ContourCells(contours, border)
+        if found is not None and found.clear:
+            CellCompletion(optimisation.lab, found, params.patch_size, scales[-1].allowed).complete(match, wrap)
+        elif phase is not None and len(phase.origin) == 2:
+            lab, allowed = optimisation.lab, scales[-1].allowed
+            complete_cells(match, lab, params.patch_size, margin, wrap, generators, phase, allowed)
 
     made = optimisation.picture(match, scales[-1], margin)
     source = correspondence.to_pixels(match, params.patch_size, wrap, margin)
@@ -428,10 +441,13 @@ def _check_inputs(
     keep: Bool[np.ndarray, "_ _"] | None,
     given: Image | None,
     guiding: Bool[np.ndarray, "_ _"] | None,
+    contours: ScalarMap | None,
 ) -> None:
     height, width = start.shape[:2]
     if guidance is not None and guidance.shape != (image.height, image.width):
         raise ValueError(f"guidance of shape {guidance.shape} for an exemplar of {format_size(image)}")
+    if contours is not None and contours.shape != (image.height, image.width):
+        raise ValueError(f"contours of shape {contours.shape} for an exemplar of {format_size(image)}")
     check_start(image, start)
     if keep is not None and keep.shape != (height, width):
         raise ValueError(f"keep of shape {keep.shape} for a start of {format_size((height, width))}")

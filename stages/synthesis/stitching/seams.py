@@ -10,8 +10,7 @@ from texloom.stages.kernels.core.loading import loaded
 UNIT = 512
 """fixed-point steps of a seam's cost: capacities are integers, so that sums are exact"""
 
-_GRADIENT_OFFSET = 0.5  # added to gradients, so that seams in flat places have a finite cost
-_MAX_COST = 80 * UNIT
+MAX_COST = 80 * UNIT
 _AXES = ((1, 0), (0, 1))  # steps from a pixel to its neighbours below and to the right
 
 ABSENT, KEPT, FREE, FILLED = range(4)
@@ -32,10 +31,13 @@ class SeamCosts:
     features : of the exemplar, (h, w, c).
     gradients : divide by the sum of the gradients of both patches at both pixels along their axis.
     squared : sum squares, so that many small differences cost less than a visible one, which should be 1.
+    offset : added to gradients, so that seams in flat places have a finite cost.
     """
 
-    def __init__(self, features: Float32[np.ndarray, "h w c"], gradients: bool, squared: bool = False):
-        self.squared = squared
+    def __init__(
+        self, features: Float32[np.ndarray, "h w c"], gradients: bool, squared: bool = False, offset: float = 0.5
+    ):
+        self.squared, self.offset = squared, offset
         self.shape = features.shape[:2]
         self.pixels = features.reshape(-1, features.shape[2])
         self.slopes: list[np.ndarray] = []
@@ -56,8 +58,8 @@ class SeamCosts:
         squares = [((a - b) ** 2).sum(axis=1) for a, b in ((first, third), (second, fourth))]
         value = sum(squares if self.squared else [np.sqrt(square) for square in squares])
         if self.slopes:
-            value = value / (sum(self.slopes[axis].take(at) for at in places) + np.float32(_GRADIENT_OFFSET))
-        cost[seam] = np.minimum(np.rint(value * np.float32(UNIT)), _MAX_COST).astype(np.int64)
+            value = value / (sum(self.slopes[axis].take(at) for at in places) + np.float32(self.offset))
+        cost[seam] = np.minimum(np.rint(value * np.float32(UNIT)), MAX_COST).astype(np.int64)
         return cost
 
     def _flat(self, at: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from texloom.stages.synthesis.optimisation import cells
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.cells import complete_cells
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
-from texloom.stages.vocabulary.facts import NOWHERE, TORUS
+from texloom.stages.vocabulary.facts import NOWHERE
 
 SIZE, MIDDLE = 8, 4
 HEIGHT, WIDTH = 14, 18
@@ -89,26 +89,3 @@ def test_large_cells_are_left(rng: np.random.Generator, monkeypatch: pytest.Monk
     monkeypatch.setattr(cells, "_WINDOW", 2 * WIDTH)
     complete_cells(match, wall("grid", rng), SIZE, (0, 0), NOWHERE, GENERATORS["grid"], phase, None)
     assert np.array_equal(match, before)
-
-
-def test_cells_at_the_border_of_a_torus_are_left(rng: np.random.Generator) -> None:
-    """Half of them is at the other side."""
-    generators = GENERATORS["grid"]
-    match, phase = joined((7 * HEIGHT, 6 * WIDTH), generators)
-    before = match.copy()
-    complete_cells(match, wall("grid", rng), SIZE, (0, 0), TORUS, generators, phase, None)
-    changed = (match != before).any(axis=0)
-    assert changed.any()
-    assert not changed[: HEIGHT - MIDDLE - 2].any()  # but for the joints around
-    assert not changed[1 - MIDDLE :].any()
-
-
-def test_no_cells_are_searched_for_a_lattice_that_is_stretched(
-    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Those of the exemplar would lose their joints."""
-    generators = GENERATORS["grid"]
-    match, _ = joined((7 * HEIGHT, 6 * WIDTH - 9), generators)
-    phase = LatticePhase(generators, np.moveaxis(match, 0, 2).astype(np.uint32), TORUS)
-    monkeypatch.setattr(cells, "WholeCells", None)
-    complete_cells(match, wall("grid", rng), SIZE, (0, 0), TORUS, generators, phase, None)

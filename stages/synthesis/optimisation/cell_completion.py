@@ -1,0 +1,391 @@
+"""Whole cells between contours in place of those that a result shows parts of several of."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int32, Int64
+
+from texloom.stages.synthesis.optimisation.allowed import Allowed
+from texloom.stages.synthesis.optimisation.contour_cells import ContourCells, boxes_of
+from texloom.stages.synthesis.optimisation.correspondence import Patches
+from texloom.stages.synthesis.optimisation.target_windows import target_windows
+from texloom.stages.synthesis.stitching.seams import MAX_COST, UNIT, SeamCosts, pairs
+from texloom.stages.vocabulary.facts import Wraps
+
+_WINDOW = 1024  # px of the result that are in memory at once
+_WIDEST = 256  # px of a cell that is completed
+_LARGEST = 0.8  # of the exemplar's shorter side, the same
+_ROUNDS = 2
+_BAND = 4  # px around a cell in which it may be cut out
+_REACH = 0.35  # of a cell's side, by which a cell laid over it may be larger; and sizes of those tried may differ
+_MIN_PART = 0.06  # of a cell's area, that is seen
+_MIN_SEAM = 8  # px of a just visible seam across a cell
+_OFFSET = 8.0  # CIELAB units, added to gradients: else flat places outweigh broken contours
+_MAJORITY = 0.5  # weight of the most frequent source, relative to the pixels around
+_POINTS = 120  # of a cell that are compared
+_TRIED = 48  # cells of the exemplar for a cell
+_SAME = 2.0  # factor on the cost of a cell that is also next to it
+_LEAST_KNOWN = 0.25  # of a cell's area, that is shown, for it to be completed at its place
+_NEAR = 0.3  # of a cell's area, that counts as shown
+_CHOSEN = 2  # best cells, and as many completed fragments, that are cut out
+_STUB = 0.5  # of the area of the exemplar's small cells, below which a cell is a stub
+_STUB_COST = 50.0  # of a stub, in just visible seams as long as its side
+_SMALL = 0.1  # quantile of the areas that is a small cell's
+_JITTER = np.stack(np.meshgrid([0, -1, 1], [0, -1, 1], indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """The cells that a result shows: connected insides of cells, whatever they come from."""
+
+    number: Int64[np.ndarray, "p q"]
+    """of the cell of each pixel; 0 for contours"""
+    boxes: Int64[np.ndarray, "n 4"]
+    severity: Float64[np.ndarray, "n"]
+    """cost of the seams across a cell; 0 where what differs from its most frequent source is too small to see"""
+    used: Float64[np.ndarray, "k"]
+    """use of the exemplar's cells, relative to even use, at least 1"""
+
+
+class CellCompletion:
+    """Searches whole cells in an exemplar and lays them over cells with seams.
+
+    Parameters
+    ----------
+    lab : the exemplar with its border, CIELAB.
+    cells : of the exemplar.
+    allowed : which patches may be used; none for all.
+    """
+
+    def __init__(
+        self, lab: Float32[np.ndarray, "h w 3"], cells: ContourCells, patch_size: int, allowed: Allowed | None
+    ):
+        self.lab, self.cells, self.middle = np.ascontiguousarray(lab), cells, patch_size // 2
+        self.costs = SeamCosts(self.lab, gradients=True, squared=True, offset=_OFFSET)
+        self.slopes = np.stack([slope.reshape(lab.shape[:2]) for slope in self.costs.slopes]).astype(np.float32)
+        self.places = np.zeros(lab.shape[:2], bool)
+        inside = tuple(slice(self.middle, self.middle + side - patch_size + 1) for side in lab.shape[:2])
+        self.places[inside] = True if allowed is None else allowed.places
+        self.stub = _STUB * float(np.quantile(cells.area[cells.whole], _SMALL))
+        self.stub_cost = _STUB_COST * UNIT * float(np.sqrt(self.stub))
+        self.whole = np.flatnonzero(cells.whole)
+        self.fair = np.bincount(cells.label.ravel(), minlength=len(cells.area)) / max(1, int(self.places.sum()))
+
+    def complete(self, match: Patches, wrap: Wraps) -> int:
+        """Complete cells of a result in place, and tell how many.
+
+        Each cell with a visible seam is compared at the pixels around it, and at those of its most frequent source,
+        with every cell of the exemplar of like size, in nine alignments of both boxes; and the cells that it shows
+        parts of are tried at their place. The best are cut out along the cheapest path near their contours. What
+        saves most cost of seams is kept, if anything does. Cells that are used much, or lie next to it, cost more.
+        """
+        total = 0
+        recent = np.ones(match.shape[1:], bool)  # what the round before changed
+        for _ in range(_ROUNDS):
+            changed = 0
+            tried, recent = recent, np.zeros(match.shape[1:], bool)
+            for window in target_windows(match.shape[1:], wrap, _WINDOW, _WIDEST + 4 * _BAND):
+                source = match[:, *window.place].astype(np.int64) + self.middle
+                before = source.copy()
+                count = self._completed(source, window.border, tried[window.place])
+                if count:
+                    match[:, *window.place] = source - self.middle
+                    recent[window.place] |= (source != before).any(axis=0)
+                changed += count
+            total += changed
+            if not changed:
+                break
+        return total
+
+    def _completed(
+        self, source: Int64[np.ndarray, "2 p q"], border: Bool[np.ndarray, "p q"], tried: Bool[np.ndarray, "p q"]
+    ) -> int:
+        """Complete those cells of a window, in place, that have pixels of ``tried``; how many."""
+        shown = self._shown(source)
+        largest = min(_WIDEST, int(_LARGEST * min(self.lab.shape[:2])))
+        sides = shown.boxes[:, 2:] - shown.boxes[:, :2]
+        mixed = (shown.severity >= _MIN_SEAM * UNIT) & (sides.max(axis=1) <= largest)
+        mixed &= np.bincount(shown.number[tried], minlength=len(mixed)) > 0
+        pad = _BAND + 3 + np.ceil(_REACH * sides).astype(np.int64)
+        limits = np.array(source.shape[1:])
+        outer = np.concatenate([shown.boxes[:, :2] - pad, shown.boxes[:, 2:] + pad], axis=1)
+        for axis in (0, 1):
+            before, after = (border[0, :], border[-1, :]) if axis == 0 else (border[:, 0], border[:, -1])
+            if before[1:-1].any():
+                mixed &= outer[:, axis] > 0
+            if after[1:-1].any():
+                mixed &= outer[:, axis + 2] < limits[axis]
+        outer = np.clip(outer, 0, np.tile(limits, 2))
+        waiting = np.flatnonzero(mixed)
+        waiting = waiting[np.lexsort((waiting, -shown.severity[waiting]))]
+        done = 0
+        while len(waiting):
+            busy = np.zeros(source.shape[1:], bool)
+            now: list[int] = []
+            later: list[int] = []
+            for cell in waiting.tolist():
+                top, left, bottom, right = outer[cell]
+                view = busy[top:bottom, left:right]
+                (later if view.any() else now).append(cell)
+                view[:] = True
+            done += self._laid(source, shown, now, outer)
+            waiting = np.array(later, np.int64)
+        return done
+
+    def _shown(self, source: Int64[np.ndarray, "2 p q"]) -> _Shown:
+        import cv2
+
+        core = self.cells.core[source[0], source[1]]
+        count, labels = cv2.connectedComponents(core.astype(np.uint8), connectivity=4)
+        number = labels.astype(np.int64)
+        severity = np.zeros(count)
+        for axis in (0, 1):
+            first, second = pairs(number, axis)
+            one, other = ([pairs(plane, axis)[end] for plane in source] for end in (0, 1))
+            apart = (other[0] - one[0] != (axis == 0)) | (other[1] - one[1] != (axis == 1))
+            seam = (first > 0) & (first == second) & apart
+            ends = [np.stack([plane[seam] for plane in planes], axis=1).astype(np.int32) for planes in (one, other)]
+            severity += np.bincount(first[seam], self.costs.between(axis, *ends), count)
+        shift = source - np.indices(core.shape)
+        code = (shift[0] * (4 * max(self.lab.shape[1], core.shape[1])) + shift[1])[core]
+        own = number[core]
+        with_seam = severity[own] > 0
+        most = _most(own[with_seam], code[with_seam], count)
+        size = np.bincount(own, minlength=count)
+        severity[size - most < _MIN_PART * size] = 0
+        use = np.bincount(self.cells.label[source[0], source[1]].ravel(), minlength=len(self.cells.area))
+        return _Shown(
+            number, boxes_of(number, core, count), severity, np.maximum(1.0, use / (self.fair * number.size))
+        )
+
+    def _laid(
+        self, source: Int64[np.ndarray, "2 p q"], shown: _Shown, cells: list[int], outer: Int64[np.ndarray, "n 4"]
+    ) -> int:
+        """Complete cells whose surroundings do not overlap: with the first candidates, else with the others."""
+        found = self._candidates(source, shown, cells, outer)
+        done: set[int] = set()
+        for first in (True, False):
+            tried = [
+                (cell, shift, region, factor)
+                for cell, own in zip(cells, found, strict=True)
+                for is_first, shift, region, factor in own
+                if is_first == first and cell not in done
+            ]
+            if tried:
+                done |= self._cut_out(source, shown, tried, outer)
+        return len(done)
+
+    def _cut_out(
+        self,
+        source: Int64[np.ndarray, "2 p q"],
+        shown: _Shown,
+        tried: list[tuple[int, np.ndarray, np.ndarray, float]],
+        outer: Int64[np.ndarray, "n 4"],
+    ) -> set[int]:
+        """Lay the best of the tried displacements over each cell, where one pays; the cells where it does."""
+        import cv2
+
+        from texloom.stages.kernels.cells.cell_cuts import FILLED, FREE, KEPT, cut_cells
+        from texloom.stages.kernels.core.threads import run_all, spans
+
+        sides = outer[:, 2:] - outer[:, :2]
+        rows = np.cumsum([0, *(sides[cell, 0] for cell, *_ in tried)])
+        width = max(int(sides[cell, 1]) for cell, *_ in tried)
+        old, state = np.zeros((rows[-1], width, 2), np.int32), np.zeros((rows[-1], width), np.int8)
+        shifts = np.zeros((len(tried), 3), np.int64)
+        element = np.ones((2 * _BAND + 1,) * 2, np.uint8)
+        possible = np.ones(len(tried), bool)
+        for index, (cell, shift, region, _) in enumerate(tried):
+            top, left, bottom, right = outer[cell]
+            view = np.s_[rows[index] : rows[index + 1], : right - left]
+            old[view] = np.moveaxis(source[:, top:bottom, left:right], 0, 2)
+            own = shown.number[top:bottom, left:right] == cell
+            shifts[index] = top + shift[0], left + shift[1], right - left
+            usable = _window(self.places, shifts[index, :2], own.shape)
+            near = cv2.dilate((own | region).astype(np.uint8), element) > 0
+            state[view] = np.where(region, FILLED, np.where(near & usable, FREE, KEPT))
+            possible[index] = not (region & ~usable).any()
+        taken = np.zeros(state.shape, bool)
+        saved = np.zeros((len(tried), 2), np.int64)
+        given = (
+            self.lab,
+            self.slopes,
+            self.cells.core,
+            _OFFSET,
+            float(UNIT),
+            float(MAX_COST),
+            old,
+            rows,
+            shifts,
+            state,
+        )
+        run_all(cut_cells, [(*given, *span, taken, saved) for span in spans(len(tried), 4)])
+        best: dict[int, tuple[float, int]] = {}
+        for index, (cell, _, _, factor) in enumerate(tried):
+            gain = float(saved[index, 0] - saved[index, 1])
+            if not possible[index] or gain <= 0 or gain / factor <= best.get(cell, (0.0, 0))[0]:
+                continue
+            stubs = self._more_stubs(
+                old[rows[index] : rows[index + 1]], taken[rows[index] : rows[index + 1]], shifts[index]
+            )
+            gain -= self.stub_cost * stubs
+            if gain > 0 and gain / factor > best.get(cell, (0.0, 0))[0]:
+                best[cell] = gain / factor, index
+        for cell, (_, index) in best.items():
+            top, left, bottom, right = outer[cell]
+            chosen = taken[rows[index] : rows[index + 1], : right - left]
+            new = np.indices(chosen.shape) + shifts[index, :2, None, None]
+            source[:, top:bottom, left:right] = np.where(chosen, new, source[:, top:bottom, left:right])
+        return set(best)
+
+    def _more_stubs(
+        self, old: Int32[np.ndarray, "a b 2"], taken: Bool[np.ndarray, "a b"], shift: Int64[np.ndarray, "3"]
+    ) -> int:
+        """How many stubs of cells a cut leaves, less those it removes."""
+        import cv2
+
+        old, taken = old[:, : shift[2]], taken[:, : shift[2]]
+        before = self.cells.core[old[..., 0], old[..., 1]]
+        after = np.where(taken, _window(self.cells.core, shift[:2], before.shape), before)
+        counts = []
+        for inside in (before, after):
+            boxes = cv2.connectedComponentsWithStats(inside.astype(np.uint8), connectivity=4)[2][1:]
+            within = (boxes[:, :2] > 0).all(axis=1)
+            within &= (boxes[:, :2] + boxes[:, 2:4] < inside.shape[::-1]).all(axis=1)
+            counts.append(int((within & (boxes[:, 4] < self.stub)).sum()))
+        return counts[1] - counts[0]
+
+    def _candidates(
+        self, source: Int64[np.ndarray, "2 p q"], shown: _Shown, cells: list[int], outer: Int64[np.ndarray, "n 4"]
+    ) -> list[list[tuple[bool, np.ndarray, np.ndarray, float]]]:
+        """For each cell, whether it is tried first, displacements, what is laid at least, and a divisor of the
+        saving: the best cells of the exemplar, and those of which it shows parts."""
+        from texloom.stages.kernels.cells.cell_costs import fit_cells
+        from texloom.stages.kernels.core.threads import run_all, spans
+
+        points, weights, shifts, labels, factors, own = [], [], [], [], [], []
+        for cell in cells:
+            top, left, bottom, right = outer[cell]
+            view = np.s_[top:bottom, left:right]
+            inside = shown.number[view] == cell
+            shift = source[:, *view] - np.indices(inside.shape) - np.array([top, left])[:, None, None]
+            parts, common = self._parts(inside, shift, self.cells.label[source[0][view], source[1][view]])
+            own.append((inside, parts))
+            at, weight = _template(inside, inside & common)
+            points.append(at + np.array([top, left]))
+            weights.append(weight)
+            moved, label = self._alignments(shown.boxes[cell])
+            shifts.append(moved)
+            labels.append(label)
+            around = self.cells.label[source[0][view], source[1][view]][(shown.number[view] > 0) & ~inside]
+            near = np.bincount(around, minlength=len(shown.used)) > _NEAR * self.cells.area
+            factors.append((shown.used * np.where(near, _SAME, 1.0))[label])
+        ends, tried = (np.cumsum([0, *(len(one) for one in parts)]) for parts in (points, shifts))
+        every, at = np.concatenate(shifts), np.concatenate(points)
+        costs, best = np.full(len(every), np.inf), np.zeros(len(every), np.int64)
+        given = (
+            self.lab,
+            self.places,
+            at,
+            np.concatenate(weights),
+            self.lab[source[0][tuple(at.T)], source[1][tuple(at.T)]],
+        )
+        tests = ends, every, np.concatenate(factors), tried, _JITTER
+        run_all(fit_cells, [(*given, *tests, *span, costs, best) for span in spans(len(cells), 8)])
+        found = []
+        for index, (cell, (inside, parts)) in enumerate(zip(cells, own, strict=True)):
+            span = np.s_[tried[index] : tried[index + 1]]
+            chosen: list[tuple[bool, np.ndarray, np.ndarray, float]] = []
+            taken: set[int] = set()
+            for place in np.argsort(costs[span], kind="stable").tolist():
+                if len(chosen) == _CHOSEN or not np.isfinite(costs[span][place]):
+                    break
+                if labels[index][place] not in taken:
+                    taken.add(int(labels[index][place]))
+                    moved = every[span][place] + _JITTER[best[span][place]]
+                    chosen.append((not chosen, moved, inside, float(factors[index][place])))
+            count = len(chosen)
+            for label, moved in parts:
+                box = self.cells.boxes[label] - np.tile(moved, 2)
+                limit = outer[cell] + np.array([1, 1, -1, -1]) * (_BAND + 1)
+                if (box[:2] >= limit[:2]).all() and (box[2:] <= limit[2:]).all():
+                    first = outer[cell][:2] + moved
+                    here = _window(self.cells.core, first, inside.shape)
+                    here &= _window(self.cells.label, first, inside.shape) == label
+                    chosen.append((len(chosen) == count, moved, here, 1.0))
+            found.append(chosen)
+        return found
+
+    def _parts(
+        self, inside: np.ndarray, shift: np.ndarray, label: np.ndarray
+    ) -> tuple[list[tuple[int, np.ndarray]], Bool[np.ndarray, "a b"]]:
+        """Label and displacement of the whole cells that are shown most, and where the most frequent one is."""
+        width = 4 * max(*self.lab.shape[:2], *inside.shape, int(np.abs(shift).max()))
+        code = (label[inside] * width + shift[0][inside] + width // 2) * width + shift[1][inside] + width // 2
+        _, first, inverse, counts = np.unique(code, return_index=True, return_inverse=True, return_counts=True)
+        order = np.argsort(-counts, kind="stable")[:_CHOSEN].tolist()
+        common = np.zeros(inside.shape, bool)
+        common[inside] = inverse == order[0]
+        labels, moves = label[inside][first[order]], shift[:, inside][:, first[order]].T
+        kept = [
+            (int(own), move)
+            for own, move, count in zip(labels, moves, counts[order], strict=True)
+            if self.cells.whole[own] and count >= _LEAST_KNOWN * self.cells.area[own]
+        ]
+        return kept, common
+
+    def _alignments(self, box: Int64[np.ndarray, "4"]) -> tuple[Int64[np.ndarray, "m 2"], Int64[np.ndarray, "m"]]:  # type: ignore[name-defined]
+        """Displacements that align a box with those of cells of the exemplar of like size, and their labels."""
+        boxes = self.cells.boxes[self.whole]
+        sides = boxes[:, 2:] - boxes[:, :2]
+        unlike = np.abs(sides - (box[2:] - box[:2])).sum(axis=1)
+        near = np.argsort(unlike, kind="stable")[:_TRIED]
+        moves, labels = [], []
+        for down in range(3):
+            for across in range(3):
+                ends = [boxes[near, axis::2] - box[axis::2] for axis in (0, 1)]
+                steps = [
+                    (end[:, 0], end.sum(axis=1) // 2, end[:, 1])[where]
+                    for end, where in zip(ends, (down, across), strict=True)
+                ]
+                moves.append(np.stack(steps, axis=1))
+                labels.append(self.whole[near])
+        every = np.unique(np.concatenate([np.concatenate(moves), np.concatenate(labels)[:, None]], axis=1), axis=0)
+        return np.ascontiguousarray(every[:, :2]), every[:, 2]
+
+
+def _template(
+    inside: Bool[np.ndarray, "a b"], common: Bool[np.ndarray, "a b"]
+) -> tuple[Int64[np.ndarray, "n 2"], Float32[np.ndarray, "n"]]:  # type: ignore[name-defined]
+    """The pixels around a cell and those of its most frequent source, evenly chosen, and their weights."""
+    import cv2
+
+    near = cv2.dilate(inside.astype(np.uint8), np.ones((2 * _BAND + 1,) * 2, np.uint8)) > 0
+    weight = np.where(near & ~inside, 1.0, np.where(common, _MAJORITY, 0.0)).astype(np.float32)
+    chosen = np.flatnonzero(weight)
+    chosen = chosen[:: max(1, len(chosen) // _POINTS)]
+    return np.stack(np.divmod(chosen, inside.shape[1]), axis=1), weight.ravel()[chosen]
+
+
+def _window(plane: np.ndarray, corner: Int64[np.ndarray, "2"], shape: tuple[int, int]) -> np.ndarray:
+    """The part of a plane from ``corner`` on, which may lie beyond it, where it is 0."""
+    result = np.zeros(shape, plane.dtype)
+    first, last = np.maximum(0, -corner), np.minimum(shape, plane.shape - corner)
+    if (first < last).all():
+        part = plane[tuple(slice(*ends) for ends in zip(first + corner, last + corner, strict=True))]
+        result[first[0] : last[0], first[1] : last[1]] = part
+    return result
+
+
+def _most(
+    number: Int64[np.ndarray, "n"],  # type: ignore[name-defined]
+    value: Int64[np.ndarray, "n"],  # type: ignore[name-defined]
+    count: int,
+) -> Int64[np.ndarray, "k"]:  # type: ignore[name-defined]
+    """How often the most frequent value of each number occurs."""
+    order = np.lexsort((value, number))
+    number, value = number[order], value[order]
+    first = np.flatnonzero(np.r_[True, (np.diff(number) != 0) | (np.diff(value) != 0)][: len(number)])
+    most = np.zeros(count, np.int64)
+    np.maximum.at(most, number[first], np.diff(np.r_[first, len(number)]))
+    return most

@@ -1,0 +1,115 @@
+"""The cells of an exemplar between closed contours: bricks, stones, fruits, whatever their order."""
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64, Int64
+
+from texloom.stages.synthesis.optimisation.border import Border
+from texloom.stages.vocabulary.arrays import ScalarMap
+
+_DEPTH = 0.35  # of the strength of clear contours, of what lies between two cells
+_CLEAR = 0.9  # quantile of an exemplar's strength that is a clear contour's
+_WEAK = 0.2  # quantile of a cell's contour that has to be that much stronger than its inside
+_MIN_SHARE = 0.6  # of the area of whole cells, in closed contours, of an exemplar that consists of cells
+_MIN_COVER = 0.25  # of the exemplar's area, in such cells
+_MIN_CELLS = 8  # whole ones
+_MAX_AREA = 0.125  # of the exemplar's, of a cell
+_RIM = 2  # px beside a contour that are not the inside of a cell
+
+
+class ContourCells:
+    """Basins of contour strength: which cell each pixel of an exemplar belongs to, and which pixels lie inside it.
+
+    Parameters
+    ----------
+    strength : of the exemplar's contours.
+    border : by which the exemplar is continued.
+
+    References
+    ----------
+    [Vincent1991]_ for watersheds by flooding; basins merge by depth.
+    """
+
+    label: Int64[np.ndarray, "h w"]
+    """cell of each pixel, in the exemplar with its border"""
+    core: Bool[np.ndarray, "h w"]
+    """inside of cells, apart from the contours around it"""
+    whole: Bool[np.ndarray, "n"]
+    """cells that no side of the exemplar cuts"""
+    area: Int64[np.ndarray, "n"]
+    """of the inside"""
+    boxes: Int64[np.ndarray, "n 4"]
+    """first row and column of the inside, last ones + 1"""
+
+    def __init__(self, strength: ScalarMap, border: Border):
+        import cv2
+
+        depth = np.float32(_DEPTH * float(np.quantile(strength, _CLEAR)))
+        height, width = strength.shape
+        values = border.around(strength).astype(np.float32)
+        self.label = _basins(values, depth)
+        count = int(self.label.max()) + 1
+        line = np.zeros(self.label.shape, bool)
+        for axis in (0, 1):
+            ends = [np.s_[:-1], np.s_[1:]] if axis == 0 else [np.s_[:, :-1], np.s_[:, 1:]]
+            differs = self.label[ends[0]] != self.label[ends[1]]
+            line[ends[0]] |= differs
+            line[ends[1]] |= differs
+        element = np.ones((2 * _RIM - 1,) * 2, np.uint8)
+        core = cv2.erode((~line).astype(np.uint8), element) > 0
+        size = np.bincount(self.label.ravel(), minlength=count)
+        small = size < _MAX_AREA * height * width
+        self.core = core & small[self.label]
+        inside = np.zeros(self.label.shape, bool)
+        first = border.before
+        inside[first + 1 : first + height - 1, first + 1 : first + width - 1] = True
+        cut = np.bincount(self.label[~inside], minlength=count) > 0
+        self.area = np.bincount(self.label[self.core], minlength=count)
+        self.whole = small & ~cut & (self.area > 0)
+        strong = _quantiles(self.label[line], values[line], _WEAK, count)
+        weak = _quantiles(self.label[core], values[core], 0.5, count)
+        closed = self.whole & (strong - weak > depth)
+        total = int(size[self.whole].sum())
+        self.closed_share = float(size[closed].sum()) / total if total else 0.0
+        self.cover = float(size[closed].sum()) / (height * width)
+        self.boxes = boxes_of(self.label, self.core, count)
+
+    @property
+    def clear(self) -> bool:
+        """Whether the exemplar consists of cells."""
+        return bool(self.whole.sum() >= _MIN_CELLS and self.closed_share >= _MIN_SHARE and self.cover >= _MIN_COVER)
+
+
+def boxes_of(label: np.ndarray, present: np.ndarray, count: int) -> Int64[np.ndarray, "n 4"]:
+    """First row and column of the present pixels of each label, last ones + 1; of none, 0."""
+    boxes = np.zeros((count, 4), np.int64)
+    rows, columns = np.nonzero(present)
+    own = label[rows, columns]
+    boxes[own, :2] = label.shape
+    for index, places in enumerate((rows, columns)):
+        np.minimum.at(boxes[:, index], own, places)
+        np.maximum.at(boxes[:, index + 2], own, places + 1)
+    return boxes
+
+
+def _basins(values: Float32[np.ndarray, "h w"], depth: np.float32) -> Int64[np.ndarray, "h w"]:
+    from texloom.stages.kernels.cells.basins import flood
+
+    basin = np.empty(values.size, np.int64)
+    flood(values, np.argsort(values, axis=None, kind="stable"), depth, basin)
+    return np.unique(basin, return_inverse=True)[1].reshape(values.shape).astype(np.int64)
+
+
+def _quantiles(
+    label: Int64[np.ndarray, "n"],  # type: ignore[name-defined]
+    value: Float32[np.ndarray, "n"],  # type: ignore[name-defined]
+    share: float,
+    count: int,
+) -> Float64[np.ndarray, "k"]:  # type: ignore[name-defined]
+    """That quantile of each label's values; 0 of none."""
+    order = np.lexsort((value, label))
+    number = np.bincount(label, minlength=count)
+    first = np.cumsum(number) - number
+    result = np.zeros(count)
+    has = number > 0
+    result[has] = value[order][(first + ((number - 1) * share).astype(np.int64))[has]]
+    return result

@@ -1,0 +1,42 @@
+import numpy as np
+
+from tests.kernels.cells import naive
+from texloom.stages.kernels.cells.cell_cuts import FILLED, FREE, KEPT, cut_cells
+
+UNIT, MOST, OFFSET = 64.0, 4096.0, 8.0
+
+
+def test_cuts_cost_least(rng: np.random.Generator) -> None:
+    lab = rng.uniform(0, 40, (20, 24, 3)).astype(np.float32)
+    slopes = rng.uniform(0, 9, (2, 20, 24)).astype(np.float32)
+    core = rng.random((20, 24)) < 0.4
+    count, height, width = 8, 4, 4
+    rows = np.arange(count + 1) * height
+    old = np.zeros((count * height, width, 2), np.int32)
+    state = rng.choice([KEPT, FREE, FREE, FILLED], (count * height, width)).astype(np.int8)
+    for index in range(count):
+        free = np.argwhere(state[rows[index] : rows[index + 1]] == FREE)
+        for place in free[5:]:
+            state[rows[index] + place[0], place[1]] = KEPT
+    places = np.moveaxis(np.indices((height, width)), 0, 2)
+    shifts = np.array([[*rng.integers(0, 12, 2), width] for _ in range(count)])
+    for index in range(count):
+        parts = rng.integers(0, 14, (2, 2))
+        old[rows[index] : rows[index + 1]] = places + parts[rng.integers(0, 2, (height, width))]
+    taken, costs = np.zeros(state.shape, bool), np.zeros((count, 2), np.int64)
+    for span in ((0, 3), (3, count)):
+        cut_cells(lab, slopes, core, OFFSET, UNIT, MOST, old, rows, shifts, state, *span, taken, costs)
+    given = lab, slopes, core, OFFSET, UNIT, MOST
+    exact = 0
+    for index in range(count):
+        own = np.s_[rows[index] : rows[index + 1]]
+        new = places + shifts[index, :2]
+        assert taken[own][state[own] == FILLED].all()
+        assert not taken[own][state[own] == KEPT].any()
+        assert costs[index, 0] == naive.seams(*given, old[own], state[own])
+        after = naive.seams(*given, np.where(taken[own][..., None], new, old[own]), state[own])
+        assert costs[index, 1] == after
+        least = naive.least_seams(given, old[own], new, state[own])
+        exact += after == least
+        assert after <= 1.25 * least  # old seams may cost more than both new ones, and count as no more
+    assert exact >= count // 2
