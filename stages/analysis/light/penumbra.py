@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from texloom.stages.analysis.light.shadow_segments import LogColor, Shadow
+from texloom.stages.analysis.light.shadow_segments import Shadow
 from texloom.stages.kernels.core.elementary_functions import exp, log
 from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.numerics.filters import gaussian_blur
@@ -20,7 +20,7 @@ _COMMON = 0.15  # weight of the whole border's profile, relative to that of a wi
 _TABLE = 256
 
 
-def light_left(colors: LogColor, shadow: Shadow, valid: Mask) -> ScalarMap:
+def light_left(shadow: Shadow, valid: Mask) -> ScalarMap:
     """Share of the direct light that reaches each pixel, 0 in the core of the shadow, 1 in light.
 
     Along the border the texture averages out, so that means at equal distances from it are the penumbra's profile:
@@ -34,12 +34,14 @@ def light_left(colors: LogColor, shadow: Shadow, valid: Mask) -> ScalarMap:
     dark, side = shadow.mask, min(shadow.mask.shape)
     inner, outer = (ndimage.distance_transform_edt(part) for part in (dark, ~dark))
     reach = max(4.0, _REACH * side)
-    place = np.clip((np.where(dark, 0.5 - inner, outer - 0.5) / reach + 1) / 2, 0, 1) * (_BINS - 1)
-    drift = shadow.even - dark[..., None] * shadow.shift.astype(np.float32) - colors
-    shown = matrix_product(colors + drift, shadow.projection)
+    signed = np.clip(np.where(dark, 0.5 - inner, outer - 0.5) / reach, -1, 1)
+    place = (np.sign(signed) * np.sqrt(np.abs(signed)) + 1) / 2 * (_BINS - 1)  # finer at the border
+    shown = matrix_product(shadow.even - dark[..., None] * shadow.shift, shadow.projection)
     sums, counts = _by_distance(shown, place, valid)
     deviation = _ALONG * side / _REDUCED
-    near_sums, near_counts = (np.stack([gaussian_blur(plane, deviation) for plane in part]) for part in (sums, counts))
+    near_sums, near_counts = (
+        np.stack([gaussian_blur(plane, deviation) for plane in part]) for part in (sums, counts)
+    )
     whole = counts.sum(axis=(1, 2), keepdims=True)
     common = sums.sum(axis=(1, 2), keepdims=True) / np.maximum(whole, 1)
     weight = _COMMON * float(near_counts.max())

@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float64
 
+from texloom.stages.analysis.light.penumbra import shadow_gain
 from texloom.stages.analysis.light.shadow_segments import Shadow
-from texloom.stages.kernels.core.elementary_functions import exp
+from texloom.stages.kernels.core.elementary_functions import exp, log
 from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.vocabulary.arrays import Mask, ScalarMap
@@ -47,8 +48,14 @@ class Evidence:
         return float(exp(np.array(-sum(dataclasses.astuple(self)) / _SCALE)))
 
 
-def evidence(shadow: Shadow, valid: Mask) -> Evidence | None:
+def evidence(shadow: Shadow, share: ScalarMap, valid: Mask) -> Evidence | None:
     """Compare the texture in shadow with that in light; None if too little of either is seen.
+
+    Parameters
+    ----------
+    shadow : the part.
+    share : of direct light at each pixel, see `light_left`.
+    valid : pixels that count.
 
     References
     ----------
@@ -56,26 +63,28 @@ def evidence(shadow: Shadow, valid: Mask) -> Evidence | None:
     """
     dark = shadow.mask
     side = min(dark.shape)
-    plane = shadow.even.mean(axis=2)
+    left = log(shadow_gain(share, shadow.shift)) + dark[..., None] * shadow.shift  # 0 but in penumbra
+    plane = (shadow.even - left).mean(axis=2).astype(np.float32)
     signed, foot = _distance(dark)
     core = (np.abs(signed) > max(3.0, _CORE * side)) & valid
     in_shadow, in_light = core & dark, core & ~dark
     if min(in_shadow.sum(), in_light.sum()) < _FEW:
         return None
-    size = float(shadow.shift.mean())
+    size, extent = float(shadow.shift.mean()), _extent(dark, valid) / shadow.grain
     ranges = [
         [_range(_detail(plane, part & valid, *band)[core & part]) for part in (dark, ~dark)] for band in _BANDS
     ]
-    texture = max(abs(np.log2(a / b)) * np.log(2) for a, b in ranges) if ranges else 0.0
+    texture = max(abs(float(log(np.array(one / other)))) for one, other in ranges)
     moved = np.quantile(plane[in_light], _QUANTILES) - np.quantile(plane[in_shadow], _QUANTILES)
     return Evidence(
         texture=(texture / 0.2) ** 2,
         distribution=(float(np.ptp(moved)) / max(size, 1e-3) / 0.35) ** 2,
         across=_across(plane, signed, foot, valid, max(2.0, _BESIDE * side)),
-        contrast=(max(0.0, 2.0 - shadow.distance) / 0.5) ** 2,
-        size=(max(0.0, 2.5 - _extent(dark, valid) / shadow.grain) / 0.7) ** 2,
+        contrast=(max(0.0, 8.0 - shadow.distance * extent) / 1.5) ** 2
+        + (max(0.0, 1.2 - shadow.distance) / 0.5) ** 2,
+        size=(max(0.0, 2.0 - extent) / 0.5) ** 2,
         color=_tint(shadow.shift),
-        border=_step(plane, dark, signed, valid, size, _WIDE * side),
+        border=_step(shadow.even.mean(axis=2), signed, valid, size, _WIDE * side),
     )
 
 
@@ -154,7 +163,7 @@ def _compared(
     return float(np.abs(difference - np.median(difference)).mean()), together
 
 
-def _step(plane: ScalarMap, dark: Mask, signed: np.ndarray, valid: Mask, size: float, wide: float) -> float:
+def _step(plane: ScalarMap, signed: np.ndarray, valid: Mask, size: float, wide: float) -> float:
     """Squares of what lacks of the step at the border, seen from bands at its sides."""
     bands = [
         plane[(sign * signed > wide / 2) & (sign * signed < 1.5 * wide) & valid] - (size if sign < 0 else 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float32, Float64
@@ -13,11 +14,11 @@ from texloom.stages.numerics.matrices import matrix_product, solve
 from texloom.stages.numerics.threshold import otsu_threshold
 from texloom.stages.vocabulary.arrays import Mask, ScalarMap
 
-LogColor = Float32[np.ndarray, "h w 3"]
-"""Logarithms of linear light"""
+LogColor: TypeAlias = Float32[np.ndarray, "h w 3"]
+"""logarithms of linear light"""
 
 _DARKEST = np.float32(0.003)  # added to linear light, about the noise of 8 bits
-_START = 1 / 24  # deviation of the blur of which the first guess is a threshold, as a share of the shorter side
+_BLURS = (1 / 24, 1 / 8)  # deviations of blurs of which first guesses are thresholds, as shares of the shorter side
 _PASSES = 5
 _SETTLED = 0.002  # share of pixels that change in the last pass
 _LEAST = 0.02  # share of the picture in shadow, and in light
@@ -53,7 +54,15 @@ def log_color(color: Float32[np.ndarray, "h w 3"]) -> LogColor:
     return np.asarray(log(np.maximum(color, 0) + _DARKEST), np.float32)
 
 
-def find_shadow(colors: LogColor, valid: Mask, start: ScalarMap | None = None) -> Shadow | None:
+def first_guesses(colors: LogColor, valid: Mask) -> list[Mask]:
+    """Parts that are darker or bluer than the rest."""
+    side = min(valid.shape)
+    planes = [gaussian_blur(colors.mean(axis=2), blur * side) for blur in _BLURS]
+    planes.append(gaussian_blur(colors[..., 0] - colors[..., 2], _BLURS[0] * side))
+    return [plane <= otsu_threshold(plane[valid]) for plane in planes if np.ptp(plane[valid]) > _NOISE]
+
+
+def find_shadow(colors: LogColor, valid: Mask, guess: Mask, refine: bool = False) -> Shadow | None:
     """The most likely division of a texture into light and shadow; None where none remains.
 
     Both parts are taken to have one distribution of colours, in shadow shifted by the same logarithms, which are
@@ -65,23 +74,24 @@ def find_shadow(colors: LogColor, valid: Mask, start: ScalarMap | None = None) -
     ----------
     colors : as of `log_color`.
     valid : pixels that count.
-    start : of which the darker part is the first guess; a blur of ``colors`` if not given.
+    guess : what may be in shadow.
+    refine : ``guess`` is right but for its border, as it was found at a lower resolution.
 
     References
     ----------
-    Ours. [Finlayson2009]_ for shadows as shifts along one direction of logarithms, [ChanEsedogluNikolova2006]_ for parts by
-    convex total variation, [ChambollePock2011]_ for its solution.
+    Ours. [Finlayson2009]_ for shadows as shifts along one direction of logarithms, [ChanEsedogluNikolova2006]_ for
+    parts by convex total variation, [ChambollePock2011]_ for its solution.
     """
-    side = min(valid.shape)
-    guess = gaussian_blur(colors.mean(axis=2), _START * side) if start is None else start
-    part = (guess <= otsu_threshold(guess[valid])).astype(np.float32)
-    for _ in range(_PASSES):
+    passes, steps = (1, _STEPS // 3) if refine else (_PASSES, _STEPS)
+    part = guess.astype(np.float32)
+    for _ in range(passes):
         found = _explained(colors, part, valid)
         if found is None:
             return None
-        likelihood = _log_likelihood(colors, part, valid, found)
+        likelihood = _log_likelihood(part, valid, found)
         before = part
-        part = least_total_variation(likelihood / np.float32(found.grain**2), np.float32(1 / found.grain), part)
+        grain = np.float32(found.grain)
+        part = least_total_variation(likelihood / np.square(grain), 1 / grain, part, steps)
         if float(np.abs(part - before)[valid].mean(dtype=np.float64)) < _SETTLED:
             break
     return _explained(colors, (part > 0.5).astype(np.float32), valid)
@@ -129,7 +139,7 @@ def _grain(plane: Float64[np.ndarray, "h w"], valid: Mask) -> float:
     return float(np.sqrt(np.clip(side * side * float(means.var()) / variance, 1, side * side)))
 
 
-def _log_likelihood(colors: LogColor, part: ScalarMap, valid: Mask, found: Shadow) -> ScalarMap:
+def _log_likelihood(part: ScalarMap, valid: Mask, found: Shadow) -> ScalarMap:
     """Logarithm of how much likelier each pixel is in light than in shadow; 0 where nothing is known."""
     step = found.distance**2
     even = matrix_product(found.even, found.projection)
@@ -146,7 +156,7 @@ def _log_likelihood(colors: LogColor, part: ScalarMap, valid: Mask, found: Shado
     return np.where(valid, np.clip(told, -_MOST_TOLD, _MOST_TOLD), 0).astype(np.float32)
 
 
-def least_total_variation(cost: ScalarMap, smooth: np.float32, start: ScalarMap, steps: int = _STEPS) -> ScalarMap:
+def least_total_variation(cost: ScalarMap, smooth: np.float32, start: ScalarMap, steps: int) -> ScalarMap:
     """The plane of 0..1 with the least sum of its product with ``cost`` and of ``smooth`` times its variation."""
     plane, ahead = start.copy(), start.copy()
     down, across = np.zeros_like(plane), np.zeros_like(plane)
