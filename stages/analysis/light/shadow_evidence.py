@@ -34,7 +34,7 @@ class Evidence:
     across: float
     """the texture does not continue across the border"""
     contrast: float
-    """the shift is small against the texture"""
+    """the shift is small against the texture: what it tells in a grain, by the grains of area for one of border"""
     size: float
     """the parts are as small as the texture's own"""
     color: float
@@ -80,8 +80,7 @@ def evidence(shadow: Shadow, share: ScalarMap, valid: Mask) -> Evidence | None:
         texture=(texture / 0.2) ** 2,
         distribution=(float(np.ptp(moved)) / max(size, 1e-3) / 0.35) ** 2,
         across=_across(plane, signed, foot, valid, max(2.0, _BESIDE * side)),
-        contrast=(max(0.0, 8.0 - shadow.distance * extent) / 1.5) ** 2
-        + (max(0.0, 1.2 - shadow.distance) / 0.5) ** 2,
+        contrast=(max(0.0, 10.0 - shadow.distance**2 * extent) / 2.5) ** 2,
         size=(max(0.0, 2.0 - extent) / 0.5) ** 2,
         color=_tint(shadow.shift),
         border=_step(shadow.even.mean(axis=2), signed, valid, size, _WIDE * side),
@@ -125,7 +124,7 @@ def _tint(shift: Float64[np.ndarray, "3"]) -> float:
     """Squares of how far a shift is from those between sun and sky."""
     red, green, blue = (float(value) for value in shift)
     least, most = min(red, green, blue), max(red, green, blue)
-    squares = (max(0.0, 0.35 - least) / 0.1) ** 2 + (max(0.0, blue - red) / 0.1) ** 2
+    squares = (max(0.0, 0.45 - (red + green + blue) / 3) / 0.1) ** 2 + (max(0.0, blue - red) / 0.1) ** 2
     return squares + (max(0.0, green - red) / 0.15) ** 2 + (4.0 if least < most / 3 else 0.0)
 
 
