@@ -81,12 +81,12 @@ def cell_light(residual: LogColor, cells: MeanCell, generators: Vectors, valid: 
 
 def _slopes(
     plane: Float64[np.ndarray, "h w"], cells: MeanCell, valid: Mask, reach: float
-) -> tuple[Float64[np.ndarray, "n"], Float64[np.ndarray, "cells"]] | None:
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Down and across, of all whole cells: between a cell and its neighbours, and within it."""
     number, count = cells.number[valid], cells.count
     place = np.stack(np.nonzero(valid)).astype(np.float64)
 
-    def sums(values: np.ndarray) -> Float64[np.ndarray, "n"]:
+    def sums(values: np.ndarray) -> np.ndarray:
         return np.bincount(number, values, count)
 
     pixels = sums(np.ones(number.size))

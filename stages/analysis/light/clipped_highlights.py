@@ -18,15 +18,18 @@ _RING = (
     1 / 64
 )  # width of the rings around a highlight in which its fall is measured, as a share of the shorter side
 _RINGS = 10
-_GLOW = 0.2  # logarithm by which the second ring is brighter than what lies beyond all of them
-_LEFT = 0.06  # the same, of the outermost ring that belongs to the highlight
+_LEFT = 0.06  # logarithm by which the outermost ring of a highlight is brighter than what lies beyond all of them
+_DARKER = 0.1  # quantile of the dark details that light is added to as well
+_ALIKE = 0.5  # of what is added to the usual pixel, that dark details get too
+_FADES = 3  # rings, at least
 
 
 def clipped_highlights(color: Float32[np.ndarray, "h w 3"], valid: Mask) -> Mask:
     """True in highlights that are clipped to white, with the glow around them that hides the surface too.
 
     A white part of the surface ends at an edge, a highlight fades: rings around it become darker one after the
-    other. None are found where the picture itself is nearly white.
+    other, and beside it even dark details are bright, as its light is added to theirs. None are found where the
+    picture itself is nearly white.
 
     Parameters
     ----------
@@ -62,12 +65,15 @@ def clipped_highlights(color: Float32[np.ndarray, "h w 3"], valid: Mask) -> Mask
         beyond = beyond if beyond.any() else valid & (number > _RINGS)
         if not beyond.any():
             continue
-        base = float(np.median(brightness[beyond]))
-        excess = [
-            float(np.median(brightness[own & (number == one)])) - base if (own & (number == one)).any() else 0.0
-            for one in range(1, _RINGS + 1)
-        ]
-        if excess[1] >= _GLOW and excess[0] > excess[1] > excess[2]:
-            last = next((one for one, value in enumerate(excess) if value < _LEFT), _RINGS)
-            found |= (owner == highlight) & (number <= last)
+        base, dark = np.median(brightness[beyond]), np.quantile(mean[beyond], (_DARKER, 0.5))
+        last, before = 0, np.inf
+        for one in range(1, _RINGS + 1):
+            there = own & (number == one)
+            excess = float(np.median(brightness[there]) - base) if there.any() else 0.0
+            lift = (np.quantile(mean[there], (_DARKER, 0.5)) - dark) if there.any() else np.zeros(2)
+            if excess < _LEFT or lift[0] < _ALIKE * lift[1] or excess > before:
+                break
+            last, before = one, excess
+        if last >= _FADES:
+            found |= (owner == highlight) & (number <= last + 1)
     return found

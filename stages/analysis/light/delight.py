@@ -23,7 +23,7 @@ from texloom.stages.analysis.light.shadow_segments import (
 )
 from texloom.stages.analysis.regularity.mean_cell import MeanCell, mean_cell
 from texloom.stages.kernels.core.elementary_functions import exp, log
-from texloom.stages.numerics.filters import interpolated
+from texloom.stages.numerics.filters import gaussian_blur, interpolated
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.masks import USABLE, fill_excluded, valid_pixels
@@ -33,8 +33,11 @@ _LOG = logging.getLogger(__name__)
 _SIDE = 256  # px at which shadows are searched
 _BORDER_SIDE = 1024  # px at which their borders are found
 _MIN_SIDE = 96  # px of a picture in which shadow can be told from texture
-_SURE = 0.5  # confidence from which a shadow is removed
+_SURE = 0.6  # confidence from which a shadow is removed
 _DOUBT = 0.25  # confidence from which a part is mentioned
+_LIT = 0.9  # of full light, from which a pixel is in light
+_SPOT = 0.006  # deviation of a blur in which spots of light in the shadow are seen, as a share of the shorter side
+_BRIGHTEST = 0.99  # quantile of pixels in light that pixels in shadow do not exceed either
 _VISIBLE = 0.1  # range of logarithms of soft light that is seen
 
 
@@ -103,6 +106,7 @@ def delight(image: Image, params: DelightParams, generators: Vectors | None = No
         gain = gain * left
     if not clipped.any() and not any(row["removed"] for row in found):
         return dataclasses.replace(full, table={"found": found})
+    gain = _no_brighter(color, gain, known & ~clipped)
     made = _lit_evenly(image, gain)
     if clipped.any():
         made = _excluding(made, known & ~clipped)
@@ -223,6 +227,23 @@ def _view(color: Float32[np.ndarray, "h w 3"], valid: Mask, generators: Vectors 
     small = cv2.resize(color, size, interpolation=cv2.INTER_AREA)
     scale = np.array(size[::-1]) / valid.shape
     return _View(log_color(small), share > 1 - 1e-3, (frame * scale).astype(np.float32))
+
+
+def _no_brighter(
+    color: Float32[np.ndarray, "h w 3"], gain: Float32[np.ndarray, "h w 3"], valid: Mask
+) -> Float32[np.ndarray, "h w 3"]:
+    """``gain`` raised where shadow would become brighter than what is in light: there are spots of light in it."""
+    bright = color.mean(axis=2)
+    left = gain.mean(axis=2)
+    in_light = valid & (left > _LIT)
+    if not in_light.any():
+        return gain
+    deviation = max(1.0, _SPOT * min(valid.shape))
+    seen = gaussian_blur(bright, deviation, "repeat")
+    limit = np.float32(np.quantile(seen[in_light], _BRIGHTEST))
+    excess = np.clip(seen / (left * limit), 1, 1 / np.maximum(left, 1e-3)).astype(np.float32)
+    excess = np.where(left > _LIT, np.float32(1), excess)
+    return np.minimum(gain * gaussian_blur(excess, deviation, "repeat")[..., None], np.maximum(gain, 1))
 
 
 def _lit_evenly(image: Image, gain: Float32[np.ndarray, "h w 3"]) -> Image:
