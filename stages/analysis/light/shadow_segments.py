@@ -28,6 +28,8 @@ _SMOOTH = 0.15  # of distributions, as a share of their deviation
 _UNLIKELY = 3e-4  # least density, relative to an even one times `_BINS`
 _MOST_TOLD = 4.0  # logarithm of likelihoods that a single pixel tells
 _BLOCK = 16  # blocks a side, whose means tell over how many pixels a texture repeats itself
+_PENUMBRA = 0.03  # of the border that does not count in the shift, as a share of the shorter side
+_CORE = 0.25  # share of each part that counts at least
 _STEPS = 150  # of the primal-dual iteration
 
 
@@ -94,16 +96,34 @@ def find_shadow(colors: LogColor, valid: Mask, guess: Mask, refine: bool = False
         part = least_total_variation(likelihood / np.square(grain), 1 / grain, part, steps)
         if float(np.abs(part - before)[valid].mean(dtype=np.float64)) < _SETTLED:
             break
-    return _explained(colors, (part > 0.5).astype(np.float32), valid)
+    dark = part > 0.5
+    return _explained(colors, dark.astype(np.float32), valid, _outside_penumbra(dark, valid))
 
 
-def _explained(colors: LogColor, part: ScalarMap, valid: Mask) -> Shadow | None:
-    """Drift and shift by least squares, and what follows from them."""
+def _outside_penumbra(dark: Mask, valid: Mask) -> Mask:
+    """Pixels far from the border; fewer are left out where parts are small."""
+    import cv2
+
+    for reach in (_PENUMBRA, _PENUMBRA / 2):
+        kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, [2 * max(1, round(reach * min(dark.shape))) + 1] * 2)
+        shrunk = [cv2.erode(part.astype(np.uint8), kernel) > 0 for part in (dark, ~dark)]
+        parts = [
+            float((inner & valid).sum()) / max(int((whole & valid).sum()), 1)
+            for inner, whole in zip(shrunk, (dark, ~dark), strict=True)
+        ]
+        if min(parts) > _CORE:
+            return valid & (shrunk[0] | shrunk[1])
+    return valid
+
+
+def _explained(colors: LogColor, part: ScalarMap, valid: Mask, fitted: Mask | None = None) -> Shadow | None:
+    """Drift and shift by least squares of the pixels ``fitted``, and what follows from them."""
     if not _LEAST < float(part[valid].mean(dtype=np.float64)) < 1 - _LEAST:
         return None
     basis = np.concatenate([_polynomials(valid.shape), part[..., None].astype(np.float64)], axis=2)
-    chosen = basis[::3, ::3][valid[::3, ::3]]
-    values = colors[::3, ::3][valid[::3, ::3]].astype(np.float64)
+    thin = (valid if fitted is None else fitted)[::3, ::3]
+    chosen = basis[::3, ::3][thin]
+    values = colors[::3, ::3][thin].astype(np.float64)
     normal = np.einsum("ni,nj->ij", chosen, chosen) + 1e-6 * np.eye(chosen.shape[1])
     factors = solve(normal, np.einsum("ni,nj->ij", chosen, values))
     shift = -factors[-1]
