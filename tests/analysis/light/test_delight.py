@@ -25,9 +25,8 @@ def tiles(rng: np.random.Generator, side: int = 16) -> np.ndarray:
     row, column = np.indices(SHAPE)
     tint = np.exp(rng.normal(0, 0.05, (SHAPE[0] // side, SHAPE[1] // side)))[row // side, column // side]
     joint = (row % side < 2) | (column % side < 2)
-    return np.where(joint, 0.1, 0.35 * tint * np.exp(rng.normal(0, 0.03, SHAPE)))[..., None] * np.array(
-        [1, 0.9, 0.8]
-    )
+    tone = np.where(joint, 0.1, 0.35 * tint * np.exp(rng.normal(0, 0.03, SHAPE)))
+    return np.asarray(tone[..., None] * np.array([1, 0.9, 0.8]))
 
 
 def edge_of_shadow() -> np.ndarray:
@@ -42,7 +41,7 @@ def dapple() -> np.ndarray:
     spots = [
         np.hypot(row - y, column - x) - r for y, x, r in ((40, 40, 26), (95, 60, 22), (50, 115, 30), (115, 125, 20))
     ]
-    return np.clip(0.5 - np.min(spots, axis=0) / 6, 0, 1)
+    return np.asarray(np.clip(0.5 - np.min(spots, axis=0) / 6, 0, 1))
 
 
 def in_shadow(albedo: np.ndarray, share: np.ndarray) -> Image:
