@@ -45,6 +45,7 @@ def photo_report(
     image: Image,
     table: dict[str, Any],
     params: PhotoReportParams,
+    light: dict[str, Any] | None = None,
     provenance: Sequence[Mapping[str, Any]] = (),
 ) -> PhotoReport:
     """Show what was decided on the way from a photograph to a texture, and how to decide otherwise.
@@ -57,6 +58,7 @@ def photo_report(
     generators : of its repetition, see `lattice_selection`.
     image : the texture.
     table : its scores, see `metrics`.
+    light : what was found of the light, see `delight`.
     provenance : the steps upstream.
 
     References
@@ -80,6 +82,7 @@ def photo_report(
             size,
             "--set detail=0.15 for a finer one, --set front.blur=3 for more of the surface",
         ),
+        ("light", _light(light), "--set light.strength=0 for the light as it is, 1 for all that may be shadow"),
         ("repetition", repetition, "--set lattice.confidence=0.3, or 1 for none"),
         ("texture", format_size(image), "--size 2048, --tileable=off, --seed 8, --preset fast"),
     ]
@@ -98,3 +101,8 @@ def photo_report(
         scores=table["summary"],
     )
     return PhotoReport({"decisions": decisions}, made.page)
+
+
+def _light(table: dict[str, Any] | None) -> str:
+    found = [row["why"] for row in table["found"]] if table else []
+    return "; ".join(found) or "no shadow is clear"

@@ -41,7 +41,7 @@ DROPS = {
     # parts of pictures, pictures that are laid otherwise, pictures of measurements
     "analysis.crop", "analysis.straighten", "analysis.unroll", "analysis.unroll_hole", "analysis.patch_atlas",
     "analysis.lens_distortion", "analysis.photometric_stereo",
-    "analysis.tone",  # unless it changes nothing: drift ends differently on opposite sides
+    "analysis.delight", "analysis.tone",  # unless it changes nothing: drift ends differently on opposite sides
     "analysis.control_direction", "analysis.deformed_lattice", "analysis.dog_mask", "analysis.feature_distance",
     "analysis.gaussian_stack", "analysis.jacobian_field", "analysis.orientation_field", "analysis.plane_proposal",
     "analysis.surface_charts", "analysis.surface_control",
