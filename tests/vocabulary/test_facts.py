@@ -32,7 +32,8 @@ ALWAYS = {"synthesis.epitome", "synthesis.wang_tiles"}
 KEEPS = {
     "analysis.ao_from_height", "analysis.height_from_colour", "analysis.height_from_normal",
     "analysis.normal_from_height", "analysis.roughness_from_colour",
-    "analysis.exclusion_mask", "evaluation.choice", "evaluation.external_result", "synthesis.gradient_domain",
+    "analysis.exclusion_mask", "analysis.foreign_parts",
+    "evaluation.choice", "evaluation.external_result", "synthesis.gradient_domain",
     "synthesis.inpaint", "synthesis.propagate_edit", "synthesis.refine", "synthesis.restore_tone",
     "synthesis.revise",
 }  # fmt: skip

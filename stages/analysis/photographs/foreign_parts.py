@@ -35,6 +35,8 @@ _LEAST = 0.01  # share of the picture that is a part
 _PIECE = 0.01  # share of the picture that is left between foreign parts
 _EXPLAINS = 0.5  # median correlation of the cells with their median from which it explains the picture
 _MIN_CELLS = 6.0
+_HALF = 0.4  # of the unlikeness nearby, above which what is near an outline is foreign
+_HALO = 5.0  # deviations of the window, over which it may reach
 _FINE = 1 / 12  # deviation of the window in a cell, of the shorter generator
 _NOTICED = 1.5  # CIELAB
 _TINT = np.array([25.0, 8.0, 8.0], np.float32)  # CIELAB by which light may change a cell
@@ -77,8 +79,8 @@ def foreign_parts(
 ) -> ForeignParts:
     """Propose a mask of what does not belong to the surface: what the rest does not explain.
 
-    Parts are compared by their looks in windows of two sizes, see `unlikeness`; once more without those found, which
-    explain no others, where lesser ones count. Where a lattice has a mean cell that explains the
+    Parts are compared by their looks in windows of two sizes, see `unlikeness`; where some are found, once more:
+    these explain no others then, and lesser ones count. Where a lattice has a mean cell that explains the
     picture, only what differs from this too is foreign: windows of a facade are not. Holes in what is foreign are
     filled, and small parts of either kind are given to the other.
 
@@ -167,15 +169,18 @@ def _searched(
         factor = np.array(lab.shape[:2]) / (image.height, image.width)
         cell = _unlike_cell(lab, small, (generators * factor).astype(np.float32))
     side = float(np.sqrt(small.sum()))
-    unlike = np.zeros(small.shape, np.float32)
+    unlike = fine = np.zeros(small.shape, np.float32)
     found = np.zeros(small.shape, np.bool_)
     for share, most in ((1.0, _SURE), (_LESS, 0.0)):
         looks = [unlikeness(lab, small, max(1.5, side / windows), found) for windows in _WINDOWS]
         unlike = np.maximum.reduce(looks) if cell is None else np.minimum(np.maximum.reduce(looks), cell)
-        found |= _parts(unlike, small, share * threshold, most)
+        found = found | _parts(unlike, small, share * threshold, most)
+        fine = looks[-1] if cell is None else np.minimum(looks[-1], cell)
         if not found.any():
             break
-    foreign = _closed(found, small, side / _WINDOWS[1])
+    if found.any():  # the large window blurs outlines
+        found = _outlined(found, fine, side / _WINDOWS[1])
+    foreign = _closed(found, small, side / _WINDOWS[1] / 2)
     both = resize(np.stack([foreign, unlike], axis=2).astype(np.float32), image.height, image.width, bilinear=True)
     return np.ascontiguousarray(both[..., 1]), both[..., 0] > 0.5, cell is not None
 
@@ -201,7 +206,7 @@ def _unlike_cell(lab: Float32[np.ndarray, "h w 3"], valid: Mask, generators: Vec
 
 
 def _parts(unlike: ScalarMap, valid: Mask, threshold: float, sure: float) -> Mask:
-    """The parts of which a share is sure to reach the threshold, as far as they are nearly so unlike, and are not small."""
+    """Parts that are nearly as unlike as the threshold, and not small, of which more than a share reaches it."""
     import cv2
 
     near = (unlike >= max(1.5, _GROWS * threshold)) & valid
@@ -212,17 +217,33 @@ def _parts(unlike: ScalarMap, valid: Mask, threshold: float, sure: float) -> Mas
     return np.asarray(large[labels])
 
 
+def _outlined(found: Mask, fine: ScalarMap, deviation: float) -> Mask:
+    """Less the halo that windows make: near an outline, half of what is beyond it is seen on it."""
+    import cv2
+
+    side = 2 * round(3 * deviation) + 1
+    around = cv2.dilate(fine, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
+    halo = found & (fine < _HALF * around) & _grown(~found, _HALO * deviation)
+    kept = _grown(found & ~halo, deviation)
+    return found & (~_grown(~kept, deviation) | (found & ~halo))
+
+
 def _closed(found: Mask, valid: Mask, reach: float) -> Mask:
     """Foreign parts with a margin, their holes filled, and without small pieces of the rest."""
     import cv2
 
     if not found.any():
         return found
-    side = 2 * max(1, round(reach)) + 1
-    wide = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    grown = cv2.dilate(found.astype(np.uint8), wide) > 0
-    rest = (valid & ~grown).astype(np.uint8)
+    rest = (valid & ~_grown(found, reach)).astype(np.uint8)
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(rest, connectivity=4)
     small = boxes[:, cv2.CC_STAT_AREA] < _PIECE * valid.sum()
     small[0] = True  # what is foreign, or was not known
     return np.asarray(small[labels])
+
+
+def _grown(found: Mask, reach: float) -> Mask:
+    """With what is within ``reach`` px."""
+    import cv2
+
+    side = 2 * max(1, round(reach)) + 1
+    return cv2.dilate(found.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))) > 0

@@ -106,7 +106,6 @@ def _between(
     values: Float32[np.ndarray, "p q"], known: Bool[np.ndarray, "p q"], every: int, shape: tuple[int, int]
 ) -> ScalarMap:
     """Of places on a grid, of every pixel: linearly, with that of the nearest for those not known."""
-    side = values.shape[0] * every, values.shape[1] * every
     row, column = nearest_valid(known)
     wide = resize(values[row, column][..., None], values.shape[0] * every, values.shape[1] * every, bilinear=True)
     rest = [(0, max(0, length - have)) for length, have in zip(shape, wide.shape[:2], strict=True)]
