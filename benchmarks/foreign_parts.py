@@ -4,7 +4,7 @@
 
 Scenes of walls, plaster and pebbles get a door, a pipe, windows, a sign of another texture, or a strip of sky.
 Printed are, for each, precision and recall of the proposed mask, and the intersection over the union with the true
-one; then the same for the clean scenes and for the pictures of each FOLDER, of which nothing is foreign: the share masked.
+one; then the share masked of the clean scenes, and of the pictures of each FOLDER, of which nothing is foreign.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ _LEAST = 0.01  # share of the picture that is a part
 _PIECE = 0.01  # share of the picture that is left between foreign parts
 _EXPLAINS = 0.5  # median correlation of the cells with their median from which it explains the picture
 _MIN_CELLS = 6.0
-_HALF = 0.4  # of the unlikeness nearby, above which what is near an outline is foreign
+_TRACE = 0.2  # of the unlikeness nearby, above which what is near an outline is foreign
 _HALO = 5.0  # deviations of the window, over which it may reach
 _FINE = 1 / 12  # deviation of the window in a cell, of the shorter generator
 _NOTICED = 1.5  # CIELAB
@@ -218,12 +218,12 @@ def _parts(unlike: ScalarMap, valid: Mask, threshold: float, sure: float) -> Mas
 
 
 def _outlined(found: Mask, fine: ScalarMap, deviation: float) -> Mask:
-    """Less the halo that windows make: near an outline, half of what is beyond it is seen on it."""
+    """Less the halo that windows make: near an outline, some of what is beyond it is seen on it."""
     import cv2
 
     side = 2 * round(3 * deviation) + 1
     around = cv2.dilate(fine, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
-    halo = found & (fine < _HALF * around) & _grown(~found, _HALO * deviation)
+    halo = found & (fine < _TRACE * around) & _grown(~found, _HALO * deviation)
     kept = _grown(found & ~halo, deviation)
     return found & (~_grown(~kept, deviation) | (found & ~halo))
 
