@@ -85,6 +85,7 @@ def edited(stage: str, image: Image) -> Image:
         "analysis.normal_from_height": {"image": relief},
         "analysis.roughness_from_colour": {"image": image},
         "analysis.exclusion_mask": {"image": image, "mask": picture(hole.astype(np.float32))},
+        "analysis.foreign_parts": {"image": image, "mask": picture(hole.astype(np.float32))},
         "evaluation.choice": {"first": image, "second": image, "first_scores": known, "second_scores": known},
         "evaluation.external_result": {"image": image},
         "synthesis.gradient_domain": {"exemplar": image, "image": image, "match": own},
