@@ -49,10 +49,9 @@ def bricks(random: Random, side: int) -> Picture:
 
 def plaster(random: Random, side: int) -> Picture:
     """Of several sizes of roughness, with slow stains."""
-    tone = sum(
-        share * noise(random, (side, side), deviation) for share, deviation in ((0.05, 0.8), (0.05, 3), (0.03, 20))
-    )
-    return np.clip(np.array([0.5, 0.46, 0.36]) * (1 + tone)[..., None], 0, 1).astype(np.float32)
+    sizes = ((0.05, 0.8), (0.05, 3.0), (0.03, 20.0))
+    tone = np.sum([share * noise(random, (side, side), deviation) for share, deviation in sizes], axis=0)
+    return np.asarray(np.clip(np.array([0.5, 0.46, 0.36]) * (1 + tone)[..., None], 0, 1), np.float32)
 
 
 def pebbles(random: Random, side: int) -> Picture:
@@ -63,12 +62,12 @@ def pebbles(random: Random, side: int) -> Picture:
     owner = np.zeros((side, side), int)
     for index, (row, column) in enumerate(places):
         distance = np.hypot(rows - row, columns - column)
-        nearer = distance < first
-        second = np.where(nearer, first, np.minimum(second, distance))
+        nearer = np.less(distance, first)
+        second = np.asarray(np.where(nearer, first, np.minimum(second, distance)))
         first, owner = np.where(nearer, distance, first), np.where(nearer, index, owner)
     colors = np.array([0.3, 0.28, 0.25]) * random.uniform(0.5, 1.5, (400, 1)) * random.uniform(0.9, 1.1, (400, 3))
-    shade = np.clip((second - first) / (side / 40), 0.1, 1)
-    return np.clip(colors[owner] * shade[..., None], 0, 1).astype(np.float32)
+    shade: Picture = np.clip((second - first) / (side / 40), 0.1, 1)
+    return np.asarray(np.clip(colors[owner] * shade[..., None], 0, 1), np.float32)
 
 
 def with_door(_: Random, wall: Picture) -> tuple[Picture, np.ndarray]:
@@ -153,12 +152,8 @@ def proposed(pixels: Picture, lattice: bool = True) -> np.ndarray:
 
 def agreement(found: np.ndarray, foreign: np.ndarray) -> tuple[float, float, float]:
     """Precision, recall, and intersection over union."""
-    both = np.count_nonzero(found & foreign)
-    return (
-        both / max(1, np.count_nonzero(found)),
-        both / np.count_nonzero(foreign),
-        both / np.count_nonzero(found | foreign),
-    )
+    both, one, other, either = (int(mask.sum()) for mask in (found & foreign, found, foreign, found | foreign))
+    return both / max(1, one), both / other, both / either
 
 
 def main() -> None:
