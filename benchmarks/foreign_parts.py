@@ -76,7 +76,7 @@ def with_door(_: Random, wall: Picture) -> tuple[Picture, np.ndarray]:
     foreign = np.zeros(wall.shape[:2], bool)
     foreign[side // 3 : 5 * side // 6, side // 2 : 3 * side // 4] = True
     rows, columns = np.indices(foreign.shape)
-    panel = (rows % (side // 5) < side // 60) | (columns % (side // 8) < side // 60)
+    panel = np.logical_or(rows % (side // 5) < side // 60, columns % (side // 8) < side // 60)
     door = np.where(panel[..., None], [0.01, 0.05, 0.03], [0.02, 0.12, 0.07])
     return np.where(foreign[..., None], door, wall).astype(np.float32), foreign
 
