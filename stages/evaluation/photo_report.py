@@ -45,6 +45,8 @@ def photo_report(
     image: Image,
     table: dict[str, Any],
     params: PhotoReportParams,
+    foreign: dict[str, Any] | None = None,
+    masked: Image | None = None,
     light: dict[str, Any] | None = None,
     provenance: Sequence[Mapping[str, Any]] = (),
 ) -> PhotoReport:
@@ -58,6 +60,7 @@ def photo_report(
     generators : of its repetition, see `lattice_selection`.
     image : the texture.
     table : its scores, see `metrics`.
+    foreign, masked : table and picture of `foreign_parts`, where these were searched.
     light : what was found of the light, see `delight`.
     provenance : the steps upstream.
 
@@ -86,10 +89,16 @@ def photo_report(
         ("repetition", repetition, "--set lattice.confidence=0.3, or 1 for none"),
         ("texture", format_size(image), "--size 2048, --tileable=off, --seed 8, --preset fast"),
     ]
+    if foreign is not None:
+        why = foreign["why"].partition("; edit ")[0]
+        rows.insert(
+            3, ("foreign parts", why, "--source mask=foreign.png, edited, or --set unlike=1000 to keep all")
+        )
     decisions = [dict(zip(("what", "decided", "change"), row, strict=True)) for row in rows]
     shown = {
         name: page.shown(picture, params.largest, params.quality)
-        for name, picture in (("planes", planes), ("exemplar", exemplar), ("texture", image))
+        for name, picture in (("planes", planes), ("exemplar", exemplar), ("masked", masked), ("texture", image))
+        if picture is not None
     }
     made = page.render(
         page.template_of(__file__),

@@ -79,7 +79,7 @@ def test_guides_and_strokes_exclude_each_other() -> None:
         ("materials", set(ALL) - {"control"}),
         ("refine", {"mask", "exemplar_structure"}),
         ("photo_self_tuning", {"strokes", "control"}),
-        ("photo_material", {"strokes"}),
+        ("photo_material", {"mask", "strokes"}),
         ("wang_tiles", {"mask", "exemplar_structure"}),
         ("fill", {"holes"}),
         *((flow, set()) for flow in ("rectify", "make_tileable", "revise", "photo_atlas", "photo_flattening")),

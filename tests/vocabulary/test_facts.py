@@ -32,7 +32,8 @@ ALWAYS = {"synthesis.epitome", "synthesis.wang_tiles"}
 KEEPS = {
     "analysis.ao_from_height", "analysis.height_from_colour", "analysis.height_from_normal",
     "analysis.normal_from_height", "analysis.roughness_from_colour",
-    "analysis.exclusion_mask", "evaluation.choice", "evaluation.external_result", "synthesis.gradient_domain",
+    "analysis.exclusion_mask", "analysis.foreign_parts",
+    "evaluation.choice", "evaluation.external_result", "synthesis.gradient_domain",
     "synthesis.inpaint", "synthesis.propagate_edit", "synthesis.refine", "synthesis.restore_tone",
     "synthesis.revise",
 }  # fmt: skip
@@ -84,6 +85,7 @@ def edited(stage: str, image: Image) -> Image:
         "analysis.normal_from_height": {"image": relief},
         "analysis.roughness_from_colour": {"image": image},
         "analysis.exclusion_mask": {"image": image, "mask": picture(hole.astype(np.float32))},
+        "analysis.foreign_parts": {"image": image, "mask": picture(hole.astype(np.float32))},
         "evaluation.choice": {"first": image, "second": image, "first_scores": known, "second_scores": known},
         "evaluation.external_result": {"image": image},
         "synthesis.gradient_domain": {"exemplar": image, "image": image, "match": own},

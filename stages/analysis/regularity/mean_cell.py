@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
-from texloom.stages.vocabulary.arrays import Mask, Vectors
+from texloom.stages.vocabulary.arrays import Mask, ScalarMap, Vectors
 
 _SLACK = 0.03  # of the shorter generator, by which parts of a cell may lie beside those of the median cell
 _REACH = 0.12  # of the shorter generator, by which a whole cell may be moved
@@ -41,6 +41,33 @@ class MeanCell:
     def count(self) -> int:
         """Number of cells that the picture shows a part of."""
         return int(self.number.max()) + 1
+
+    def per_cell(self, planes: Float32[np.ndarray, "h w c"], valid: Mask) -> Float32[np.ndarray, "h w c"]:
+        """The median of planes over each cell's valid pixels, at all of its pixels; 0 where none is valid."""
+        number = self.number[valid]
+        order = np.argsort(number, kind="stable")
+        values = np.zeros((self.count, planes.shape[2]), np.float32)
+        ends = np.cumsum(np.bincount(number, minlength=self.count))
+        rows = planes[valid][order]
+        for index, (start, end) in enumerate(zip([0, *ends[:-1]], ends, strict=True)):
+            if end > start:
+                values[index] = np.median(rows[start:end], axis=0)
+        return values[self.number]
+
+    def explained(self, plane: ScalarMap, valid: Mask, channel: int = 0) -> float:
+        """Correlation of the cells, as ``plane`` has them, with the median cell's channel; their median, -1..1."""
+        number = self.number[valid]
+        expected = self.expected[valid][:, channel].astype(np.float64)
+        values = plane[valid].astype(np.float64)
+
+        def mean(of: Float64[np.ndarray, "n"]) -> Float64[np.ndarray, "k"]:  # type: ignore[name-defined]
+            return np.bincount(number, of, self.count) / np.maximum(np.bincount(number, minlength=self.count), 1)
+
+        one, other = values - mean(values)[number], expected - mean(expected)[number]
+        product, first, second = mean(one * other), mean(one * one), mean(other * other)
+        known = np.bincount(number, minlength=self.count) * 2 >= self.median.shape[0] * self.median.shape[1]
+        correlation = product / np.sqrt(np.maximum(first * second, 1e-12))
+        return float(np.median(correlation[known])) if known.any() else 0.0
 
 
 def mean_cell(planes: Float32[np.ndarray, "h w c"], generators: Vectors, valid: Mask | None = None) -> MeanCell:

@@ -1,0 +1,249 @@
+"""What does not belong to the surface of an exemplar: doors, pipes, trees, sky, people, borders."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+from pydantic import Field
+
+from texloom.stages.analysis.exemplars.exclusion_mask import ExclusionMaskParams, exclusion_mask
+from texloom.stages.analysis.photographs.unlikeness import unlikeness
+from texloom.stages.analysis.regularity.mean_cell import mean_cell
+from texloom.stages.common.grids.pyramid import reduced, resize
+from texloom.stages.common.grids.size_checks import check_same_size
+from texloom.stages.numerics.filters import gaussian_blur
+from texloom.stages.numerics.matrices import determinant
+from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap, Vectors
+from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.masks import USABLE, fill_excluded, valid_pixels, without_usable
+
+_LOG = logging.getLogger(__name__)
+
+_SIDE = 480  # px of the longer side, at which it is searched
+_MIN_SIDE = 24  # px of the shorter one
+_WINDOWS = 24, 48  # deviations of the windows that are compared: the side over these
+_LESS = 0.75  # of the threshold, where others were found
+_GROWS = 0.6  # of the threshold, down to which a foreign part reaches
+_SURE = 0.4  # share of the first parts that reaches it: drifts of tone rise slowly
+_LEAST = 0.01  # share of the picture that is a part
+_PIECE = 0.01  # share of the picture that is left between foreign parts
+_EXPLAINS = 0.5  # median correlation of the cells with their median from which it explains the picture
+_MIN_CELLS = 6.0
+_TRACE = 0.2  # of the unlikeness nearby, above which what is near an outline is foreign
+_HALO = 5.0  # deviations of the window, over which it may reach
+_FINE = 1 / 12  # deviation of the window in a cell, of the shorter generator
+_NOTICED = 1.5  # CIELAB
+_TINT = np.array([25.0, 8.0, 8.0], np.float32)  # CIELAB by which light may change a cell
+_FEW, _DOUBT = 0.5, 0.25  # of the picture: little, and too little for a surface
+_SHADE = np.array([0.6, 0.0, 0.25], np.float32)
+
+
+class ForeignPartsParams(Params):
+    """How much parts may differ."""
+
+    unlike: float = Field(4.0, ge=1.5, le=1e6)
+    """how many times farther from what explains it a part is than is usual, to be foreign; large values keep all"""
+
+
+@dataclasses.dataclass(frozen=True)
+class ForeignParts:
+    """The exemplar without what does not belong to it."""
+
+    image: Image
+    """with a channel `usable`: 0 where a pixel is foreign or was excluded, else 1; as it was where none is"""
+    mask: Image
+    """the same as a picture to edit: white is used, black is not"""
+    picture: Image
+    """the exemplar with foreign parts under a tint"""
+    unlike: ScalarMap
+    """how many times farther from what explains it a pixel is than is usual"""
+    table: dict[str, Any]
+    """``why``: a sentence; ``masked``: share of what was usable; ``left``: share of the picture; ``cells``: of the
+    lattice that are left, 0 without one; ``by``: `mask`, `lattice`, `looks` or `none`"""
+
+
+def check_mask(params: ForeignPartsParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
+    """A mask must have the size of the exemplar."""
+    check_same_size(known.get("mask"), "mask", known.get("image"), "exemplar")
+
+
+@stage(version=1, check=check_mask)
+def foreign_parts(
+    image: Image, params: ForeignPartsParams, generators: Vectors | None = None, mask: Image | None = None
+) -> ForeignParts:
+    """Propose a mask of what does not belong to the surface: what the rest does not explain.
+
+    Parts are compared by their looks in windows of two sizes, see `unlikeness`; where some are found, once more:
+    these explain no others then, and lesser ones count. Where a lattice has a mean cell that explains the
+    picture, only what differs from this too is foreign: windows of a facade are not. Holes in what is foreign are
+    filled, and small parts of either kind are given to the other.
+
+    Parameters
+    ----------
+    image : the surface from the front.
+    generators : of its lattice, as from `lattice_selection`; less than two count as none.
+    mask : used instead, where it is given: what is darker than middle grey is foreign.
+
+    Raises
+    ------
+    InputError
+        less than a quarter of the picture, or not two cells of its lattice, are left; or the mask has another size.
+
+    References
+    ----------
+    Ours; see `unlikeness` and `mean_cell`.
+    """
+    known = valid_pixels(image)
+    before = np.ones((image.height, image.width), np.bool_) if known is None else known
+    unlike = np.zeros(before.shape, np.float32)
+    by = "mask" if mask is not None else "none"
+    usable = before
+    if mask is not None:
+        usable = exclusion_mask(image, ExclusionMaskParams(), mask=mask).valid
+    elif min(before.shape) >= _MIN_SIDE:
+        unlike, foreign, explained = _searched(image, before, generators, params.unlike)
+        usable = before & ~foreign
+        if not usable.all() and (before & foreign).any():
+            by = "lattice" if explained else "looks"
+    masked = 1 - float(usable.sum()) / float(before.sum())
+    left = float(usable.mean())
+    cells = 0.0
+    if generators is not None and len(generators) == 2:
+        cells = float(usable.sum()) / abs(float(determinant(generators.astype(np.float64))))
+    why = _why(by, masked, left, cells)
+    if by in ("lattice", "looks"):
+        if left < _DOUBT * float(before.mean()) or 0 < cells < 2:
+            raise InputError(
+                f"image: {why}: no surface stands out; keep all (--set unlike=1000), crop, or give a mask"
+            )
+        _LOG.warning("%s", why)
+    table = {"why": why, "masked": round(masked, 4), "left": round(left, 4), "cells": round(cells, 1), "by": by}
+    white = np.repeat(usable.astype(np.float32)[..., None], 3, axis=2)
+    tinted = np.where(usable[..., None], image.color, 0.3 * image.color + _SHADE)
+    return ForeignParts(
+        image=image if (usable == before).all() and mask is None else _with_usable(image, usable),
+        mask=Image(white, ("R", "G", "B")),
+        picture=Image(np.asarray(tinted, np.float32), ("R", "G", "B")),
+        unlike=unlike,
+        table=table,
+    )
+
+
+def _why(by: str, masked: float, left: float, cells: float) -> str:
+    if by == "none":
+        return "nothing differs from the rest"
+    if by == "mask":
+        return f"a mask is given: {left:.0%} of the picture are left"
+    how = "and its mean cell " if by == "lattice" else ""
+    why = f"{masked:.1%} of the exemplar are masked: unlike the rest {how}by what is usual"
+    if left < _FEW:
+        why += f"; {left:.0%} of the picture are left"
+        why += f", {cells:.1f} cells" if cells else ""
+        why += ": little, so that the texture repeats itself"
+    return f"{why}; edit foreign.png and give it back (--source mask=foreign.png), or keep all (--set unlike=1000)"
+
+
+def _with_usable(image: Image, usable: Mask) -> Image:
+    plain = without_usable(image)
+    pixels = np.concatenate([plain.pixels, usable[..., None].astype(np.float32)], axis=2)
+    return plain.with_pixels(pixels, (*plain.channels, USABLE))
+
+
+def _searched(
+    image: Image, valid: Mask, generators: Vectors | None, threshold: float
+) -> tuple[ScalarMap, Mask, bool]:
+    """How unlike each pixel is, whether it is foreign, and whether a mean cell explains the picture."""
+    colors = fill_excluded(image).color
+    if colors.shape[2] == 1:
+        colors = np.repeat(colors, 3, axis=2)
+    lab = lab_from_linear(reduced(np.ascontiguousarray(colors, np.float32), _SIDE))
+    small = reduced(valid[..., None].astype(np.float32), _SIDE)[..., 0] > 0.5
+    cell = None
+    if generators is not None and len(generators) == 2:
+        factor = np.array(lab.shape[:2]) / (image.height, image.width)
+        cell = _unlike_cell(lab, small, (generators * factor).astype(np.float32))
+    side = float(np.sqrt(small.sum()))
+    unlike = fine = np.zeros(small.shape, np.float32)
+    found = np.zeros(small.shape, np.bool_)
+    for share, most in ((1.0, _SURE), (_LESS, 0.0)):
+        looks = [unlikeness(lab, small, max(1.5, side / windows), found) for windows in _WINDOWS]
+        unlike = np.maximum.reduce(looks) if cell is None else np.minimum(np.maximum.reduce(looks), cell)
+        found = found | _parts(unlike, small, share * threshold, most)
+        fine = looks[-1] if cell is None else np.minimum(looks[-1], cell)
+        if not found.any():
+            break
+    if found.any():  # the large window blurs outlines
+        found = _outlined(found, fine, side / _WINDOWS[1])
+    foreign = _closed(found, small, side / _WINDOWS[1] / 2)
+    both = resize(np.stack([foreign, unlike], axis=2).astype(np.float32), image.height, image.width, bilinear=True)
+    return np.ascontiguousarray(both[..., 1]), both[..., 0] > 0.5, cell is not None
+
+
+def _unlike_cell(lab: Float32[np.ndarray, "h w 3"], valid: Mask, generators: Vectors) -> ScalarMap | None:
+    """How many times farther from the mean cell each pixel is than is usual; None where it explains too little."""
+    frame = generators.astype(np.float64)
+    area, shorter = abs(float(determinant(frame))), float(np.hypot(*frame.T).min())
+    if valid.sum() < _MIN_CELLS * area or shorter < 6:
+        return None
+    cell = mean_cell(lab, generators, valid)
+    tint = np.clip(cell.per_cell(lab - cell.expected, valid), -_TINT, _TINT)
+    if cell.explained(lab[..., 0], valid) < _EXPLAINS:
+        return None
+    toned = lab - tint
+    rest = np.maximum(np.maximum(toned - cell.highest, cell.lowest - toned), 0).mean(axis=2)
+    usual = np.nan_to_num(cell.deviation)[cell.phase[..., 0], cell.phase[..., 1]]
+    deviation = max(1.0, _FINE * shorter)
+    counted = valid.astype(np.float32)
+    weight = np.maximum(gaussian_blur(counted, deviation), np.float32(1e-6))
+    mean, expected = (gaussian_blur(plane * counted, deviation) / weight for plane in (rest, usual))
+    return np.asarray(np.where(valid, 2 * mean / (expected + np.float32(_NOTICED)), 0), np.float32)
+
+
+def _parts(unlike: ScalarMap, valid: Mask, threshold: float, sure: float) -> Mask:
+    """Parts that are nearly as unlike as the threshold, and not small, of which more than a share reaches it."""
+    import cv2
+
+    near = (unlike >= max(1.5, _GROWS * threshold)) & valid
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(near.astype(np.uint8), connectivity=4)
+    reach = np.bincount(labels.ravel(), (unlike >= threshold).ravel().astype(np.float64), minlength=count)
+    large = (boxes[:, cv2.CC_STAT_AREA] >= _LEAST * valid.sum()) & (reach > sure * boxes[:, cv2.CC_STAT_AREA])
+    large[0] = False
+    return np.asarray(large[labels])
+
+
+def _outlined(found: Mask, fine: ScalarMap, deviation: float) -> Mask:
+    """Less the halo that windows make: near an outline, some of what is beyond it is seen on it."""
+    import cv2
+
+    side = 2 * round(3 * deviation) + 1
+    around = cv2.dilate(fine, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
+    halo = found & (fine < _TRACE * around) & _grown(~found, _HALO * deviation)
+    kept = _grown(found & ~halo, deviation)
+    return found & (~_grown(~kept, deviation) | (found & ~halo))
+
+
+def _closed(found: Mask, valid: Mask, reach: float) -> Mask:
+    """Foreign parts with a margin, their holes filled, and without small pieces of the rest."""
+    import cv2
+
+    if not found.any():
+        return found
+    rest = (valid & ~_grown(found, reach)).astype(np.uint8)
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(rest, connectivity=4)
+    small = boxes[:, cv2.CC_STAT_AREA] < _PIECE * valid.sum()
+    small[0] = True  # what is foreign, or was not known
+    return np.asarray(small[labels])
+
+
+def _grown(found: Mask, reach: float) -> Mask:
+    """With what is within ``reach`` px."""
+    import cv2
+
+    side = 2 * max(1, round(reach)) + 1
+    return cv2.dilate(found.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))) > 0

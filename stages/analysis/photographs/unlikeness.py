@@ -1,0 +1,112 @@
+"""How unlike most others the parts of a picture look, at several scales."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float32, Float64
+
+from texloom.stages.common.grids.pyramid import resize
+from texloom.stages.numerics.filters import gaussian_blur, gradients
+from texloom.stages.numerics.matrices import eigenvectors, row_product, square_sums
+from texloom.stages.vocabulary.arrays import Mask, ScalarMap
+from texloom.stages.vocabulary.masks import nearest_valid
+
+_PLACES = 2400  # at most, that are compared with each other
+_MIN_SHOWN = 0.7  # share of a window that the picture shows; others look like the nearest that does
+_CORE = 0.5  # share of places whose spread is that of the surface
+_PASSES = 6
+_EXPLAINED_BY = 0.25  # share of places that look alike where a look belongs to the surface
+_APART = 3.0  # deviations of the blur; nearer places show the same
+_NOTICED = 1.5  # CIELAB, a deviation below which differences do not count
+_STEEP = 0.5  # weight of gradients against colours
+
+
+def unlikeness(
+    lab: Float32[np.ndarray, "h w 3"], valid: Mask, deviation: float, foreign: Mask | None = None
+) -> ScalarMap:
+    """How far the look around each pixel is from those that explain it; 1 is usual, at several it is foreign.
+
+    The look of a place is the mean and the deviation of CIELAB, and the mean steepness down and across, in a
+    Gaussian window. The half of the places that are nearest to each other, with the least covariance, is the core;
+    distances are in units of the core's spread, so that a wall of many greys has room in grey, and none in red. A
+    place is explained by the quarter of all that look most like it, away from it; how far the farthest of these is,
+    over what that is in the core, is the result.
+
+    Parameters
+    ----------
+    valid : where the picture is known; elsewhere the result is 0.
+    deviation : of the window, px.
+    foreign : what is known not to explain others.
+
+    References
+    ----------
+    [RousseeuwDriessen1999]_ the determinant of least covariance, here from one start; [Ramaswamy2000]_ distance to
+    the k-th neighbour. The looks, and units of the core, are ours.
+    """
+    looks, shown = _looks(lab, valid, deviation)
+    every = max(1, round(deviation))
+    while (lab.shape[0] // every) * (lab.shape[1] // every) > _PLACES:
+        every += 1
+    grid = slice(every // 2, None, every), slice(every // 2, None, every)
+    known = valid[grid] & (shown[grid] >= _MIN_SHOWN)
+    places = np.argwhere(known) * every
+    if len(places) < 16:
+        return np.zeros(lab.shape[:2], np.float32)
+    rows = looks[grid][known].astype(np.float64)
+    units, core = _in_units_of_core(rows)
+    explains = (np.abs(places[:, None] - places[None]).max(axis=2) > _APART * deviation) & (
+        True if foreign is None else ~foreign[grid][known]
+    )
+    distance = np.where(explains, np.sqrt(_squared_distances(units)), np.inf)
+    distance.sort(axis=1)
+    last = distance[:, max(0, round(_EXPLAINED_BY * len(places)) - 1)]
+    usual = float(np.median(last[core]))
+    last = np.where(np.isfinite(last), last, 2 * last[np.isfinite(last)].max(initial=usual))
+    values = np.zeros(known.shape, np.float32)
+    values[known] = last / max(usual, 1e-6)
+    return np.where(valid, _between(values, known, every, lab.shape[:2]), np.float32(0))
+
+
+def _looks(
+    lab: Float32[np.ndarray, "h w 3"], valid: Mask, deviation: float
+) -> tuple[Float32[np.ndarray, "h w 8"], ScalarMap]:
+    """What it looks like around each pixel, and which share of that is known."""
+    counted = valid.astype(np.float32)
+    shown = np.maximum(gaussian_blur(counted, deviation, "zero"), np.float32(1e-6))
+    steep = [np.abs(plane) * np.float32(_STEEP) for plane in gradients(lab[..., 0], (1, 2, 1))]
+    planes = np.concatenate([lab, np.square(lab), np.stack(steep, axis=2)], axis=2)
+    means = gaussian_blur(planes * counted[..., None], deviation, "zero") / shown[..., None]
+    means[..., 3:6] = np.sqrt(np.maximum(means[..., 3:6] - np.square(means[..., :3]), 0))
+    return means, shown
+
+
+def _in_units_of_core(rows: Float64[np.ndarray, "n k"]) -> tuple[Float64[np.ndarray, "n k"], np.ndarray]:
+    """The places along the principal axes of the core, in its deviations, and which are the core."""
+    size = max(2, round(_CORE * len(rows)))
+    squared = _squared_distances(rows)
+    start = int(np.sort(squared, axis=1)[:, size - 1].argmin())
+    core = np.argsort(squared[start], kind="stable")[:size]
+    units = rows
+    for _ in range(_PASSES):
+        mean = rows[core].mean(axis=0)
+        values, vectors = eigenvectors(square_sums(rows[core] - mean) / len(core))
+        units = row_product(rows - mean, vectors) / np.sqrt(np.maximum(values, 0) + _NOTICED**2)
+        core = np.argsort(np.square(units).sum(axis=1), kind="stable")[:size]
+    return units, core
+
+
+def _squared_distances(rows: Float64[np.ndarray, "n k"]) -> Float64[np.ndarray, "n n"]:
+    total = np.zeros((len(rows), len(rows)))
+    for column in rows.T:
+        total += np.square(column[:, None] - column[None])
+    return total
+
+
+def _between(
+    values: Float32[np.ndarray, "p q"], known: Bool[np.ndarray, "p q"], every: int, shape: tuple[int, int]
+) -> ScalarMap:
+    """Of places on a grid, of every pixel: linearly, with that of the nearest for those not known."""
+    row, column = nearest_valid(known)
+    wide = resize(values[row, column][..., None], values.shape[0] * every, values.shape[1] * every, bilinear=True)
+    rest = [(0, max(0, length - have)) for length, have in zip(shape, wide.shape[:2], strict=True)]
+    return np.asarray(np.pad(wide[..., 0], rest, "edge")[: shape[0], : shape[1]], np.float32)

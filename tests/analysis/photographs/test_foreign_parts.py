@@ -1,0 +1,110 @@
+"""Doors, pipes, signs and sky are masked; clean surfaces are not; a given mask replaces the proposal."""
+
+import logging
+
+import numpy as np
+import pytest
+
+from benchmarks.foreign_parts import PARTS, WALLS, agreement
+from texloom.stages.analysis.photographs.foreign_parts import ForeignParts, ForeignPartsParams, foreign_parts
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.masks import valid_pixels
+
+SIDE = 128
+
+
+def wall(name: str) -> np.ndarray:
+    return WALLS[name](np.random.default_rng(3), SIDE)
+
+
+def searched(pixels: np.ndarray, **params: float) -> ForeignParts:
+    return foreign_parts(Image(pixels, ("R", "G", "B")), ForeignPartsParams(**params))
+
+
+@pytest.mark.parametrize(
+    ("name", "part"),
+    [("plaster", "door"), ("pebbles", "sign"), ("bricks", "sky"), ("bricks", "windows")],
+)
+def test_foreign_parts_are_masked(name: str, part: str, caplog: pytest.LogCaptureFixture) -> None:
+    pixels, foreign = PARTS[part](np.random.default_rng(3), wall(name))
+    with caplog.at_level(logging.WARNING):
+        made = searched(pixels)
+    found = made.mask.pixels[..., 0] < 0.5
+    precision, recall, _ = agreement(found, foreign)
+    assert recall > 0.97
+    assert precision > 0.25  # there is a margin, at least of the window
+    usable = valid_pixels(made.image)
+    assert usable is not None
+    np.testing.assert_array_equal(usable, ~found)
+    assert made.table["masked"] == pytest.approx(found.mean(), abs=1e-3)
+    assert "--source mask=foreign.png" in caplog.messages[0]
+
+
+@pytest.mark.parametrize("name", WALLS)
+def test_clean_surfaces_stay_whole(name: str) -> None:
+    made = searched(wall(name))
+    assert made.table["by"] == "none"
+    assert made.table["masked"] == 0
+    assert valid_pixels(made.image) is None
+
+
+def test_windows_of_a_facade_are_explained_by_its_lattice() -> None:
+    cell = np.full((32, 48, 3), 0.5, np.float32)
+    cell[8:26, 12:34] = 0.03
+    cell[10:16, 14:32] = (0.05, 0.1, 0.3)
+    random = np.random.default_rng(0)
+    facade = np.tile(cell, (6, 4, 1)) * random.normal(1, 0.03, (192, 192, 1)).astype(np.float32)
+    facade[100:192, 60:140] = (0.3, 0.05, 0.02)
+    image = Image(np.clip(facade, 0, 1), ("R", "G", "B"))
+    generators = np.array([[32, 0], [0, 48]], np.float32)
+    made = foreign_parts(image, ForeignPartsParams(), generators=generators)
+    found = made.mask.pixels[..., 0] < 0.5
+    assert made.table["by"] == "lattice"
+    assert found[104:188, 64:136].mean() > 0.97
+    assert found[:90].mean() < 0.02
+    assert made.table["cells"] == pytest.approx((~found).sum() / (32 * 48), abs=0.1)
+
+
+def test_large_values_keep_all() -> None:
+    pixels, _ = PARTS["door"](np.random.default_rng(3), wall("plaster"))
+    assert searched(pixels, unlike=1000).table["by"] == "none"
+
+
+def test_a_given_mask_replaces_the_proposal() -> None:
+    pixels, _ = PARTS["door"](np.random.default_rng(3), wall("plaster"))
+    white = np.ones((SIDE, SIDE, 3), np.float32)
+    white[:40] = 0
+    image = Image(pixels, ("R", "G", "B"))
+    made = foreign_parts(image, ForeignPartsParams(), mask=Image(white, ("R", "G", "B")))
+    np.testing.assert_array_equal(made.mask.pixels, white)
+    assert made.table["by"] == "mask"
+
+
+def test_the_proposal_given_back_is_the_same() -> None:
+    pixels, _ = PARTS["door"](np.random.default_rng(3), wall("plaster"))
+    first = searched(pixels)
+    again = foreign_parts(Image(pixels, ("R", "G", "B")), ForeignPartsParams(), mask=first.mask)
+    np.testing.assert_array_equal(again.image.pixels, first.image.pixels)
+
+
+def test_too_few_cells_are_refused() -> None:
+    pixels, _ = PARTS["door"](np.random.default_rng(3), wall("plaster"))
+    image = Image(pixels, ("R", "G", "B"))
+    generators = np.array([[120, 0], [0, 120]], np.float32)
+    with pytest.raises(InputError, match=r"no surface stands out.*--set unlike=1000"):
+        foreign_parts(image, ForeignPartsParams(), generators=generators)
+
+
+def test_what_was_excluded_stays_so_and_has_no_influence() -> None:
+    pixels, _ = PARTS["door"](np.random.default_rng(3), wall("plaster"))
+    alpha = np.ones((SIDE, SIDE, 1), np.float32)
+    alpha[:, :20] = 0
+    other = pixels.copy()
+    other[:, :20] = (0, 1, 0)
+    one, two = (
+        foreign_parts(Image(np.concatenate([colors, alpha], 2), ("R", "G", "B", "A")), ForeignPartsParams())
+        for colors in (pixels, other)
+    )
+    np.testing.assert_array_equal(one.mask.pixels, two.mask.pixels)
+    assert not one.mask.pixels[:, :20].any()
