@@ -20,7 +20,7 @@ import os
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -173,21 +173,37 @@ def exemplars(folder: Path, half: int | None, exclude: list[str]) -> Iterator[tu
         yield name, np.ascontiguousarray(picture[row : row + _SIDE, column : column + _SIDE, ::-1])
 
 
-def made(picture: np.ndarray, method: str, folder: Path | None, tileable: bool = False) -> Sample:
-    """A result of a method, from ``folder`` where it is there, and written to it otherwise."""
-    name = (
-        f"{zlib.crc32(np.ascontiguousarray(picture).tobytes()):08x}-{method}{'-tileable' if tileable else ''}.npz"
-    )
-    if folder is not None and (folder / name).exists():
-        with np.load(folder / name) as known:
-            return picture / 255, known["result"].astype(np.float64), known["match"].astype(np.int64)
-    texture = texloom.synthesize(picture, size=_SIZE, method=method, seed=3, tileable=tileable)
-    result = np.asarray(srgb_from_linear(Image.of(np.asarray(texture.image)).color), np.float32)
-    match = np.asarray(texture.source_map)
+def made(
+    picture: np.ndarray,
+    method: str,
+    folder: Path | None,
+    *,
+    tileable: bool = False,
+    preset: str | None = None,
+    seed: int = 3,
+) -> Sample:
+    """A result of 8 bits of a method, from ``folder`` where it is there, and written to it otherwise."""
+    parts = [method, *([preset] if preset else []), *(["tileable"] if tileable else []), str(seed)]
+    file = f"{zlib.crc32(np.ascontiguousarray(picture).tobytes()):08x}-{'-'.join(parts)}.npz"
+    if folder is not None and (folder / file).exists():
+        with np.load(folder / file) as known:
+            return picture / 255, known["result"] / 255, known["match"].astype(np.int64)
+    texture = texloom.synthesize(picture, size=_SIZE, method=method, seed=seed, preset=preset, tileable=tileable)
+    values = srgb_from_linear(Image.of(np.asarray(texture.image)).color)
+    result, match = np.rint(np.clip(values, 0, 1) * 255).astype(np.uint8), np.asarray(texture.source_map)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-        np.savez(folder / name, result=result, match=match)
-    return picture / 255, result.astype(np.float64), match.astype(np.int64)
+        np.savez(folder / file, result=result, match=match)
+    return picture / 255, result / 255, match.astype(np.int64)
+
+
+def table_of(sample: Sample, tileable: bool = False) -> dict[str, Any]:
+    """The table of scores of a result."""
+    exemplar, result, match = sample
+    source, image = (
+        Image.of(np.rint(np.clip(part, 0, 1) * 65535).astype(np.uint16)) for part in (exemplar, result)
+    )
+    return metrics(source, image.wrapping(tileable), MetricsParams(), match.astype(np.uint32)).table
 
 
 Figures: TypeAlias = dict[str, tuple[float, float | None]]
@@ -196,11 +212,7 @@ Figures: TypeAlias = dict[str, tuple[float, float | None]]
 
 def figures(sample: Sample, tileable: bool = False) -> Figures:
     """The figures of each measure; those that cannot be measured are left out."""
-    exemplar, result, match = sample
-    source, image = (
-        Image.of(np.rint(np.clip(part, 0, 1) * 65535).astype(np.uint16)) for part in (exemplar, result)
-    )
-    table = metrics(source, image.wrapping(tileable), MetricsParams(), match.astype(np.uint32)).table["measures"]
+    table = table_of(sample, tileable)["measures"]
     return {
         name: (
             abs(line["value"] - 1) if name in _SMALLER_IS_WORSE else line["value"],
