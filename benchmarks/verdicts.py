@@ -29,7 +29,6 @@ import numpy as np
 
 from benchmarks.scores import Sample, exemplars, made, table_of
 
-
 _FILE = Path(__file__).with_suffix(".csv")
 _GAP = 8  # px between pictures of a sheet
 

@@ -13,7 +13,7 @@ from texloom.stages.vocabulary.declare import Params, stage
 class ChoiceParams(Params):
     """What counts."""
 
-    weights: dict[str, float] = Field({"fidelity": 1.0, "structure": 1.0, "detail": 0.5})
+    weights: dict[str, float] = Field({"fidelity": 1.0, "structure": 1.0, "detail": 0.5, "variety": 0.5})
     """weight of each score; those that a texture lacks do not count"""
     labels: tuple[str, str] = ("first", "second")
     """names of the textures in the table"""
@@ -31,7 +31,7 @@ class Choice:
     """``chosen``, a label; ``because``, a sentence; ``totals`` and ``scores`` by label"""
 
 
-@stage(version=1, role="choice")
+@stage(version=2, role="choice")
 def choice(
     first: Image,
     second: Image,

@@ -68,26 +68,59 @@ def test_the_source_map_tells_copies_from_mixtures() -> None:
     }
     assert lines["tiling"]["copying"]["value"] == lines["whole"]["copying"]["value"] == 1
     assert lines["scattered"]["copying"]["value"] == 0
-    assert lines["whole"]["copying"]["more"] == {"typical": 64 * 64, "largest": 1}
-    assert lines["whole"]["use"]["value"] == 0
-    assert lines["whole"]["use"]["more"]["entropy"] == 1
-    assert lines["tiling"]["use"]["score"] < 0.2
-    assert lines["tiling"]["use"]["more"]["unused"] == pytest.approx(0.75, abs=0.15)
-    assert lines["scattered"]["use"]["score"] > 0.9
+    assert lines["whole"]["copying"]["more"] == {
+        "typical": 64 * 64,
+        "largest": 1,
+        "verbatim": "whole copies of the exemplar, side by side",
+    }
+    assert lines["whole"]["contents"]["value"] == lines["scattered"]["contents"]["value"] == 0
+    assert lines["whole"]["contents"]["more"]["entropy"] == 1
+    assert lines["tiling"]["contents"]["value"] == pytest.approx(0.75, abs=0.15)
+    assert max(lines["tiling"][name]["score"] for name in ("copies", "contents")) < 0.5
+    assert lines["scattered"]["copies"]["score"] == 1
     assert lines["whole"]["continuity"]["value"] == pytest.approx(1 - 1 / 127)
     assert lines["scattered"]["continuity"]["value"] < 0.01
 
 
-def test_smooth_pieces_used_too_often_are_reported() -> None:
+def test_results_that_are_too_smooth_are_reported() -> None:
     values = np.random.default_rng(10).uniform(0.2, 0.8, (96, 96))
     for corner in (0, 24, 48, 72):
         values[corner : corner + 20, corner : corner + 20] = 0.5
     exemplar = encoded(values)
     match = np.tile(grid(24, 24), (4, 4, 1))
     lines = measure(exemplar, copied(exemplar, match), match=match)
-    assert lines["use"]["more"]["smooth"] > 2
     assert lines["smoothness"]["value"] > 2 * lines["smoothness"]["floor"]
     assert measure(exemplar, exemplar)["smoothness"]["score"] == 1
+
+
+def test_a_feature_that_returns_is_counted_and_noise_is_not() -> None:
+    rng = np.random.default_rng(12)
+    values = rng.uniform(0.4, 0.6, (144, 144))
+    rows, columns = np.mgrid[:144, :144]
+    values[np.hypot(rows - 60, columns - 80) < 14] = 0.95
+    match = grid(144, 144)
+    again = match.copy()
+    for row, column in ((2, 4), (4, 100), (100, 6), (104, 98)):
+        again[row : row + 36, column : column + 36] = grid(36, 36) + np.array([42, 62], np.uint32)
+    for picture, is_seen in ((values, True), (rng.uniform(0.4, 0.6, (144, 144)), False)):
+        exemplar = encoded(picture)
+        once, often = (measure(exemplar, copied(exemplar, one), match=one)["copies"] for one in (match, again))
+        assert once["score"] == 1
+        assert (often["score"] < 0.5) == is_seen
+        if is_seen:
+            assert often["more"]["place"] == pytest.approx([60, 80], abs=14)
+
+
+def test_a_collapsed_result_scores_low_and_a_crop_is_named() -> None:
+    exemplar = encoded(tinted("gravel")[:128, :128])
+    collapsed = np.tile(grid(24, 24) + np.uint32(50), (5, 5, 1))
+    table = metrics(exemplar, copied(exemplar, collapsed), MetricsParams(), collapsed).table
+    assert table["summary"]["variety"] == 0
+    assert table["notes"] == []
+    crop = grid(128, 128)[5:110, 20:125]
+    table = metrics(exemplar, copied(exemplar, crop), MetricsParams(), crop).table
+    assert table["notes"] == ["The result is a crop of the exemplar: nothing was synthesised."]
+    assert table["summary"]["variety"] == 0
 
 
 @pytest.mark.parametrize(
