@@ -23,11 +23,12 @@ import os
 import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from benchmarks.scores import Sample, exemplars, made, table_of
+from texloom.stages.evaluation.choice import ChoiceParams, weighted_mean
 
 _FILE = Path(__file__).with_suffix(".csv")
 _GAP = 8  # px between pictures of a sheet
@@ -165,21 +166,18 @@ def own_agreement() -> tuple[int, int, int]:
     return both, alike, one_only
 
 
-def _scores(table: dict[str, Any]) -> float | None:
-    """The mean of the axes that were measured."""
-    known = [score for score in table["summary"].values() if score is not None]
-    return float(np.mean(known)) if known else None
-
-
 def report(folder: Path, half: int | None) -> None:
-    """Print how often the better score has the better rank, and how often two judgings agree."""
+    """Print how often the better total of `choice` has the better rank, and how often two judgings agree."""
     both, alike, one_only = own_agreement()
     print(f"the eye with itself: {alike} of {both} pairs; {one_only} pairs are decided by one of two judgings only")
-    known = by_exemplar(1)
+    known, weights = by_exemplar(1), ChoiceParams().weights
     agreed, ties, decided = 0.0, 0, 0
     for name in list(known) if half is None else list(known)[half::2]:
         results = [(name, one.method, one.seed) for one in known[name]]
-        scores = {result[1:]: _scores(table_of(sample)) for result, sample in samples(folder, results)}
+        scores = {
+            result[1:]: weighted_mean(table_of(sample)["summary"], weights)
+            for result, sample in samples(folder, results)
+        }
         signs = [(scores[one], scores[other], sign) for one, other, sign in pairs(known[name])]
         agreed += sum(np.sign(other - one) == sign for one, other, sign in signs if sign)
         decided += sum(sign != 0 for *_, sign in signs)

@@ -149,11 +149,11 @@ def metrics(
     the result has lost, ``ceiling`` that of the exemplar bent by waves, ``floor`` what the exemplar's halves lack.
     Where that is half the ceiling, as of polygons, whose lines run in many directions, there is no score.
 
-    Steps are where the tone jumps at a joint and the exemplar's does not beside either source: cells of two tones,
-    contours that end, lighter or darker pieces. A step is the distance between the mean colours of 9x9 px on both
-    sides of the joint, less the larger of those that the exemplar shows where it continues either side. It is seen
-    if it is larger than the squares' mean deviation, which masks it, and 2.3 CIELAB units, which are just
-    noticeable, both squared and added. ``value`` is the share of the result's cells of 9x9 px with such a step.
+    Steps are where the tone jumps at a joint and the exemplar's does not within 2 px of either source: cells of two
+    tones, contours that end, lighter or darker pieces. A step is the distance between the mean colours of 9x9 px on
+    both sides of the joint, less the larger of those that the exemplar shows there. It is seen if it is more than
+    half of the squares' mean deviation, which masks it, and 2.3 CIELAB units, which are just noticeable, both
+    squared and added. ``value`` is the share of the result's cells of 9x9 px with such a step.
 
     Copies and contents are those of pieces of a tenth of the exemplar's side. A piece is as distinctive as it is
     unlike the nearest piece that does not overlap: 1 with nothing in common, near 0 in a lattice. ``copies`` is the

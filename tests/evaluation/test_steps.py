@@ -70,7 +70,8 @@ def test_a_contour_that_ends_at_a_joint_is_a_step() -> None:
     row, column = np.unravel_index(steps.argmax(), steps.shape)
     assert row == 63
     assert 55 < column < 71
-    assert line(exemplar, cut)["score"] < 0.5
+    assert steps.max() > 1
+    assert line(exemplar, cut)["value"] > 0
 
 
 def test_pieces_of_noise_have_no_steps() -> None:
@@ -88,7 +89,7 @@ def test_the_border_is_a_joint_where_the_result_wraps() -> None:
     exemplar = np.linspace(0.2, 0.8, 128)[None, :] + np.zeros((96, 1))
     match = whole(exemplar.shape)
     assert line(exemplar, match)["value"] == 0
-    assert line(exemplar, match, wraps=Wraps(False, True))["score"] == 0
+    assert line(exemplar, match, wraps=Wraps(False, True))["score"] < 0.5
     assert step_map(task(exemplar, match, Wraps(False, True)))[:, :-1].max() == -1
 
 

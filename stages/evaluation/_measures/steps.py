@@ -1,9 +1,7 @@
 """Steps of tone at joints of the source map: two-tone cells, cut contours, pieces that are lighter or darker."""
 
-from typing import NamedTuple
-
 import numpy as np
-from jaxtyping import Float32, Int64
+from jaxtyping import Float32
 
 from texloom.stages.common.similarity.patch_distance import Places
 from texloom.stages.common.source_maps.source_joints import worst_of_cells
@@ -21,42 +19,33 @@ from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 _SIDE = 9  # px of the squares on both sides of a joint
 _REACH = _SIDE // 2 + 1  # px from a joint to the middle of the square beyond it
 _VISIBLE = 2.3  # CIELAB units; a just noticeable difference
+_SLACK = 5  # px about a source within which the exemplar may show the step, as results are bent and blended
 _MOST = 1 << 18  # joints along an axis that are measured
-_SEEN = 1.0  # from this on a step is seen
-_BAD = 0.05  # share of the cells with such a step; blocks joined at random have .12, good results .01
+_SEEN = 0.5  # from this on a step is seen
+_BAD = 0.1  # share of the cells with such a step; blocks joined at random have more, good results .01
 
 
-class _Squares(NamedTuple):
-    """The squares about the pixels of a picture."""
+def _fields(
+    picture: Picture, axis: int, wraps: Wraps
+) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
+    """The step behind each pixel along an axis, and the deviation within the squares on both sides of it."""
+    import cv2
 
-    means: Float32[np.ndarray, "h w c"]
-    spread: Float32[np.ndarray, "h w"]
-    """root of the mean squared distance to the mean"""
-    wraps: Wraps
-
-    @staticmethod
-    def of(picture: Picture, wraps: Wraps) -> "_Squares":
-        import cv2
-
-        values = picture.compared
-        margin = [(_SIDE if wrap else 0,) * 2 for wrap in wraps]
-        values = np.pad(values, (*margin, (0, 0)), mode="wrap")
-        inside = tuple(slice(before, -before or None) for before, _ in margin)
-        means, squares = (
-            cv2.boxFilter(part, -1, (_SIDE, _SIDE)).reshape(values.shape)[inside] for part in (values, values**2)
-        )
-        spread = np.sqrt(np.maximum(squares - means * means, 0).sum(axis=2))
-        return _Squares(means, spread, wraps)
-
-    def at(self, places: Places) -> tuple[np.ndarray, ...]:
-        """Rows and columns of places, those beyond a border moved to it."""
-        shape = np.array(self.spread.shape)
-        return tuple(np.where(np.array(self.wraps), places % shape, np.clip(places, 0, shape - 1)).T)
-
-    def step(self, places: Places, ahead: Int64[np.ndarray, "2"]) -> Float32[np.ndarray, "*n"]:
-        """Distance between the means behind and beyond the borders between some pixels and those ``ahead``."""
-        beyond, behind = self.at(places + _REACH * ahead), self.at(places - (_REACH - 1) * ahead)
-        return np.sqrt(((self.means[beyond] - self.means[behind]) ** 2).sum(axis=1))
+    margin = [(_SIDE,) * 2 if wrap else (0, 0) for wrap in wraps]
+    values = np.pad(picture.compared, (*margin, (0, 0)), mode="wrap")
+    means, squares = (
+        cv2.boxFilter(part, -1, (_SIDE, _SIDE)).reshape(values.shape) for part in (values, values * values)
+    )
+    deviation = np.sqrt(np.maximum(squares - means * means, 0).sum(axis=2))
+    reach = [(_REACH - 1, _REACH) if one == axis else (0, 0) for one in (0, 1)]
+    means, deviation = np.pad(means, (*reach, (0, 0)), mode="edge"), np.pad(deviation, reach, mode="edge")
+    before, after = (
+        tuple(np.s_[part] if one == axis else np.s_[:] for one in (0, 1))
+        for part in (np.s_[: -2 * _REACH + 1], np.s_[2 * _REACH - 1 :])
+    )
+    step = np.sqrt(((means[after] - means[before]) ** 2).sum(axis=2))
+    inside = tuple(slice(one, -one or None) for one, _ in margin)
+    return step[inside], ((deviation[after] + deviation[before]) / 2)[inside]
 
 
 def joints_along(match: Correspondence, axis: int, wraps: bool) -> Places:
@@ -75,20 +64,23 @@ def step_map(task: Task) -> ScalarMap:
     where the sources continue each side, over their mean deviation, which masks it, and a just noticeable
     difference, both squared and added. 0 or more; -1 without a joint.
     """
+    import cv2
+
     match = task.source_map()
-    result, exemplar = _Squares.of(task.result, task.wraps), _Squares.of(task.exemplar, NOWHERE)
     steps = np.full(match.shape[:2], -1, np.float32)
     for axis in (0, 1):
-        ahead = np.eye(2, dtype=np.int64)[axis]
         places = joints_along(match, axis, task.wraps[axis])
         if task.result.counted is not None:
             places = places[task.result.counted[tuple(places.T)]]
         places = places[:: 1 + len(places) // _MOST]
-        sources = [match[result.at(places + moved)].astype(np.int64) - moved for moved in (0 * ahead, ahead)]
-        known = np.maximum(*(exemplar.step(one, ahead) for one in sources))
-        masking = sum(result.spread[result.at(places + far * ahead)] for far in (_REACH, 1 - _REACH)) / 2
-        visible = np.maximum(result.step(places, ahead) - known, 0) / np.sqrt(masking**2 + _VISIBLE**2)
-        np.maximum.at(steps, tuple(places.T), visible)
+        at = tuple(places.T)
+        shown, masking = (field[at] for field in _fields(task.result, axis, task.wraps))
+        known = cv2.dilate(_fields(task.exemplar, axis, NOWHERE)[0], np.ones((_SLACK, _SLACK), np.uint8))
+        ahead = np.eye(2, dtype=np.int64)[axis]
+        beside = match[tuple(((places + ahead) % match.shape[:2]).T)].astype(np.int64) - ahead
+        of_sources = (known[tuple(match[at].T)], known[tuple(np.maximum(beside, 0).T)])
+        seen = np.maximum(shown - np.maximum(*of_sources), 0) / np.sqrt(masking**2 + _VISIBLE**2)
+        np.maximum.at(steps, at, seen)
     return steps
 
 
