@@ -81,7 +81,7 @@ def uses_of(task: Task, pieces: _Pieces) -> Float32[np.ndarray, "*n"]:
 def contents(task: Task) -> tuple[Figures, Figures]:
     """Copies of the most repeated pieces beyond their fair share, and the share of what is not shown.
 
-    Pieces count by how distinctive they are: those of a lattice or of noise, which are alike, hardly do.
+    Pieces count by how distinctive they are: those of a lattice, which are alike, hardly do.
     """
     task.source_map()
     task.require_all_made()

@@ -22,8 +22,8 @@ from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,
     any_true,
-    between_halves,
     channel_variances,
+    halves,
     require_side,
     require_variation,
 )
@@ -201,7 +201,7 @@ def _between_halves(index: PatchIndex) -> float:
     """
     reach = (SIDE - 1) * index.patches.step + 1
     middle = (index.patches.shape[0] + reach) // 2
-    halves = [
+    parts = [
         PatchIndex(
             index.patches,
             index.rows[chosen],
@@ -215,7 +215,7 @@ def _between_halves(index: PatchIndex) -> float:
         )
         for chosen in (index.rows >= middle, index.rows < middle - reach)
     ]
-    return nearest_distance(*halves, count=128) if all(len(_counted(half)) for half in halves) else 0.0
+    return nearest_distance(*parts, count=128) if all(len(_counted(part)) for part in parts) else 0.0
 
 
 def patch_distribution(task: Task) -> Figures:
@@ -230,14 +230,10 @@ def patch_distribution(task: Task) -> Figures:
     worst = sliced_wasserstein(exemplar, projected(task.shuffled, len(levels)))
     if not (levels and worst):
         raise UnmeasurableError(f"masks leave no patch of {SIDE} px")
-    between = between_halves(task.exemplar, _distance_of_halves) / deviation
+    left, right = (projected(half) for half in halves(task.exemplar)[0])
+    between = float(np.mean(sliced_wasserstein(left, right) or [0.0])) / deviation
     ceiling = float(np.mean(worst)) / deviation
     return Figures(float(np.mean(levels)), sampling(task, between), ceiling, {"levels": levels})
-
-
-def _distance_of_halves(one: Picture, other: Picture) -> float:
-    """Mean over the sizes; 0 where a half is too small."""
-    return float(np.mean(sliced_wasserstein(projected(one), projected(other)) or [0.0]))
 
 
 def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:

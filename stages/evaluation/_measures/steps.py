@@ -25,27 +25,34 @@ _SEEN = 0.5  # from this on a step is seen
 _BAD = 0.1  # share of the cells with such a step; blocks joined at random have more, good results .01
 
 
-def _fields(
-    picture: Picture, axis: int, wraps: Wraps
-) -> tuple[Float32[np.ndarray, "h w"], Float32[np.ndarray, "h w"]]:
-    """The step behind each pixel along an axis, and the deviation within the squares on both sides of it."""
+def _squares(picture: Picture, wraps: Wraps) -> tuple[Float32[np.ndarray, "H W c"], Float32[np.ndarray, "H W"]]:
+    """Mean colours of the squares about the pixels, and deviations within them, with `_REACH` px around the picture."""
     import cv2
 
-    margin = [(_SIDE,) * 2 if wrap else (0, 0) for wrap in wraps]
-    values = np.pad(picture.compared, (*margin, (0, 0)), mode="wrap")
+    values = picture.compared
+    for axis, wrap in enumerate(wraps):
+        margin = [(_SIDE if one == axis else 0,) * 2 for one in range(3)]
+        values = np.pad(values, margin, mode="wrap" if wrap else "edge")
     means, squares = (
         cv2.boxFilter(part, -1, (_SIDE, _SIDE)).reshape(values.shape) for part in (values, values * values)
     )
     deviation = np.sqrt(np.maximum(squares - means * means, 0).sum(axis=2))
-    reach = [(_REACH - 1, _REACH) if one == axis else (0, 0) for one in (0, 1)]
-    means, deviation = np.pad(means, (*reach, (0, 0)), mode="edge"), np.pad(deviation, reach, mode="edge")
-    before, after = (
-        tuple(np.s_[part] if one == axis else np.s_[:] for one in (0, 1))
-        for part in (np.s_[: -2 * _REACH + 1], np.s_[2 * _REACH - 1 :])
-    )
-    step = np.sqrt(((means[after] - means[before]) ** 2).sum(axis=2))
-    inside = tuple(slice(one, -one or None) for one, _ in margin)
-    return step[inside], ((deviation[after] + deviation[before]) / 2)[inside]
+    inside = np.s_[_SIDE - _REACH : _REACH - _SIDE, _SIDE - _REACH : _REACH - _SIDE]
+    return means[inside], deviation[inside]
+
+
+def _steps_along(means: Float32[np.ndarray, "H W c"], axis: int) -> Float32[np.ndarray, "h w"]:
+    """Distance between the means behind and beyond the border after each pixel along an axis."""
+    behind, beyond = (_beside(means, axis, offset) for offset in (1 - _REACH, _REACH))
+    difference = beyond - behind
+    return np.sqrt((difference * difference).sum(axis=2))
+
+
+def _beside(values: np.ndarray, axis: int, offset: int) -> np.ndarray:
+    """The values ``offset`` px further along an axis, without the margin of `_squares`."""
+    place = [np.s_[_REACH:-_REACH], np.s_[_REACH:-_REACH]]
+    place[axis] = np.s_[_REACH + offset : values.shape[axis] - _REACH + offset]
+    return values[tuple(place)]
 
 
 def joints_along(match: Correspondence, axis: int, wraps: bool) -> Places:
@@ -68,14 +75,16 @@ def step_map(task: Task) -> ScalarMap:
 
     match = task.source_map()
     steps = np.full(match.shape[:2], -1, np.float32)
+    (means, deviation), (known_means, _) = _squares(task.result, task.wraps), _squares(task.exemplar, NOWHERE)
     for axis in (0, 1):
         places = joints_along(match, axis, task.wraps[axis])
         if task.result.counted is not None:
             places = places[task.result.counted[tuple(places.T)]]
         places = places[:: 1 + len(places) // _MOST]
         at = tuple(places.T)
-        shown, masking = (field[at] for field in _fields(task.result, axis, task.wraps))
-        known = cv2.dilate(_fields(task.exemplar, axis, NOWHERE)[0], np.ones((_SLACK, _SLACK), np.uint8))
+        shown = _steps_along(means, axis)[at]
+        masking = (_beside(deviation, axis, 1 - _REACH)[at] + _beside(deviation, axis, _REACH)[at]) / 2
+        known = cv2.dilate(_steps_along(known_means, axis), np.ones((_SLACK, _SLACK), np.uint8))
         ahead = np.eye(2, dtype=np.int64)[axis]
         beside = match[tuple(((places + ahead) % match.shape[:2]).T)].astype(np.int64) - ahead
         of_sources = (known[tuple(match[at].T)], known[tuple(np.maximum(beside, 0).T)])
