@@ -159,7 +159,7 @@ def own_agreement() -> tuple[int, int, int]:
     for name, again in by_exemplar(2).items():
         before = {pair[:2]: pair[2] for pair in pairs(first[name])}
         for *pair, sign in pairs(again):
-            own = before[tuple(pair)]
+            own = before[pair[0], pair[1]]
             both += bool(sign and own)
             alike += bool(sign and own == sign)
             one_only += bool(sign) != bool(own)
@@ -195,11 +195,11 @@ def main() -> None:
     parser.add_argument("--half", type=int, choices=(0, 1), help="only every other exemplar")
     options = parser.parse_args()
     if options.command == "record":
-        record(*options.folders, options.judging)
+        record(options.folders[0], options.folders[1], options.judging)
     elif options.command == "sheets":
-        write_sheets(*options.folders, options.judging)
+        write_sheets(options.folders[0], options.folders[1], options.judging)
     elif options.command == "render":
-        for (name, method, seed), _ in samples(*options.folders, sorted({one[1:4] for one in verdicts()})):
+        for (name, method, seed), _ in samples(options.folders[0], sorted({one[1:4] for one in verdicts()})):
             print(name, method, seed, flush=True)
     else:
         report(options.folders[0], options.half)

@@ -92,7 +92,7 @@ def test_another_sample_of_noise_is_not_punished() -> None:
     exemplar, other = (encoded(np.random.default_rng(seed).uniform(0.3, 0.7, (96, 96))) for seed in (1, 2))
     lines = metrics(exemplar, other, MetricsParams()).table["measures"]
     for name in ("colors", "patches", "autocorrelation", "coherence", "completeness"):
-        assert (lines[name]["score"] or 1) > 0.9, name
+        assert lines[name]["score"] is None or lines[name]["score"] > 0.7, name
 
 
 def test_blur_and_noise_lose_sharpness(scores: Scores) -> None:

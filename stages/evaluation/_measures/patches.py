@@ -215,7 +215,8 @@ def _between_halves(index: PatchIndex) -> float:
         )
         for chosen in (index.rows >= middle, index.rows < middle - reach)
     ]
-    return nearest_distance(*parts, count=128) if all(len(_counted(part)) for part in parts) else 0.0
+    lower, upper = parts
+    return nearest_distance(lower, upper, 128) if len(_counted(lower)) and len(_counted(upper)) else 0.0
 
 
 def patch_distribution(task: Task) -> Figures:
@@ -268,8 +269,7 @@ def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
             ]
         )
     levels = np.array(rows) / variance
-    coherence, completeness, of_shuffled, between, of_plain = (float(mean) for mean in levels.mean(axis=0))
-    floor = sampling(task, between)
+    coherence, completeness, of_shuffled, floor, of_plain = (float(mean) for mean in levels.mean(axis=0))
     of_result = Figures(coherence, floor, of_shuffled, {"levels": levels[:, 0].tolist()})
     if task.result.made is not None:
         return of_result, GIVEN

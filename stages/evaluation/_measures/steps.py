@@ -26,7 +26,7 @@ _BAD = 0.1  # share of the cells with such a step; blocks joined at random have 
 
 
 def _squares(picture: Picture, wraps: Wraps) -> tuple[Float32[np.ndarray, "H W c"], Float32[np.ndarray, "H W"]]:
-    """Mean colours of the squares about the pixels, and deviations within them, with `_REACH` px around the picture."""
+    """Mean colours of the squares about the pixels and `_REACH` px around, and the deviations within them."""
     import cv2
 
     values = picture.compared
