@@ -164,7 +164,7 @@ def _apart(rng: np.random.Generator, places: np.ndarray, margin: int, limits: tu
 
 
 def _disc(reach: int) -> np.ndarray:
-    return np.clip((reach - np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1])) / 3, 0, 1)
+    return np.asarray(np.clip((reach - np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1])) / 3, 0, 1))
 
 
 def repeated(sample: Sample, rng: np.random.Generator) -> Sample:

@@ -175,7 +175,7 @@ def report(folder: Path, half: int | None) -> None:
     for name in list(known) if half is None else list(known)[half::2]:
         results = [(name, one.method, one.seed) for one in known[name]]
         scores = {
-            result[1:]: weighted_mean(table_of(sample)["summary"], weights)
+            result[1:]: weighted_mean(table_of(sample)["summary"], weights) or 0.0
             for result, sample in samples(folder, results)
         }
         signs = [(scores[one], scores[other], sign) for one, other, sign in pairs(known[name])]

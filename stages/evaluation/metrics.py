@@ -127,11 +127,11 @@ def metrics(
     better to 0 at the ceiling or worse; ``what`` it means; ``axis``, the quality that it belongs to; ``more``,
     its parts. Where a measure is impossible, figures are null, with a ``reason``. The floor of the distances of
     fidelity is what sampling allows: the distance between the exemplar's halves; of distributions, which are the
-    nearer the larger the samples, at the sizes of exemplar and result. So noise, where any sample is as far, is not punished. The floors of
-    the statistics and of smoothness are the values of the exemplar's halves. The score of the joint statistics is
-    the mean of their groups' scores. The summary is the worst score of each axis: fidelity, detail, variety,
-    structure, wrap; ``notes`` names a result that is a verbatim crop or tiling. No axis replaces another: a
-    blurred result may be faithful, and a verbatim tiling is faithful and sharp.
+    nearer the larger the samples, at the sizes of exemplar and result. So noise, where any sample is as far, is not
+    punished. The floors of the statistics and of smoothness are the values of the exemplar's halves. The score of the
+    joint statistics is the mean of their groups' scores. The summary is the worst score of each axis: fidelity,
+    detail, variety, structure, wrap; ``notes`` names a result that is a verbatim crop or tiling. No axis replaces
+    another: a blurred result may be faithful, and a verbatim tiling is faithful and sharp.
 
     Of completeness, the nearest of each patch of the exemplar is sought among the patches of the result that show
     a part of it by ``match``, and among 65,536 others. Without ``match``, a large result has a larger distance than

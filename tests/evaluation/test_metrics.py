@@ -351,13 +351,13 @@ def test_scores_are_bit_identical_on_any_number_of_threads(monkeypatch: pytest.M
     assert len(set(tables)) == 1
 
 
-def test_the_summary_is_the_mean_of_each_axis() -> None:
+def test_the_summary_is_the_worst_of_each_axis() -> None:
     whole = tinted("brick")
     table = metrics(encoded(whole[:128, :128]), encoded(whole[200:360, 200:360]), MetricsParams()).table
-    for axis, mean in table["summary"].items():
+    for axis, worst in table["summary"].items():
         scores = [line["score"] for line in table["measures"].values() if line["axis"] == axis]
         known = [score for score in scores if score is not None]
-        assert mean == (pytest.approx(np.mean(known), rel=1e-4) if known else None)
+        assert worst == min(known, default=None)
 
 
 # -- parts against slow and plain forms
@@ -481,7 +481,7 @@ def test_large_results_are_measured_in_windows(monkeypatch: pytest.MonkeyPatch) 
     for name in ("copies", "contents"):
         assert made.table["measures"][name] == whole.table["measures"][name]
     for name, line in whole.table["measures"].items():
-        if line["score"] is not None:
+        if line["score"] is not None and name != "copying":  # windows cut the copies
             assert made.table["measures"][name]["score"] == pytest.approx(line["score"], abs=0.35), name
     assert made.joints is not None
     assert made.joints.shape == (384, 320)
