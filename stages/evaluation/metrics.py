@@ -128,8 +128,8 @@ def metrics(
     its parts. Where a measure is impossible, figures are null, with a ``reason``. The floor of the distances of
     fidelity is what sampling allows: the distance between the exemplar's halves; of distributions, which are the
     nearer the larger the samples, at the sizes of exemplar and result. So noise, where any sample is as far, is not
-    punished. The floors of the statistics and of smoothness are the values of the exemplar's halves. The score of the
-    joint statistics is the mean of their groups' scores. The summary is the worst score of each axis: fidelity,
+    punished. The floors of the statistics and of smoothness are the values of the exemplar's halves. The score of
+    the joint statistics is the mean of their groups' scores. The summary is the worst score of each axis: fidelity,
     detail, variety, structure, wrap; ``notes`` names a result that is a verbatim crop or tiling. No axis replaces
     another: a blurred result may be faithful, and a verbatim tiling is faithful and sharp.
 
