@@ -7,9 +7,10 @@
 
 Every exemplar is reduced to 256 px and synthesised to 384x384 by `self_tuning`. These results count as good; those
 that are not, by eye, are named by ``--exclude``. Faults are put into each: shifted rows, kinks, waves, steps of
-tone, merged cells, and random blocks; ``--weak`` adds results of other methods. A figure is the probability that a
-faulty result scores worse than a good one, of any exemplars, and after the bar the share of the exemplars whose
-faulty result scores worse than their own good one; 0.5 is chance. Both are printed of values and of
+tone, merged cells, random blocks, cells of two tones, dead ends, lighter pieces, a piece that returns, blur, a
+collapse to one piece, and a crop of the exemplar; ``--weak`` adds results of other methods. A figure is the
+probability that a faulty result scores worse than a good one, of any exemplars, and after the bar the share of the
+exemplars whose faulty result scores worse than their own good one; 0.5 is chance. Both are printed of values and of
 scores. Seams are those of crops of periodic results.
 """
 
@@ -20,7 +21,7 @@ import os
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -126,10 +127,10 @@ def merged_cells(sample: Sample, rng: np.random.Generator, count: int = 14) -> S
     return (exemplar, result, match) if done >= 5 else None
 
 
-def random_blocks(sample: Sample, rng: np.random.Generator) -> Sample:
-    """Blocks of 32 to 64 px from anywhere."""
+def random_blocks(sample: Sample, rng: np.random.Generator, side: int | None = None) -> Sample:
+    """Blocks of ``side`` or 32 to 64 px from anywhere."""
     exemplar, result, match = sample
-    side = int(rng.integers(32, 64))
+    side = side or int(rng.integers(32, 64))
     match = np.zeros_like(match)
     for row in range(0, len(result), side):
         for column in range(0, result.shape[1], side):
@@ -140,6 +141,118 @@ def random_blocks(sample: Sample, rng: np.random.Generator) -> Sample:
     return exemplar, exemplar[match[..., 0], match[..., 1]], match
 
 
+def _pasted(part: Sample, place: tuple[int, int], source: tuple[int, int], weight: np.ndarray) -> None:
+    """Show in a square of a result, about ``place``, what is about ``source``, by a weight in 0..1."""
+    exemplar, result, match = part
+    reach = len(weight) // 2
+    here, there = (np.s_[i - reach : i + reach + 1, j - reach : j + reach + 1] for i, j in (place, source))
+    result[here] = result[here] * (1 - weight[..., None]) + exemplar[there] * weight[..., None]
+    around = np.mgrid[-reach : reach + 1, -reach : reach + 1].transpose(1, 2, 0) + source
+    match[here] = np.where(weight[..., None] > 0.5, around, match[here])
+
+
+def _apart(rng: np.random.Generator, places: np.ndarray, margin: int, limits: tuple[int, ...], count: int) -> list:
+    """Some random places that are ``2 * margin`` px from each other and ``margin`` from the border."""
+    chosen: list[tuple[int, int]] = []
+    for row, column in rng.permutation(places)[:4000].tolist():
+        inside = margin < row < limits[0] - margin and margin < column < limits[1] - margin
+        if inside and all(max(abs(row - one), abs(column - other)) > 2 * margin for one, other in chosen):
+            chosen.append((row, column))
+        if len(chosen) == count:
+            break
+    return chosen
+
+
+def _disc(reach: int) -> np.ndarray:
+    return np.asarray(np.clip((reach - np.hypot(*np.mgrid[-reach : reach + 1, -reach : reach + 1])) / 3, 0, 1))
+
+
+def repeated(sample: Sample, rng: np.random.Generator) -> Sample:
+    """The piece of most contrast, a sixth of the exemplar's side, is shown eight more times."""
+    import cv2
+
+    exemplar, result, match = (part.copy() for part in sample)
+    reach = min(exemplar.shape[:2]) // 12
+    grey = exemplar.mean(axis=2)
+    contrast = cv2.blur((grey - grey.mean()) ** 2, (2 * reach + 1, 2 * reach + 1))[reach:-reach, reach:-reach]
+    row, column = np.unravel_index(int(contrast.argmax()), contrast.shape)
+    for place in _apart(rng, np.argwhere(np.ones(result.shape[:2], bool)), reach, result.shape, 8):
+        _pasted((exemplar, result, match), place, (int(row) + reach, int(column) + reach), _disc(reach))
+    return exemplar, result, match
+
+
+def two_tones(sample: Sample, rng: np.random.Generator) -> Sample:
+    """Sixteen half-discs show a part of the exemplar of another tone."""
+    import cv2
+
+    exemplar, result, match = (part.copy() for part in sample)
+    reach = min(exemplar.shape[:2]) // 12
+    tone = cv2.GaussianBlur(exemplar.mean(axis=2), (0, 0), 6)
+    inside = np.argwhere(np.ones(np.array(tone.shape) - 2 * reach, bool)) + reach
+    for place in _apart(rng, np.argwhere(np.ones(result.shape[:2], bool)), reach, result.shape, 16):
+        tried = rng.permutation(inside)[:40]
+        other = tried[np.abs(tone[tuple(tried.T)] - tone[tuple(match[place])]).argmax()]
+        turn = rng.uniform(0, 2 * np.pi)
+        down, right = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+        half = (np.hypot(down, right) <= reach) & (down * np.cos(turn) + right * np.sin(turn) > 0)
+        _pasted((exemplar, result, match), place, (int(other[0]), int(other[1])), half.astype(float))
+    return exemplar, result, match
+
+
+def dead_ends(sample: Sample, rng: np.random.Generator) -> Sample:
+    """Forty contours are cut by discs of the tone beside them, from the exemplar's smoothest places."""
+    import cv2
+
+    exemplar, result, match = (part.copy() for part in sample)
+    reach, (tone, own) = 7, (cv2.GaussianBlur(one.mean(axis=2), (0, 0), 1.5) for one in (result, exemplar))
+    edges, rough = (np.hypot(cv2.Sobel(one, -1, 1, 0), cv2.Sobel(one, -1, 0, 1)) for one in (tone, own))
+    rough = cv2.blur(rough, (17, 17))[reach:-reach, reach:-reach]
+    smooth = np.argwhere(rough <= np.quantile(rough, 0.1)) + reach
+    for row, column in _apart(rng, np.argwhere(edges >= np.quantile(edges, 0.9)), 12, result.shape, 40):
+        beside = np.array(
+            [tone[row + 6, column], tone[row - 6, column], tone[row, column + 6], tone[row, column - 6]]
+        )
+        tried = rng.permutation(smooth)[:200]
+        best = tried[np.abs(own[tuple(tried.T)][:, None] - beside).min(axis=1).argmin()]
+        _pasted((exemplar, result, match), (row, column), (int(best[0]), int(best[1])), _disc(reach))
+    return exemplar, result, match
+
+
+def lighter_pieces(sample: Sample, rng: np.random.Generator) -> Sample:
+    """Ten rectangles are lighter or darker by a sixth."""
+    exemplar, result, match = (part.copy() for part in sample)
+    for _ in range(10):
+        height, width = rng.integers(50, 110, 2)
+        row, column = rng.integers(0, len(result) - height), rng.integers(0, result.shape[1] - width)
+        result[row : row + height, column : column + width] *= np.exp(rng.choice([-1, 1]) * rng.uniform(0.12, 0.22))
+    return exemplar, np.clip(result, 0, 1), match
+
+
+def blurred(sample: Sample, rng: np.random.Generator) -> Sample:  # noqa: ARG001
+    """The result, blurred by 1.2 px."""
+    import cv2
+
+    return sample[0], cv2.GaussianBlur(sample[1], (0, 0), 1.2), sample[2]
+
+
+def collapsed(sample: Sample, rng: np.random.Generator) -> Sample:
+    """All of the result comes from a square of a quarter of the exemplar's side."""
+    exemplar, _, match = sample
+    side = min(exemplar.shape[:2]) // 4
+    top, left = (int(rng.integers(0, extent - side)) for extent in exemplar.shape[:2])
+    part = random_blocks((exemplar[top : top + side, left : left + side], sample[1], match), rng, side // 2)[2]
+    match = part + np.array([top, left])
+    return exemplar, exemplar[match[..., 0], match[..., 1]], match
+
+
+def crop(sample: Sample, rng: np.random.Generator) -> Sample:  # noqa: ARG001
+    """The middle of the exemplar."""
+    exemplar = sample[0]
+    height, width = exemplar.shape[:2]
+    match = np.mgrid[height // 16 : height * 15 // 16, width // 16 : width * 15 // 16].transpose(1, 2, 0)
+    return exemplar, exemplar[match[..., 0], match[..., 1]], match
+
+
 FAULTS: dict[str, Callable[[Sample, np.random.Generator], Sample | None]] = {
     "shifted": shifted_rows,
     "kinks": kinks,
@@ -147,6 +260,13 @@ FAULTS: dict[str, Callable[[Sample, np.random.Generator], Sample | None]] = {
     "tone": tone_steps,
     "merged": merged_cells,
     "blocks": random_blocks,
+    "two tones": two_tones,
+    "dead ends": dead_ends,
+    "pieces": lighter_pieces,
+    "repeated": repeated,
+    "blurred": blurred,
+    "collapsed": collapsed,
+    "crop": crop,
 }
 
 
@@ -173,21 +293,37 @@ def exemplars(folder: Path, half: int | None, exclude: list[str]) -> Iterator[tu
         yield name, np.ascontiguousarray(picture[row : row + _SIDE, column : column + _SIDE, ::-1])
 
 
-def made(picture: np.ndarray, method: str, folder: Path | None, tileable: bool = False) -> Sample:
-    """A result of a method, from ``folder`` where it is there, and written to it otherwise."""
-    name = (
-        f"{zlib.crc32(np.ascontiguousarray(picture).tobytes()):08x}-{method}{'-tileable' if tileable else ''}.npz"
-    )
-    if folder is not None and (folder / name).exists():
-        with np.load(folder / name) as known:
-            return picture / 255, known["result"].astype(np.float64), known["match"].astype(np.int64)
-    texture = texloom.synthesize(picture, size=_SIZE, method=method, seed=3, tileable=tileable)
-    result = np.asarray(srgb_from_linear(Image.of(np.asarray(texture.image)).color), np.float32)
-    match = np.asarray(texture.source_map)
+def made(
+    picture: np.ndarray,
+    method: str,
+    folder: Path | None,
+    *,
+    tileable: bool = False,
+    preset: str | None = None,
+    seed: int = 3,
+) -> Sample:
+    """A result of 8 bits of a method, from ``folder`` where it is there, and written to it otherwise."""
+    parts = [method, *([preset] if preset else []), *(["tileable"] if tileable else []), str(seed)]
+    file = f"{zlib.crc32(np.ascontiguousarray(picture).tobytes()):08x}-{'-'.join(parts)}.npz"
+    if folder is not None and (folder / file).exists():
+        with np.load(folder / file) as known:
+            return picture / 255, known["result"] / 255, known["match"].astype(np.int64)
+    texture = texloom.synthesize(picture, size=_SIZE, method=method, seed=seed, preset=preset, tileable=tileable)
+    values = srgb_from_linear(Image.of(np.asarray(texture.image)).color)
+    result, match = np.rint(np.clip(values, 0, 1) * 255).astype(np.uint8), np.asarray(texture.source_map)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-        np.savez(folder / name, result=result, match=match)
-    return picture / 255, result.astype(np.float64), match.astype(np.int64)
+        np.savez(folder / file, result=result, match=match)
+    return picture / 255, result / 255, match.astype(np.int64)
+
+
+def table_of(sample: Sample, tileable: bool = False) -> dict[str, Any]:
+    """The table of scores of a result."""
+    exemplar, result, match = sample
+    source, image = (
+        Image.of(np.rint(np.clip(part, 0, 1) * 65535).astype(np.uint16)) for part in (exemplar, result)
+    )
+    return metrics(source, image.wrapping(tileable), MetricsParams(), match.astype(np.uint32)).table
 
 
 Figures: TypeAlias = dict[str, tuple[float, float | None]]
@@ -196,11 +332,7 @@ Figures: TypeAlias = dict[str, tuple[float, float | None]]
 
 def figures(sample: Sample, tileable: bool = False) -> Figures:
     """The figures of each measure; those that cannot be measured are left out."""
-    exemplar, result, match = sample
-    source, image = (
-        Image.of(np.rint(np.clip(part, 0, 1) * 65535).astype(np.uint16)) for part in (exemplar, result)
-    )
-    table = metrics(source, image.wrapping(tileable), MetricsParams(), match.astype(np.uint32)).table["measures"]
+    table = table_of(sample, tileable)["measures"]
     return {
         name: (
             abs(line["value"] - 1) if name in _SMALLER_IS_WORSE else line["value"],

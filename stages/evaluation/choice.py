@@ -1,6 +1,7 @@
 """The better of two textures, and why."""
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 from pydantic import Field
@@ -13,7 +14,7 @@ from texloom.stages.vocabulary.declare import Params, stage
 class ChoiceParams(Params):
     """What counts."""
 
-    weights: dict[str, float] = Field({"fidelity": 1.0, "structure": 1.0, "detail": 0.5})
+    weights: dict[str, float] = Field({"fidelity": 1.0, "structure": 1.0, "detail": 0.5, "variety": 0.5})
     """weight of each score; those that a texture lacks do not count"""
     labels: tuple[str, str] = ("first", "second")
     """names of the textures in the table"""
@@ -31,7 +32,14 @@ class Choice:
     """``chosen``, a label; ``because``, a sentence; ``totals`` and ``scores`` by label"""
 
 
-@stage(version=1, role="choice")
+def weighted_mean(scores: Mapping[str, float | None], weights: Mapping[str, float]) -> float | None:
+    """Mean of the known scores that have a weight, which is what `choice` compares; None if there are none."""
+    known = [(weights[name], score) for name, score in scores.items() if score is not None and name in weights]
+    total = sum(weight for weight, _ in known)
+    return sum(weight * score for weight, score in known) / total if total else None
+
+
+@stage(version=2, role="choice")
 def choice(
     first: Image,
     second: Image,
@@ -55,9 +63,8 @@ def choice(
         for label, table in zip(params.labels, (first_scores, second_scores), strict=True)
     }
     shared = [name for name in params.weights if all(one[name] is not None for one in scores.values())]
-    total = sum(params.weights[name] for name in shared)
     totals = {
-        label: rounded(sum(params.weights[name] * one[name] for name in shared) / total) if total else None
+        label: rounded(weighted_mean({name: one[name] for name in shared}, params.weights))
         for label, one in scores.items()
     }
     one, other = (value or 0.0 for value in totals.values())

@@ -14,6 +14,7 @@ from texloom.stages.evaluation._pages.gathered import (
     Scores,
     exemplars_of,
     joined,
+    least_of,
     mean_of,
     measures_of,
     require_length,
@@ -57,13 +58,13 @@ class Comparison:
     unknown"""
 
 
-@stage(version=3)
+@stage(version=4)
 def compare(
     tables: Tables, items: list[dict[str, Any]], params: CompareParams, more: Tables | None = None
 ) -> Comparison:
     """Compare methods by their scores, paired by exemplar.
 
-    Measures have the scores of their tables. The score of an axis is the mean of its measures, and the overall
+    Measures have the scores of their tables. The score of an axis is that of its worst measure, and the overall
     score the mean of the axes; on each item, only measures count that every method has there, unless it failed
     altogether. The scores of an exemplar are the means over its seeds, which are not independent, and the means
     are those over exemplars.
@@ -177,7 +178,7 @@ def _item_scores(lines: Scores, measures: Mapping[str, Mapping[str, str]], lacki
     """The scores of one result; measures in ``lacking`` have one, but do not count."""
     own = {name: lines[name]["score"] if name in lines else None for name in measures}
     axes: dict[str, float | None] = {
-        axis: mean_of(
+        axis: least_of(
             score for name, score in own.items() if measures[name]["axis"] == axis and name not in lacking
         )
         for axis in dict.fromkeys(line["axis"] for line in measures.values())

@@ -10,13 +10,14 @@ from pydantic import Field
 
 from texloom.stages.common.grids.working_size import reduction
 from texloom.stages.evaluation._measures import (
+    contents,
     joints,
-    objects,
     patches,
     pixels,
     reuse,
     spectrum,
     statistics,
+    steps,
     structure,
     windows,
 )
@@ -35,8 +36,9 @@ from texloom.stages.vocabulary.sizes import format_size
 class MetricsParams(Params):
     """Scales of two measures."""
 
-    copied: float = Field(0.25, gt=0, le=1)
-    """area of a piece that counts as copied verbatim, as a share of the exemplar"""
+    copied: float = Field(0.75, gt=0, le=1)
+    """area of a piece that counts as copied verbatim, as a share of the exemplar or, if it is smaller, the
+    result"""
     window: int = Field(9, ge=3, le=64)
     """side of the windows whose contrast distinguishes smooth from rough, px"""
 
@@ -46,8 +48,8 @@ class Metrics:
     """Values and scores."""
 
     table: dict[str, Any]
-    """``summary``: mean score by axis; ``measures``: by name, see `metrics`; ``limits``: what no score
-    detects. Ready for JSON"""
+    """``summary``: worst score by axis; ``measures``: by name, see `metrics`; ``notes``; ``limits``: what no
+    score detects. Ready for JSON"""
     joints: ScalarMap | None
     """of the result's size: how unlike the exemplar the joint in each pixel's cell is, see `metrics`; 0 without a
     joint, and where nothing was measured; None where joints cannot be measured"""
@@ -63,10 +65,10 @@ _MEASURES: tuple[tuple[Callable[[Task], Figures | tuple[Figures | str, ...]], tu
     (pixels.colors, ("colors",)),
     (pixels.smoothness, ("smoothness",)),
     (pixels.sharpness, ("sharpness",)),
-    (reuse.evenness, ("use",)),
+    (contents.contents, ("copies", "contents")),
     (reuse.copying_and_continuity, ("copying", "continuity")),
     (structure.straightness, ("straightness",)),
-    (objects.objects, ("objects",)),
+    (steps.tone_steps, ("steps",)),
     (pixels.seams, ("seams",)),
 )
 
@@ -81,16 +83,17 @@ _TITLES = {
     "smoothness": ("detail", "Share of the result that is as smooth as the exemplar's smoothest tenth."),
     "continuity": ("detail", "Share of neighbouring pixels that are neighbours in the exemplar."),
     "repetition": ("variety", "Autocorrelation at long range in excess of the exemplar's."),
-    "use": ("variety", "Unevenness of the use of the exemplar, as relative standard deviation."),
+    "copies": ("variety", "Copies of the most repeated distinctive pieces, beyond their fair share."),
+    "contents": ("variety", "Share of the exemplar's distinctive contents that the result does not show."),
     "copying": ("variety", "Share of the result that is copied from the exemplar in large pieces."),
     "joints": (
         "structure",
         "Distance of patches across the worst joints of the source map to the exemplar, relative to its own.",
     ),
     "straightness": ("structure", "Share of the straightness of the exemplar's main lines that is lost."),
-    "objects": (
+    "steps": (
         "structure",
-        "Difference of the worst joints to what the exemplar shows beside their sources: objects fused or cut.",
+        "Share with steps of tone that the exemplar does not show: two-tone cells, cut contours, lighter pieces.",
     ),
     "seams": ("wrap", "Jumps across the border of the wrapped result, in deviations of those at inner lines."),
 }
@@ -99,16 +102,16 @@ _TITLES = {
 
 LIMITS = (
     "One or two fused objects among hundreds: no score detects them; the map of joints shows where to look.",
-    "Small steps of tone between pieces of an exemplar whose light drifts.",
+    "Steps of tone that the texture beside them masks.",
     "Whether an object is plausible: letters, faces and machines are judged by their patches.",
     "Faults within a cell of an exemplar that shows less than two repetitions.",
 )
 """faults that no score detects"""
 
-_OF_SOURCE_MAP = ("continuity", "use", "copying", "joints", "objects")
+_OF_SOURCE_MAP = ("continuity", "copies", "contents", "copying", "joints", "steps")
 
 
-@stage(version=4, in_bands=True, exemplar_bytes=140, seconds=(1.3, 1.5), role="scores")
+@stage(version=5, in_bands=True, exemplar_bytes=140, seconds=(1.3, 1.5), role="scores")
 def metrics(
     exemplar: Image,
     image: Image,
@@ -123,11 +126,12 @@ def metrics(
     one, such as the exemplar's pixels in random order or a plain picture; ``score``, from 1 at the floor or
     better to 0 at the ceiling or worse; ``what`` it means; ``axis``, the quality that it belongs to; ``more``,
     its parts. Where a measure is impossible, figures are null, with a ``reason``. The floor of the distances of
-    fidelity is 0, the value of the exemplar itself: results are mostly copies, which are nearer to the exemplar
-    than its halves are to each other. The floors of the statistics, of smoothness and of repetition are the
-    values of the exemplar's halves. The score of the joint statistics is the mean of their groups' scores. The
-    summary is the mean score of each axis: fidelity, detail, variety, structure, wrap. No axis replaces another:
-    a blurred result may be faithful, and a verbatim tiling is faithful and sharp.
+    fidelity is what sampling allows: the distance between the exemplar's halves; of distributions, which are the
+    nearer the larger the samples, at the sizes of exemplar and result. So noise, where any sample is as far, is not
+    punished. The floors of the statistics and of smoothness are the values of the exemplar's halves. The score of
+    the joint statistics is the mean of their groups' scores. The summary is the worst score of each axis: fidelity,
+    detail, variety, structure, wrap; ``notes`` names a result that is a verbatim crop or tiling. No axis replaces
+    another: a blurred result may be faithful, and a verbatim tiling is faithful and sharp.
 
     Of completeness, the nearest of each patch of the exemplar is sought among the patches of the result that show
     a part of it by ``match``, and among 65,536 others. Without ``match``, a large result has a larger distance than
@@ -138,31 +142,38 @@ def metrics(
     and 4 px apart, to the nearest patch of the exemplar, over the mean distance of the exemplar's patches to those
     that do not overlap them; mean over the scales. 0 is a patch of the exemplar, 1 as unlike as its patches are to
     each other. ``value`` is the mean of the worst tenth of the cells with joints; good results have about 1.4,
-    blocks joined at random 3.
+    blocks joined at random 3. The score is that of ``bad``, the share of the result's cells with a joint above 2.
 
     Straightness is the power of the gradient across the exemplar's most coherent direction that is left after
-    averaging it along that direction (16 to 32 px), over its power before; ``value`` is the share of this that the
-    result has lost, ``ceiling`` that of the exemplar bent by waves.
+    averaging it along that direction (16 to 32 px), over its power before; ``value`` is the share of this that
+    the result has lost, ``ceiling`` that of the exemplar bent by waves, ``floor`` what the exemplar's halves lack.
+    Where that is half the ceiling, as of polygons, whose lines run in many directions, there is no score.
 
-    Objects are fused or cut where the result beside a joint is not what the exemplar shows beside the joint's
-    sources. At the joint of the largest jump in each cell, pictures blurred by 2 px, it is the squared difference
-    of the 9x9 pixels about it to those of the exemplar about both sources, the larger one, over their variance
-    plus the exemplar's. ``value`` is the mean of the worst 3 % of the cells with joints.
+    Steps are where the tone jumps at a joint and the exemplar's does not within 2 px of either source: cells of two
+    tones, contours that end, lighter or darker pieces. A step is the distance between the mean colours of 9x9 px on
+    both sides of the joint, less the larger of those that the exemplar shows there. It is seen if it is more than
+    half of the squares' mean deviation, which masks it, and 2.3 CIELAB units, which are just noticeable, both
+    squared and added. ``value`` is the share of the result's cells of 9x9 px with such a step.
+
+    Copies and contents are those of pieces of a tenth of the exemplar's side. A piece is as distinctive as it is
+    unlike the nearest piece that does not overlap: 1 with nothing in common, near 0 in a lattice. ``copies`` is the
+    root of this times the use beyond the fair share, mean over the most repeated 3 %; ``contents`` is the share of
+    the pieces, weighted by it, that are shown less than a quarter of their fair share.
 
     Seams are measured at the border of a result that wraps around: the mean of the jumps between neighbours in
     excess of the jumps before and after them, less the median over the inner lines, in deviations of the inner
     lines; the worse of the axes along which it does. Tileable pictures are below 1.5.
 
     A result of more than 4096 x 4096 px is measured in windows of 2048 x 2048 px about the middles of its quarters,
-    and, where it wraps around, seams in one about its corner; `use` takes all of it. Figures are then means over
-    the windows, and ``limits`` and ``windows`` (top and left of each, px) of the table say so.
+    and, where it wraps around, seams in one about its corner; `copies` and `contents` take all of it. Figures are
+    then means over the windows, and ``limits`` and ``windows`` (top and left of each, px) of the table say so.
 
     Parameters
     ----------
     exemplar, image : the texture and the result, of any sizes; only their colour counts. Masked pixels (see
         `valid_pixels`) are ignored. The border of a result that wraps is a joint, and measured as `seams`.
-    match : the source of the result's pixels; without it, `use`, `copying`, `continuity`, `joints`
-        and `objects` are not measured.
+    match : the source of the result's pixels; without it, `copies`, `contents`, `copying`, `continuity`, `joints`
+        and `steps` are not measured.
     keep : true where the result was given, as when holes are filled. Then measures take only what touches pixels
         that were made, `seams` excepted, and measures of the whole picture are left out.
     copies : true where the pixel is a copy of its source; given if ``match`` is estimated from the pixels, see
@@ -191,10 +202,17 @@ def metrics(
     corners = windows.corners(image.height, image.width)
     if not corners:
         measured, located = _measured(exemplar, image, params, match, keep, copies)
-        return Metrics({**table(_TITLES, measured), "limits": limits}, located)
+        return Metrics({**_table(measured), "limits": limits}, located)
     limits.append(f"Faults outside the {len(corners)} windows of {windows.SIDE} px that were measured.")
     measured, located = _measured_in_windows(corners, exemplar, image, params, match, keep, copies)
-    return Metrics({**table(_TITLES, measured), "limits": limits, "windows": corners}, located)
+    return Metrics({**_table(measured), "limits": limits, "windows": corners}, located)
+
+
+def _table(measured: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """The table, with ``notes`` on a result that was not made but copied as a whole."""
+    verbatim = (measured["copying"].get("more") or {}).get("verbatim")
+    notes = [f"The result is {verbatim}: nothing was synthesised."] if verbatim else []
+    return {**table(_TITLES, measured), "notes": notes}
 
 
 def _measured_in_windows(
@@ -224,7 +242,7 @@ def _measured_in_windows(
     source, corner = prepare(exemplar, windows.around_corner(image))
     task = Task(source, corner, source, match, copies, image.wraps, params.copied, params.window)
     if keep is None:
-        means |= lines(pixels.seams, task, ("seams",)) | lines(reuse.evenness, task, ("use",))
+        means |= lines(pixels.seams, task, ("seams",)) | lines(contents.contents, task, ("copies", "contents"))
     return _marked(means, copies), whole if is_located else None
 
 
@@ -280,8 +298,9 @@ def _joints(task: Task) -> tuple[ScalarMap | None, dict[str, dict[str, Any]]]:
         measured = joints.measure_joints(task)
     except UnmeasurableError as error:
         return None, {"joints": unmeasured(str(error))}
-    shape = task.result.tone.shape
-    return measured.map((shape[0], shape[1])), {"joints": joints.joint_figures(measured).line()}
+    shape, made = task.result.tone.shape, task.result.made
+    cells = (task.result.tone.size if made is None else int(made.sum())) // measured.cell**2
+    return measured.map((shape[0], shape[1])), {"joints": joints.joint_figures(measured, cells).line()}
 
 
 def _check(

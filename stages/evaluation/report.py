@@ -45,11 +45,12 @@ _BLIND = {
     "smoothness": "where the smooth parts are.",
     "continuity": "whether a joint is visible.",
     "repetition": "single objects that occur again at irregular distances.",
-    "use": "whether copies of a part are next to each other.",
+    "copies": "whether copies of a part are next to each other.",
+    "contents": "how often what is shown is repeated.",
     "copying": "whether the pieces fit together.",
     "joints": "faults without a joint, and joints less bad than the worst tenth.",
     "straightness": "bends of single lines, and lines in other directions than most.",
-    "objects": "faults without a joint, and one or two fused objects among hundreds.",
+    "steps": "faults without a joint, and objects fused where their tones are alike.",
     "seams": "faults away from the border.",
     "recall": "faults inside of cells.",
     "geometry": "cells that are missing.",
@@ -201,7 +202,7 @@ def _from_to(values: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _measures(title: str, table: Mapping[str, Any]) -> dict[str, Any]:
-    """The lines of a table of measures by axis with its mean score, and the names without a score by reason."""
+    """The lines of a table of measures by axis with its worst score, and the names without a score by reason."""
     summary = table.get("summary") or {}
     groups: dict[str, dict[str, Any]] = {}
     unscored: dict[str, list[str]] = {}
@@ -221,6 +222,7 @@ def _measures(title: str, table: Mapping[str, Any]) -> dict[str, Any]:
         "groups": list(groups.values()),
         "unscored": unscored,
         "estimated": any(line["estimated"] for group in groups.values() for line in group["lines"]),
+        "notes": table.get("notes") or [],
         "limits": table.get("limits") or [],
     }
 

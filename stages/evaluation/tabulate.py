@@ -4,7 +4,14 @@ import dataclasses
 from typing import Any
 
 from texloom.stages.evaluation._measures.table import csv_text, rounded
-from texloom.stages.evaluation._pages.gathered import Scores, joined, mean_of, measures_of, require_length
+from texloom.stages.evaluation._pages.gathered import (
+    Scores,
+    joined,
+    least_of,
+    mean_of,
+    measures_of,
+    require_length,
+)
 from texloom.stages.vocabulary.arrays import Spreadsheet
 from texloom.stages.vocabulary.declare import stage
 
@@ -24,7 +31,7 @@ class Table:
 
 def _row(item: dict[str, Any], failed: bool, lines: Scores) -> dict[str, Any]:
     axes = dict.fromkeys(line["axis"] for line in lines.values())
-    summary = {axis: mean_of(line["score"] for line in lines.values() if line["axis"] == axis) for axis in axes}
+    summary = {axis: least_of(line["score"] for line in lines.values() if line["axis"] == axis) for axis in axes}
     return {
         "name": item["name"],
         "seed": item.get("seed"),
@@ -43,7 +50,7 @@ def _csv(axes: list[str], measures: list[str], rows: list[dict[str, Any]], means
     return csv_text(lines)
 
 
-@stage(version=1)
+@stage(version=2)
 def tabulate(
     tables: list[dict[str, Any] | None],
     items: list[dict[str, Any]],

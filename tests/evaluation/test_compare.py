@@ -173,13 +173,13 @@ def test_names_end_in_the_seed_where_there_are_several() -> None:
     assert exemplars(("1", 1), ("2", 2)) == ["exemplar"]
 
 
-def test_axes_and_overall_are_means_of_means() -> None:
+def test_axes_are_their_worst_and_overall_their_mean() -> None:
     one = table(colors=0.2, patches=0.4, sharpness=0.9)
     other = table(colors=0.6, patches=0.8, sharpness=0.5)
     result = run({"one": [one], "other": [other]})
-    assert result["axes"]["fidelity"]["means"] == {"one": 0.3, "other": 0.7}
+    assert result["axes"]["fidelity"]["means"] == {"one": 0.2, "other": 0.6}
     assert result["axes"]["detail"]["means"] == {"one": 0.9, "other": 0.5}
-    assert result["overall"]["means"] == {"one": 0.6, "other": 0.6}
+    assert result["overall"]["means"] == {"one": 0.55, "other": 0.55}
     assert result["overall"]["pairs"][0]["ties"] == 1
 
 

@@ -50,9 +50,10 @@ def test_a_tiling_is_a_copy_up_to_its_joints(exemplar: Image) -> None:
     assert {name for name, line in lines.items() if line.get("estimated")} == {
         "copying",
         "continuity",
-        "use",
+        "copies",
+        "contents",
         "joints",
-        "objects",
+        "steps",
     }
 
 
@@ -72,14 +73,14 @@ def test_measures_are_those_of_the_known_source_map() -> None:
     exemplar = encoded(values)
     known = metrics(exemplar, result, MetricsParams(), texture.source_map).table["measures"]
     lines = measures(exemplar, result)
-    for name, tolerance in {"copying": 0.1, "continuity": 0.02, "use": 0.1, "joints": 0.3}.items():
+    for name, tolerance in {"copying": 0.1, "continuity": 0.02, "contents": 0.1, "joints": 0.3}.items():
         assert lines[name]["value"] == pytest.approx(known[name]["value"], abs=tolerance), name
 
 
 def test_another_texture_is_no_copy(exemplar: Image) -> None:
     lines = measures(exemplar, encoded(tinted("grass")[:100, :100]))
     assert lines["copying"]["value"] == 0
-    for name in ("use", "continuity", "joints", "objects"):
+    for name in ("copies", "contents", "continuity", "joints", "steps"):
         assert "of the pixels are copies" in lines[name]["reason"], name
 
 

@@ -73,6 +73,16 @@ def test_a_texture_without_lines_is_not_scored_for_them() -> None:
     assert "straight lines" in measure(speckle, speckle)["straightness"]["reason"]
 
 
+def test_polygons_are_not_scored_by_the_direction_of_one_of_their_sides() -> None:
+    def polygons(seed: int) -> np.ndarray:
+        points = np.random.default_rng(seed).uniform(-20, 180, (60, 2))
+        places = np.stack(np.mgrid[:160, :160], axis=2)[:, :, None]
+        nearest = np.sort(np.hypot(*np.moveaxis(places - points, 3, 0)), axis=2)
+        return np.asarray(np.clip((nearest[..., 1] - nearest[..., 0]) / 3, 0, 1) * 0.6 + 0.2)
+
+    assert measure(polygons(1), polygons(2))["straightness"]["score"] in (None, 1)
+
+
 def test_masked_pixels_change_nothing() -> None:
     values = tinted("brick")[:160, :180]
     usable = np.ones((160, 180, 1), np.float32)

@@ -101,9 +101,13 @@ def check_stripes(flat: np.ndarray, scale: float) -> None:
 
 
 def scores(pattern: Pattern, flat: Image, scale: float) -> dict[str, float]:
-    """What the measures say of it beside the true texture."""
-    table = metrics(true_texture(pattern, scale), flat, MetricsParams()).table
-    return dict(table["summary"])
+    """The mean scores of the axes of it beside the true texture."""
+    lines = metrics(true_texture(pattern, scale), flat, MetricsParams()).table["measures"].values()
+    axes: dict[str, list[float]] = {}
+    for line in lines:
+        if line["score"] is not None:
+            axes.setdefault(line["axis"], []).append(line["score"])
+    return {axis: sum(known) / len(known) for axis, known in axes.items()}
 
 
 def recovered(photo: Image, folder: Path, content: dict[str, Any]) -> tuple[Image, float]:

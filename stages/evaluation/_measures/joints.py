@@ -15,12 +15,14 @@ from texloom.stages.common.source_maps.source_joints import (
     worst_of_cells,
 )
 from texloom.stages.evaluation._measures.pictures import UnmeasurableError, require_side, require_variation
-from texloom.stages.evaluation._measures.table import Figures
+from texloom.stages.evaluation._measures.table import Figures, share
 from texloom.stages.evaluation._measures.task import Task
 from texloom.stages.vocabulary.arrays import ScalarMap
 
 _WORST = 0.1  # share of the joints; people see the worst ones
-_GOOD, _BAD = 1.4, 3.0  # of worst joints: usual of good results; usual of blocks joined at random
+_GOOD, _UNALIKE = 1.4, 3.0  # of worst joints: usual of good results; usual of blocks joined at random
+_BAD = 2.0  # ratio of a joint that is seen
+_MOST_BAD = 0.1  # share of the cells with such a joint; good results have .01
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,11 +90,14 @@ def measure_joints(task: Task) -> Joints:
     return Joints(places[known], ratios[known], cell)
 
 
-def joint_figures(joints: Joints) -> Figures:
-    """The mean ratio of the worst tenth of the joints; a result without joints is perfect."""
-    if not len(joints.places):
-        return Figures(0.0, _GOOD, _BAD, {"mean": 0.0})
-    ratio = np.sort(joints.ratio)
-    worst = ratio[-max(1, round(_WORST * len(ratio))) :]
-    more = {"mean": float(ratio.mean()), "levels": np.nanmean(joints.ratios, axis=0).tolist()}
-    return Figures(float(worst.mean()), _GOOD, _BAD, more)
+def joint_figures(joints: Joints, cells: int) -> Figures:
+    """The mean ratio of the worst tenth of the joints, and the share of the result's cells with a bad one.
+
+    The share decides the score, as few bad joints are seen less than many. A result without joints is perfect.
+    """
+    ratio = np.sort(joints.ratio) if len(joints.places) else np.zeros(1)
+    worst = float(ratio[-max(1, round(_WORST * len(ratio))) :].mean())
+    bad = float((ratio > _BAD).sum()) / max(1, cells)
+    levels = {"levels": np.nanmean(joints.ratios, axis=0).tolist()} if len(joints.places) else {}
+    more = {"mean": float(ratio.mean()), "bad": bad, **levels}
+    return Figures(worst, _GOOD, _UNALIKE, more, share(bad, 0.0, _MOST_BAD))

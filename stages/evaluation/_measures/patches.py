@@ -23,12 +23,13 @@ from texloom.stages.evaluation._measures.pictures import (
     UnmeasurableError,
     any_true,
     channel_variances,
+    halves,
     require_side,
     require_variation,
 )
 from texloom.stages.evaluation._measures.pixels import halved, quantiles
 from texloom.stages.evaluation._measures.table import Figures
-from texloom.stages.evaluation._measures.task import GIVEN, Task
+from texloom.stages.evaluation._measures.task import GIVEN, Task, sampling
 from texloom.stages.numerics.matrices import row_product
 from texloom.stages.vocabulary.arrays import Correspondence, Mask
 
@@ -193,6 +194,31 @@ def _counted(index: PatchIndex) -> np.ndarray:
     return np.arange(index.components.shape[0] * index.components.shape[1])
 
 
+def _between_halves(index: PatchIndex) -> float:
+    """Mean distance of some patches of the lower half of a picture to the nearest of its upper half.
+
+    0 where the halves are too low, or masks leave one of them no patch.
+    """
+    reach = (SIDE - 1) * index.patches.step + 1
+    middle = (index.patches.shape[0] + reach) // 2
+    parts = [
+        PatchIndex(
+            index.patches,
+            index.rows[chosen],
+            index.components[chosen],
+            with_squares(
+                index.components[chosen][... if index.whole is None else index.whole[chosen]].reshape(
+                    -1, index.components.shape[2]
+                )
+            ),
+            None if index.whole is None else index.whole[chosen],
+        )
+        for chosen in (index.rows >= middle, index.rows < middle - reach)
+    ]
+    lower, upper = parts
+    return nearest_distance(lower, upper, 128) if len(_counted(lower)) and len(_counted(upper)) else 0.0
+
+
 def patch_distribution(task: Task) -> Figures:
     """Distance between the distributions of patches."""
     require_variation(task.exemplar)
@@ -205,7 +231,10 @@ def patch_distribution(task: Task) -> Figures:
     worst = sliced_wasserstein(exemplar, projected(task.shuffled, len(levels)))
     if not (levels and worst):
         raise UnmeasurableError(f"masks leave no patch of {SIDE} px")
-    return Figures(float(np.mean(levels)), 0.0, float(np.mean(worst)) / deviation, {"levels": levels})
+    left, right = (projected(half) for half in halves(task.exemplar)[0])
+    between = float(np.mean(sliced_wasserstein(left, right) or [0.0])) / deviation
+    ceiling = float(np.mean(worst)) / deviation
+    return Figures(float(np.mean(levels)), sampling(task, between), ceiling, {"levels": levels})
 
 
 def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
@@ -234,13 +263,14 @@ def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
                 nearest_distance(result, exemplar),
                 nearest_distance(exemplar, result, copies=copies),
                 nearest_distance(shuffled, exemplar, 128),
+                _between_halves(exemplar),
                 # a plain picture's distance
                 _variance(patches[0], len(mean), counted),
             ]
         )
     levels = np.array(rows) / variance
-    coherence, completeness, of_shuffled, of_plain = (float(mean) for mean in levels.mean(axis=0))
-    of_result = Figures(coherence, 0.0, of_shuffled, {"levels": levels[:, 0].tolist()})
+    coherence, completeness, of_shuffled, floor, of_plain = (float(mean) for mean in levels.mean(axis=0))
+    of_result = Figures(coherence, floor, of_shuffled, {"levels": levels[:, 0].tolist()})
     if task.result.made is not None:
         return of_result, GIVEN
-    return of_result, Figures(completeness, 0.0, of_plain, {"levels": levels[:, 1].tolist()})
+    return of_result, Figures(completeness, floor, of_plain, {"levels": levels[:, 1].tolist()})

@@ -13,12 +13,13 @@ from texloom.stages.evaluation._measures.pictures import (
     Picture,
     UnmeasurableError,
     any_true,
+    between_halves,
     halves,
     require_side,
     require_variation,
 )
 from texloom.stages.evaluation._measures.table import Figures, share
-from texloom.stages.evaluation._measures.task import Task
+from texloom.stages.evaluation._measures.task import Task, sampling
 from texloom.stages.vocabulary.arrays import Mask
 from texloom.stages.vocabulary.facts import TORUS, Wraps
 
@@ -142,7 +143,8 @@ def colors(task: Task) -> Figures:
     visible = 2.3 / 3  # a just noticeable difference, spread over three channels
     ceiling = max(color_spread(task.exemplar), visible)
     more = {"channels": dict(zip("Lab", map(float, channels), strict=True))}
-    return Figures(float(channels.mean()), 0.0, ceiling, more)
+    floor = between_halves(task.exemplar, lambda one, other: float(color_distance(one, other).mean()))
+    return Figures(float(channels.mean()), sampling(task, floor), ceiling, more)
 
 
 def sharpness(task: Task) -> Figures:

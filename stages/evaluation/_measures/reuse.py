@@ -1,16 +1,18 @@
-"""Measures of a source map: evenness of the use of the exemplar, and copied pieces."""
+"""Measures of a source map: its entropy, and copied pieces."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int64
 
-from texloom.stages.common.source_maps.exemplar_use import source_counts, use_of_exemplar
-from texloom.stages.evaluation._measures.pictures import UnmeasurableError, any_true
-from texloom.stages.evaluation._measures.pixels import local_contrast
+from texloom.stages.common.source_maps.exemplar_use import source_counts
+from texloom.stages.evaluation._measures.pictures import UnmeasurableError
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import Task
 from texloom.stages.vocabulary.arrays import Correspondence, Mask
+
+_VERBATIM = 0.95  # share of a result, or of the exemplar, that counts as all of it
 
 
 def match_entropy(match: Correspondence, shape: tuple[int, int], count: int | None = None) -> float:
@@ -76,30 +78,6 @@ def copied_segments(match: Correspondence, made: Mask | None = None, copies: Mas
     )
 
 
-def evenness(task: Task) -> Figures:
-    """Relative standard deviation of the use of the exemplar."""
-    match = task.source_map()
-    task.require_all_made()
-    valid = task.exemplar.valid
-    uses = use_of_exemplar(match, task.source_shape, valid)
-    use = uses if valid is None else uses[valid]
-    more = {
-        "entropy": match_entropy(match, task.source_shape, task.source_area),
-        "unused": float((use < 0.1).mean()),
-        "largest": float(use.max()),
-    }
-    side = task.window
-    whole = task.exemplar.windows(side, side) if task.exemplar.shorter >= 4 * side else np.zeros(0, bool)
-    if any_true(whole):
-        contrast = local_contrast(task.exemplar.tone, side)
-        before = side // 2
-        inner = uses[before : before + contrast.shape[0], before : before + contrast.shape[1]]
-        if whole is not None:
-            inner, contrast = inner[whole], contrast[whole]
-        more["smooth"] = float(inner[contrast <= np.quantile(contrast, 0.1)].mean())
-    return Figures(float(use.std()), 0.0, float(np.sqrt(3)), more)
-
-
 def copying_and_continuity(task: Task) -> tuple[Figures, Figures | str]:
     """Share in large copied pieces, and share of kept neighbours; both from the copied segments."""
     if task.match is None:
@@ -108,8 +86,13 @@ def copying_and_continuity(task: Task) -> tuple[Figures, Figures | str]:
     segments = copied_segments(task.match, task.result.made, task.copies)
     if not segments.pixels:
         raise UnmeasurableError("nothing of the result was made")
-    more = {"typical": segments.typical, "largest": float(segments.areas.max(initial=0)) / area}
-    copying = Figures(segments.share_above(task.copied * area), 0.0, 1.0, more)
+    largest = float(segments.areas.max(initial=0))
+    more: dict[str, Any] = {"typical": segments.typical, "largest": largest / area}
+    if largest >= _VERBATIM * segments.pixels:
+        more["verbatim"] = "a crop of the exemplar"
+    elif segments.share_above(_VERBATIM * area) >= _VERBATIM:
+        more["verbatim"] = "whole copies of the exemplar, side by side"
+    copying = Figures(segments.share_above(task.copied * min(area, segments.pixels)), 0.5, 1.0, more)
     try:
         task.source_map()
     except UnmeasurableError as error:

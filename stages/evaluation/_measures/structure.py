@@ -18,6 +18,7 @@ _ANGLE = 6.0  # degrees between directions that are tried
 _LINE = (16, 32)  # px, range of the length along which lines are straight
 _MARGIN = 4  # px about masks and borders that filters reach
 _BEND = 0.02  # amplitude of the bent exemplar over its shorter side
+_GOOD = 0.05  # share of the straightness that good results lose
 _MAX_SIDE = 512  # px; larger results are halved before lines are sought
 
 
@@ -82,10 +83,18 @@ def straightness(task: Task) -> Figures:
     if straight <= 0:
         raise UnmeasurableError("the exemplar has no lines")
     waved = bent(tone, _BEND * min(tone.shape), 3.0 * length)
-    lost = 1 - line_coherence(result[0], angle, length, result[1]) / straight
-    worst = 1 - line_coherence(waved, angle, length, valid) / straight
+
+    def lost(tone: np.ndarray, valid: Mask | None = None) -> float:
+        return 1 - line_coherence(tone, angle, length, valid) / straight
+
+    # Where lines run in many directions, as of polygons, each direction's share differs from part to part.
+    parts = [np.ascontiguousarray(part) for axis in (0, 1) for part in np.array_split(tone, 2, axis)]
+    floor = max(_GOOD, *(lost(part) for part in parts)) if valid is None else _GOOD
     more = {"angle": float(angle % 180), "length": length * step, "coherence": straight}
-    return Figures(lost, 0.05, worst, more, unclear="the exemplar has no long straight lines")
+    unclear = "the exemplar has no long straight lines"
+    value, worst = lost(*result), lost(waved, valid)
+    # parts of the exemplar that differ half as much as bent lines do leave nothing to be told
+    return Figures(value, floor, max(worst, floor) if worst < 2 * floor else worst, more, unclear=unclear)
 
 
 def _reduced(picture: Picture, step: int) -> tuple[np.ndarray, Mask | None]:

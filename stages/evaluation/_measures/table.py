@@ -6,8 +6,6 @@ import io
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
-import numpy as np
-
 from texloom.stages.evaluation._measures.pictures import UnmeasurableError
 
 DIGITS = 6
@@ -79,12 +77,12 @@ def lines(
 
 
 def table(titles: Mapping[str, tuple[str, str]], measured: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
-    """``measures``, the lines in the order of their titles (axis and meaning), and ``summary``, the axes' means."""
+    """``measures``, the lines in the order of their titles (axis and meaning), and ``summary``, the axes' worst."""
     measures = {name: {"what": what, "axis": axis, **measured[name]} for name, (axis, what) in titles.items()}
     scores: dict[str, list[float]] = {}
     for line in measures.values():
         scores.setdefault(line["axis"], []).extend([] if line["score"] is None else [line["score"]])
-    summary = {axis: rounded(float(np.mean(known))) if known else None for axis, known in scores.items()}
+    summary = {axis: rounded(min(known)) if known else None for axis, known in scores.items()}
     return {"summary": summary, "measures": measures}
 
 

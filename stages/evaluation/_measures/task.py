@@ -2,6 +2,8 @@
 
 import dataclasses
 
+import numpy as np
+
 from texloom.stages.evaluation._measures.pictures import Picture, UnmeasurableError
 from texloom.stages.vocabulary.arrays import Correspondence, Mask
 from texloom.stages.vocabulary.facts import Wraps
@@ -52,3 +54,12 @@ class Task:
         """`UnmeasurableError` where part of the result was given."""
         if self.result.made is not None:
             raise UnmeasurableError(GIVEN)
+
+
+def sampling(task: Task, between_halves: float) -> float:
+    """What the distance of a good result to its exemplar may be: that of two samples of the texture of their sizes.
+
+    The difference of two samples falls with the root of their areas, and the exemplar's halves are samples too.
+    """
+    area = task.source_area
+    return between_halves * float(np.sqrt((1 + area / task.result.tone.size) / 4))

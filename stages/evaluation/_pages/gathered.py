@@ -61,3 +61,8 @@ def mean_of(values: Iterable[float | None]) -> float | None:
     """Mean of the known values; None if there are none."""
     known = [value for value in values if value is not None]
     return math.fsum(known) / len(known) if known else None
+
+
+def least_of(values: Iterable[float | None]) -> float | None:
+    """Least of the known values; None if there are none."""
+    return min((value for value in values if value is not None), default=None)

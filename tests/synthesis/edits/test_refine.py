@@ -7,6 +7,7 @@ import pytest
 
 from tests.runs import run_with_threads
 from tests.synthetic import blobs, identity, masked, picture
+from texloom.stages.common.source_maps.exemplar_use import use_of_exemplar
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.synthesis.edits.refine import Refined, RefineParams, refine
 from texloom.stages.vocabulary.arrays import Image
@@ -44,7 +45,8 @@ def run(exemplar: Image, match: np.ndarray, seed: int = 5, **options: Any) -> Re
 
 def joints(exemplar: Image, image: Image, match: np.ndarray, tileable: bool) -> dict[str, Any]:
     measures = metrics(exemplar, image.wrapping(tileable), MetricsParams(), match).table["measures"]
-    return {name: measures[name]["value"] for name in ("joints", "coherence", "use")}
+    use = float(use_of_exemplar(match, exemplar.shape[:2]).std())
+    return {**{name: measures[name]["value"] for name in ("joints", "coherence")}, "use": use}
 
 
 @pytest.mark.parametrize("tileable", [False, True])
