@@ -122,7 +122,15 @@ def test_a_photograph_becomes_a_tileable_texture_with_its_decisions(ran: Any, fo
     assert exports["exemplar.png"].shape[2] == 4
     assert exports["planes.png"].shape[:2] == SIDES
     rows = {row["what"]: row for row in exports["decisions.json"]["decisions"]}
-    assert list(rows) == ["lens distortion", "surface", "exemplar", "foreign parts", "light", "repetition", "texture"]
+    assert list(rows) == [
+        "lens distortion",
+        "surface",
+        "exemplar",
+        "foreign parts",
+        "light",
+        "repetition",
+        "texture",
+    ]
     assert rows["surface"]["decided"] == "the geometry file says where surfaces lie"
     assert all(row["change"].startswith("--") for row in rows.values())
     assert "--set plane=2" in exports["report.html"].read_text()
