@@ -7,7 +7,6 @@ started.
 from __future__ import annotations
 
 import contextlib
-import multiprocessing.resource_tracker
 import signal
 import threading
 from collections.abc import Iterator
@@ -21,13 +20,15 @@ class _Deferral:
 
     def begin(self) -> None:
         """Signals wait from now on; those that the system handles still end this process at once."""
+        from multiprocessing import resource_tracker  # which adds a module that a run in this process does without
+
         self.received: list[int] = []
         self.handlers: dict[int, Any] = {
             number: signal.signal(number, self.receive)
             for number in ENDING
             if signal.getsignal(number) not in (signal.SIG_DFL, None)
         }
-        multiprocessing.resource_tracker.ensure_running()  # at its start it would unblock them
+        resource_tracker.ensure_running()  # at its start it would unblock them
         self.mask = signal.pthread_sigmask(signal.SIG_BLOCK, self.handlers)
 
     def receive(self, number: int, _: object) -> None:

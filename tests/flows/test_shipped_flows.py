@@ -49,7 +49,7 @@ def test_a_picture_made_tileable_stays_but_for_its_borders(
     seams = exports["scores.json"]["seams"]
     assert seams["score"] == 1
     assert seams["value"] < 1.3 < seams["ceiling"]
-    assert "given" in exports["scores.json"]["use"]["reason"]
+    assert "given" in exports["scores.json"]["contents"]["reason"]
 
 
 def test_scores_of_a_picture_from_elsewhere(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:

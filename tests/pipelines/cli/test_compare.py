@@ -103,7 +103,7 @@ def test_pictures_of_another_program_are_judged_alike() -> None:
     origins = {line["method"]: line["origin"] for line in table["leaderboard"]}
     assert origins == {"pixels": None, "other": "pictures in theirs"}
     assert "pictures in theirs" in Path("page.html").read_text()
-    assert {"use", "continuity"} <= set(table["partial"])  # pictures that are no copies
+    assert {"contents", "continuity"} <= set(table["partial"])  # pictures that are no copies
     assert table["estimated"] == {"other": ["copying"]}
     assert "For other, estimated from the pixels: copying." in Path("page.html").read_text()
     sources = ("--source", "exemplar=pictures/b.png", "--source", "picture=theirs/b.png")

@@ -976,7 +976,7 @@ def test_plan_of_what_has_never_run(folder: Path) -> None:
     assert list(plan) == STEPS
     assert plan["tone"] == ("run", ["never run before"])
     assert plan["structure"] == ("wait", ["waits for edges, tone"])
-    assert plan["texture"] == ("wait", ["waits for distance, guidance, lattice, start, tone"])
+    assert plan["texture"] == ("wait", ["waits for distance, edges, guidance, lattice, start, tone"])
     assert tree(folder) == before
 
 

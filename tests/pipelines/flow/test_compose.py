@@ -467,7 +467,7 @@ def test_a_sequence_is_the_method_again_and_again(folder: Path) -> None:
     exports = execute(run, Events(), folder / "out")
     curves = json.loads(exports["curves.json"].read_text())
     assert curves["generations"] == 2
-    assert len(curves["measures"]["use"]["values"]) == 2
+    assert len(curves["measures"]["contents"]["values"]) == 2
     alone = Run(load_flow(folder / "method.yaml", Overrides(params={"size": "64"})), store)
     assert {plan.name: plan.state for plan in alone.plan()}["texture"] == "cached"
 
