@@ -508,3 +508,19 @@ def test_windows_without_a_measure_do_not_count() -> None:
     lines.append({"a": {"value": 2.0, "more": {"b": 3, "c": [5]}}})
     assert windows.mean_lines(lines) == {"a": {"value": 1.5, "more": {"b": 2.5, "c": [1]}}}
     assert windows.mean_lines(lines[:1]) == lines[0]
+
+
+def test_a_text_holds_for_a_whole_only_if_it_does_in_all_windows() -> None:
+    parts = [{"value": 1.0, "more": {"verbatim": text}} for text in ("a crop of the exemplar", None)]
+    tables = [{"copying": part} for part in parts]
+    assert windows.mean_lines(tables)["copying"]["more"]["verbatim"] is None
+    assert windows.mean_lines(tables[:1])["copying"]["more"]["verbatim"] == "a crop of the exemplar"
+
+
+def test_a_local_mask_takes_no_measure_of_fidelity(rng: np.random.Generator) -> None:
+    tone = rng.random((96, 96, 3), np.float32)
+    usable = np.zeros((96, 96, 1), np.float32)
+    usable[:44, :44] = 1
+    exemplar = Image(np.dstack([tone, usable]), ("R", "G", "B", "usable"))
+    lines = metrics(exemplar, Image(tone[:44, :44].copy(), ("R", "G", "B")), MetricsParams()).table["measures"]
+    assert all(lines[name]["value"] is not None for name in ("colors", "patches"))

@@ -43,7 +43,7 @@ def clipped_highlights(color: Float32[np.ndarray, "h w 3"], valid: Mask) -> Mask
     ndimage = loaded("scipy.ndimage")
     none = np.zeros(valid.shape, np.bool_)
     darkest, mean = color.min(axis=2), color.mean(axis=2)
-    white = (darkest >= _WHITE) & valid
+    white = (darkest >= _WHITE * max(1.0, float(color[valid].max()))) & valid  # floats may exceed 1 unclipped
     if not white.any() or white.sum() > _MOST * valid.sum() or np.median(mean[valid]) > _DARK:
         return none
     side = min(valid.shape)

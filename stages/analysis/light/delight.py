@@ -33,6 +33,7 @@ _LOG = logging.getLogger(__name__)
 _SIDE = 256  # px at which shadows are searched
 _BORDER_SIDE = 1024  # px at which their borders are found
 _MIN_SIDE = 96  # px of a picture in which shadow can be told from texture
+_MIN_CELL = 6  # px of a view, of the shorter generator
 _SURE = 0.6  # confidence from which a shadow is removed
 _DOUBT = 0.25  # confidence from which a part is mentioned
 _LIT = 0.9  # of full light, from which a pixel is in light
@@ -107,7 +108,7 @@ def delight(image: Image, params: DelightParams, generators: Vectors | None = No
     if not clipped.any() and not any(row["removed"] for row in found):
         return dataclasses.replace(full, table={"found": found})
     gain = _no_brighter(color, gain, known & ~clipped)
-    made = _lit_evenly(image, gain)
+    made = _lit_evenly(image, gain) if (gain != 1).any() else image
     if clipped.any():
         made = _excluding(made, known & ~clipped)
     return Delight(made, _picture(np.where(clipped[..., None], 0, gain).astype(np.float32)), {"found": found})
@@ -218,9 +219,11 @@ def _view(color: Float32[np.ndarray, "h w 3"], valid: Mask, generators: Vectors 
     """At no more than ``side`` px, and the pixels without influence of excluded ones."""
     import cv2
 
+    factor = max(1.0, max(valid.shape) / side)
     frame = np.zeros((0, 2), np.float32) if generators is None else generators
-    factor = max(valid.shape) / side
-    if factor <= 1:
+    if len(frame) and np.hypot(*frame.T).min() < _MIN_CELL * factor:
+        frame = frame[:0]  # cells of few pixels say nothing about light
+    if factor == 1:
         return _View(log_color(color), valid, frame)
     size = (round(valid.shape[1] / factor), round(valid.shape[0] / factor))
     share = cv2.resize(valid.astype(np.float32), size, interpolation=cv2.INTER_AREA)

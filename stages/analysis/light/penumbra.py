@@ -44,6 +44,9 @@ def light_left(shadow: Shadow, valid: Mask) -> ScalarMap:
     )
     whole = counts.sum(axis=(1, 2), keepdims=True)
     common = sums.sum(axis=(1, 2), keepdims=True) / np.maximum(whole, 1)
+    filled = np.flatnonzero(whole > 0)  # no pixel of a narrow shadow is far from its border
+    nearest = filled[np.abs(np.arange(_BINS)[:, None] - filled).argmin(axis=1)]
+    common, near_sums, near_counts = common[nearest], near_sums[nearest], near_counts[nearest]
     weight = _COMMON * float(near_counts.max())
     profile = (near_sums + weight * common) / (near_counts + weight)
     level = _levels(profile, shadow)

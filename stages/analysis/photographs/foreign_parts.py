@@ -40,6 +40,7 @@ _HALO = 5.0  # deviations of the window, over which it may reach
 _FINE = 1 / 12  # deviation of the window in a cell, of the shorter generator
 _NOTICED = 1.5  # CIELAB
 _TINT = np.array([25.0, 8.0, 8.0], np.float32)  # CIELAB by which light may change a cell
+_ALL = 1000.0  # times as far as usual, from which on nothing is foreign
 _FEW, _DOUBT = 0.5, 0.25  # of the picture: little, and too little for a surface
 _SHADE = np.array([0.6, 0.0, 0.25], np.float32)
 
@@ -48,7 +49,7 @@ class ForeignPartsParams(Params):
     """How much parts may differ."""
 
     unlike: float = Field(4.0, ge=1.5, le=1e6)
-    """how many times farther from what explains it a part is than is usual, to be foreign; large values keep all"""
+    """how many times farther from what explains it a part is than is usual, to be foreign; from 1000 on none is"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,7 +94,8 @@ def foreign_parts(
     Raises
     ------
     InputError
-        less than a quarter of the picture, or not two cells of its lattice, are left; or the mask has another size.
+        a proposed mask leaves less than a quarter of what was usable, or not two cells of the lattice; or
+        ``mask`` has another size.
 
     References
     ----------
@@ -106,7 +108,7 @@ def foreign_parts(
     usable = before
     if mask is not None:
         usable = exclusion_mask(image, ExclusionMaskParams(), mask=mask).valid
-    elif min(before.shape) >= _MIN_SIDE:
+    elif min(before.shape) >= _MIN_SIDE and params.unlike < _ALL:
         unlike, foreign, explained = _searched(image, before, generators, params.unlike)
         usable = before & ~foreign
         if not usable.all() and (before & foreign).any():

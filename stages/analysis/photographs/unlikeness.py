@@ -18,6 +18,7 @@ _PASSES = 6
 _EXPLAINED_BY = 0.25  # share of places that look alike where a look belongs to the surface
 _APART = 3.0  # deviations of the blur; nearer places show the same
 _NOTICED = 1.5  # CIELAB, a deviation below which differences do not count
+_LEAST_USUAL = 0.25  # of a unit: what is less does not show, however even a surface is
 _STEEP = 0.5  # weight of gradients against colours
 
 
@@ -61,9 +62,11 @@ def unlikeness(
     distance.sort(axis=1)
     last = distance[:, max(0, round(_EXPLAINED_BY * len(places)) - 1)]
     usual = float(np.median(last[core]))
+    if not np.isfinite(usual):  # most places are foreign, and too few are left to explain the others
+        return np.zeros(lab.shape[:2], np.float32)
     last = np.where(np.isfinite(last), last, 2 * last[np.isfinite(last)].max(initial=usual))
     values = np.zeros(known.shape, np.float32)
-    values[known] = last / max(usual, 1e-6)
+    values[known] = last / max(usual, _LEAST_USUAL)
     return np.where(valid, _between(values, known, every, lab.shape[:2]), np.float32(0))
 
 

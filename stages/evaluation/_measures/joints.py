@@ -98,6 +98,6 @@ def joint_figures(joints: Joints, cells: int) -> Figures:
     ratio = np.sort(joints.ratio) if len(joints.places) else np.zeros(1)
     worst = float(ratio[-max(1, round(_WORST * len(ratio))) :].mean())
     bad = float((ratio > _BAD).sum()) / max(1, cells)
-    levels = {"levels": np.nanmean(joints.ratios, axis=0).tolist()} if len(joints.places) else {}
-    more = {"mean": float(ratio.mean()), "bad": bad, **levels}
+    levels = np.nanmean(joints.ratios, axis=0).tolist() if len(joints.places) else []
+    more = {"mean": float(ratio.mean()), "bad": bad, "levels": levels}
     return Figures(worst, _GOOD, _UNALIKE, more, share(bad, 0.0, _MOST_BAD))

@@ -1,5 +1,6 @@
 """Measures of patches: sliced Wasserstein distance and nearest neighbours."""
 
+import contextlib
 import functools
 from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeAlias
@@ -231,8 +232,10 @@ def patch_distribution(task: Task) -> Figures:
     worst = sliced_wasserstein(exemplar, projected(task.shuffled, len(levels)))
     if not (levels and worst):
         raise UnmeasurableError(f"masks leave no patch of {SIDE} px")
-    left, right = (projected(half) for half in halves(task.exemplar)[0])
-    between = float(np.mean(sliced_wasserstein(left, right) or [0.0])) / deviation
+    between = 0.0
+    with contextlib.suppress(UnmeasurableError):
+        left, right = (projected(half) for half in halves(task.exemplar)[0])
+        between = float(np.mean(sliced_wasserstein(left, right) or [0.0])) / deviation
     ceiling = float(np.mean(worst)) / deviation
     return Figures(float(np.mean(levels)), sampling(task, between), ceiling, {"levels": levels})
 

@@ -157,8 +157,11 @@ def halves(picture: Picture) -> list[tuple[Picture, Picture]]:
 
 
 def between_halves(picture: Picture, distance: Callable[[Picture, Picture], float]) -> float:
-    """Mean distance between the two halves of each cut."""
-    return float(np.mean([distance(one, other) for one, other in halves(picture)]))
+    """Mean distance between the two halves of each cut; 0 where masks leave too little of them."""
+    try:
+        return float(np.mean([distance(one, other) for one, other in halves(picture)]))
+    except UnmeasurableError:
+        return 0.0
 
 
 def _part(picture: Picture, place: tuple[slice, ...] | slice) -> Picture:

@@ -87,7 +87,7 @@ def copying_and_continuity(task: Task) -> tuple[Figures, Figures | str]:
     if not segments.pixels:
         raise UnmeasurableError("nothing of the result was made")
     largest = float(segments.areas.max(initial=0))
-    more: dict[str, Any] = {"typical": segments.typical, "largest": largest / area}
+    more: dict[str, Any] = {"typical": segments.typical, "largest": largest / area, "verbatim": None}
     if largest >= _VERBATIM * segments.pixels:
         more["verbatim"] = "a crop of the exemplar"
     elif segments.share_above(_VERBATIM * area) >= _VERBATIM:

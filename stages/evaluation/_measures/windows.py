@@ -40,9 +40,11 @@ def mean_lines(tables: list[dict[str, dict[str, Any]]]) -> dict[str, dict[str, A
 
 
 def _mean(parts: list[Any]) -> Any:
-    """Mean of numbers, also in dicts that have equal keys; of anything else the first."""
+    """Mean of numbers, also in dicts of equal keys; a text only if all have it; of anything else the first."""
     if all(isinstance(part, dict) and part.keys() == parts[0].keys() for part in parts):
         return {key: _mean([part[key] for part in parts]) for key in parts[0]}
     if all(isinstance(part, int | float) and not isinstance(part, bool) for part in parts):
         return rounded(sum(parts) / len(parts))
+    if any(isinstance(part, str) for part in parts):
+        return parts[0] if all(part == parts[0] for part in parts) else None
     return parts[0]

@@ -1,6 +1,7 @@
 """Whole cells between contours in place of those that a result shows parts of several of."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, Int64
@@ -84,7 +85,7 @@ class CellCompletion:
         for _ in range(_ROUNDS):
             changed = 0
             tried, recent = recent, np.zeros(match.shape[1:], bool)
-            for window in target_windows(match.shape[1:], wrap, _WINDOW, _WIDEST + 4 * _BAND):
+            for window in target_windows(match.shape[1:], wrap, _WINDOW, _WIDEST + 2 * int(_pad(_WIDEST)) + 2):
                 source = match[:, *window.place].astype(np.int64) + self.middle
                 before = source.copy()
                 count = self._completed(source, window.border, tried[window.place])
@@ -106,7 +107,7 @@ class CellCompletion:
         sides = shown.boxes[:, 2:] - shown.boxes[:, :2]
         mixed = (shown.severity >= _MIN_SEAM * UNIT) & (sides.max(axis=1) <= largest)
         mixed &= np.bincount(shown.number[tried], minlength=len(mixed)) > 0
-        pad = _BAND + 3 + np.ceil(_REACH * sides).astype(np.int64)
+        pad = _pad(sides)
         limits = np.array(source.shape[1:])
         outer = np.concatenate([shown.boxes[:, :2] - pad, shown.boxes[:, 2:] + pad], axis=1)
         for axis in (0, 1):
@@ -352,6 +353,11 @@ class CellCompletion:
                 labels.append(self.whole[near])
         every = np.unique(np.concatenate([np.concatenate(moves), np.concatenate(labels)[:, None]], axis=1), axis=0)
         return np.ascontiguousarray(every[:, :2]), every[:, 2]
+
+
+def _pad(sides: Any) -> Any:
+    """How far around a cell of these sides the pixels lie that its completion looks at or changes, px."""
+    return _BAND + 3 + np.ceil(_REACH * np.asarray(sides)).astype(np.int64)
 
 
 def _template(

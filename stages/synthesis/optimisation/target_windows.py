@@ -47,7 +47,7 @@ def _along(count: int, around: bool, side: int, overlap: int) -> list[tuple[int,
     """First line and number of lines of each window along an axis, and whether the result goes on at its ends."""
     if around and count <= side:
         return [(0, count, True, True), (count // 2, count, True, True)]
-    firsts = range(0, count, side - overlap)
     if around:
-        return [(first, side, True, True) for first in firsts]
+        return [(first, side, True, True) for first in range(0, count, side - overlap)]
+    firsts = range(0, max(1, count - overlap), side - overlap)
     return [(first, min(side, count - first), first > 0, first + side < count) for first in firsts]

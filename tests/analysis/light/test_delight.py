@@ -54,6 +54,12 @@ def error(image: Image, albedo: np.ndarray) -> float:
     return float(np.abs(ratio - np.median(ratio)).mean())
 
 
+def bars() -> np.ndarray:
+    """Share of direct light through bars: nowhere is far from a border."""
+    row, column = np.indices(SHAPE)
+    return np.asarray(np.clip(0.5 + (np.abs((column + 0.2 * row) % 16 - 8) - 4) / 1.5, 0, 1))
+
+
 @pytest.mark.parametrize("share", [edge_of_shadow(), dapple()], ids=["edge", "dapple"])
 def test_a_cast_shadow_is_removed_with_its_penumbra(share: np.ndarray, rng: np.random.Generator) -> None:
     albedo = plaster(rng)
@@ -65,6 +71,12 @@ def test_a_cast_shadow_is_removed_with_its_penumbra(share: np.ndarray, rng: np.r
     assert found["share"] == pytest.approx((share < 0.35).mean(), abs=0.06)
     assert error(made.image, albedo) < 0.15 * error(lit, albedo)
     np.testing.assert_allclose(made.light.pixels[share == 0].mean(axis=0), AMBIENT, atol=0.03)
+
+
+def test_the_shadow_of_narrow_bars_is_removed(rng: np.random.Generator) -> None:
+    albedo = plaster(rng)
+    lit = in_shadow(albedo, bars())
+    assert error(delight(lit, AUTO).image, albedo) < 0.4 * error(lit, albedo)
 
 
 def test_a_shadow_across_tiles_is_removed(rng: np.random.Generator) -> None:

@@ -108,3 +108,10 @@ def test_what_was_excluded_stays_so_and_has_no_influence() -> None:
     )
     np.testing.assert_array_equal(one.mask.pixels, two.mask.pixels)
     assert not one.mask.pixels[:, :20].any()
+
+
+def test_what_nobody_sees_is_not_foreign() -> None:
+    grey = np.full((SIDE, SIDE, 3), 0.4, np.float32)
+    grey += np.random.default_rng(1).normal(0, 0.001, grey.shape).astype(np.float32)
+    grey[30:70, 40:80] *= 1.01
+    assert searched(grey).table["by"] == "none"
