@@ -152,6 +152,7 @@ class DaskExecutor(Executor):
         while not self._is_over:  # then nobody answers, and the thread of the callbacks would wait for ever
             try:
                 problem = future.exception(timeout=_ANSWER)
+                answer = future.result(timeout=_ANSWER) if problem is None else {}
             except TimeoutError:
                 continue
             except BaseException as error:
@@ -160,7 +161,7 @@ class DaskExecutor(Executor):
                 return Outcome(error=OSError("its workers were killed, one after the other"))
             if problem is not None:
                 return worker.failed(problem)
-            return worker.outcome_of(functools.partial(future.result, timeout=_ANSWER), task)
+            return worker.outcome_of(functools.partial(dict, answer), task)
         return worker.failed(CancelledError())
 
 

@@ -89,4 +89,5 @@ class InlineExecutor(Executor):
             for task in list(self._submitted):
                 task.interrupt()
         if self._threads is not None:
-            self._threads.shutdown(cancel_futures=True)
+            with signals.deferred() if self._on_threads else contextlib.nullcontext():
+                self._threads.shutdown(cancel_futures=True)

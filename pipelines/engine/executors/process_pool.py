@@ -109,7 +109,8 @@ class ProcessPool:
             except (EOFError, OSError):
                 worker = self._replaced(number, worker)
                 answer, error = None, WorkerDiedError()
-            except Exception as problem:  # an answer that cannot be read
+            except Exception as problem:  # a message that cannot be read, after which others may be left
+                worker = self._replaced(number, worker)
                 answer, error = None, problem
             if error is None:
                 call.future.set_result(answer)
@@ -139,29 +140,39 @@ class ProcessPool:
             return _WorkerHandle(process, ours)
 
 
+class _CallAtWork:
+    """What a call tells, from whatever thread, until its answer, which is the last of it."""
+
+    def __init__(self, connection: Connection):
+        self._connection, self._sending, self._is_over = connection, threading.Lock(), False
+
+    def tell(self, what: Any) -> None:
+        with self._sending:
+            if not self._is_over:
+                self._connection.send(_Told(what))
+
+    def answer(self, value: Any, error: Exception | None) -> None:
+        with self._sending:
+            self._is_over = True
+            try:
+                self._connection.send((value, error))
+            except Exception as problem:  # it cannot be pickled
+                self._connection.send((None, RuntimeError(str(problem))))
+
+
 def _answer(connection: Connection) -> None:
     """Compute calls in a process of the pool, until that closes."""
     _init_process()
-    sending = threading.Lock()
-
-    def tell(what: Any) -> None:
-        with sending:
-            connection.send(_Told(what))
-
     while True:
         try:
             work, given = connection.recv()
         except EOFError:
             os._exit(0)  # all is written; to take Python and its libraries down takes longer than to start a step
-        answer: tuple[Any, Exception | None]
+        call = _CallAtWork(connection)
         try:
-            answer = work(given, tell), None
+            call.answer(work(given, call.tell), None)
         except Exception as error:
-            answer = None, error
-        try:
-            connection.send(answer)
-        except Exception as error:  # it cannot be pickled
-            connection.send((None, RuntimeError(str(error))))
+            call.answer(None, error)
 
 
 def _init_process() -> None:

@@ -45,6 +45,7 @@ from texloom.stages.vocabulary.progress import Progress
 
 _SECONDS = 2.0  # between two reports of progress
 _QUIET = 60.0  # seconds in which a server that did not answer is told nothing
+_OVERLOADED = {408, 429, *range(500, 600)}  # answers of a server that does not take what it is told
 _PATIENCE = 10.0  # seconds that an interrupted run waits for the server
 
 Call = Callable[[SyncPrefectClient], object]
@@ -100,7 +101,7 @@ class TaskRuns:
             case StepStarted(step):
                 before = self._shown.get(step)
                 if before is not None and not before.is_over:
-                    self._end(before, Crashed(message="its worker was killed"))
+                    self._end(before, Crashed(message="it did not end, and is computed again"))
                 self._begin(step, Running())
             case StepProgress(step, progress, picture):
                 self._show_progress(self._shown[step], progress, picture)
@@ -172,6 +173,9 @@ class TaskRuns:
                         call(client)
                     except httpx.TransportError:
                         quiet = time.monotonic() + _QUIET
+                    except httpx.HTTPStatusError as error:
+                        if error.response.status_code in _OVERLOADED:
+                            quiet = time.monotonic() + _QUIET
 
     def _create(self, client: SyncPrefectClient, shown: _Shown, state: State[Any]) -> None:
         run = shown.task_run

@@ -118,3 +118,22 @@ def test_nobody_waits_for_answers_after_the_end(tmp_path: Path) -> None:
     task: Any = None
     assert "CancelledError" in repr(executor._outcome(Unanswered(), task, 0).error)
     assert len(asked) == 2
+
+
+def test_an_answer_that_comes_late_is_waited_for(tmp_path: Path) -> None:
+    executor = DaskExecutor(open_run(write_flow(tmp_path)), 1)
+    answers: list[Any] = [TimeoutError(), {"record": "made", "seconds": 1.0}]
+
+    class Late:
+        def exception(self, timeout: float) -> None:
+            return None
+
+        def result(self, timeout: float) -> Any:
+            answer = answers.pop(0)
+            if isinstance(answer, Exception):
+                raise answer
+            return answer
+
+    task: Any = None
+    outcome = executor._outcome(Late(), task, 0)
+    assert (outcome.record, outcome.error) == ("made", None)
