@@ -94,6 +94,13 @@ def without_usable(image: Image) -> Image:
     return image.with_pixels(np.ascontiguousarray(image.pixels[..., kept]), names)
 
 
+def with_usable(image: Image, valid: Mask) -> Image:
+    """``image`` with a last channel `USABLE` that is 1 where ``valid`` and else 0, instead of its own."""
+    plain = without_usable(image)
+    pixels = np.concatenate([plain.pixels, valid[..., None].astype(np.float32)], axis=2)
+    return plain.with_pixels(pixels, (*plain.channels, USABLE))
+
+
 @dataclasses.dataclass(frozen=True)
 class FilledExemplar:
     """An exemplar as stages compare and copy it, prepared once."""

@@ -161,7 +161,7 @@ class DaskExecutor(Executor):
                 return Outcome(error=OSError("its workers were killed, one after the other"))
             if problem is not None:
                 return worker.failed(problem)
-            return worker.outcome_of(functools.partial(dict, answer), task)
+            return worker.outcome_of(answer, task)
         return worker.failed(CancelledError())
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from texloom.pipelines.engine import signals
 from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
 from texloom.pipelines.engine.executors.process_pool import ProcessPool, WorkerDiedError
-from texloom.pipelines.engine.executors.worker import Payload, compute_once, outcome_of, sources_are_fit
+from texloom.pipelines.engine.executors.worker import Payload, compute_once, failed, outcome_of, sources_are_fit
 from texloom.pipelines.store.store import Store
 
 
@@ -56,7 +56,8 @@ def _end(task: Task, future: Future[dict[str, Any]]) -> None:
     """Tell what has become of a task, unless the pool has cancelled it: nobody waits for it then."""
     if future.cancelled():
         return
-    if isinstance(future.exception(), WorkerDiedError):
+    problem = future.exception()
+    if isinstance(problem, WorkerDiedError):
         task.end(Outcome(error=OSError("its worker was killed"), is_lost=True))
     else:
-        task.end(outcome_of(future.result, task))
+        task.end(outcome_of(future.result(), task) if problem is None else failed(problem))

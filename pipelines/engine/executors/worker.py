@@ -6,7 +6,7 @@ import dataclasses
 import socket
 import time
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -128,15 +128,11 @@ def _threads(given: int | Mapping[str, int]) -> int:
     return max(1, thread_count() // given.get(socket.gethostname(), 1))
 
 
-def outcome_of(answer: Callable[[], Mapping[str, Any]], task: Task) -> Outcome:
-    """What has become of a task, from what `compute_once` returned or raised."""
-    try:
-        known = answer()
-    except BaseException as error:
-        return failed(error)
-    for note in known.get("notes", ()):
+def outcome_of(answer: Mapping[str, Any], task: Task) -> Outcome:
+    """What has become of a task, from what `compute_once` returned."""
+    for note in answer.get("notes", ()):
         task.tell(Note(**note))
-    return Outcome(known["record"], known.get("seconds"))
+    return Outcome(answer["record"], answer.get("seconds"))
 
 
 def failed(error: BaseException) -> Outcome:

@@ -12,7 +12,7 @@ from texloom.stages.common.grids.size_checks import check_same_size
 from texloom.stages.numerics.matrices import matrix_product
 from texloom.stages.vocabulary.arrays import Image, Mask
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
-from texloom.stages.vocabulary.masks import USABLE, valid_pixels, without_usable
+from texloom.stages.vocabulary.masks import USABLE, valid_pixels, with_usable
 
 _LOG = logging.getLogger(__name__)
 
@@ -80,9 +80,7 @@ def exclusion_mask(image: Image, params: ExclusionMaskParams, mask: Image | None
     valid = _valid(image, mask, params)
     if mask is not None and valid.all():
         _LOG.warning("the mask excludes no pixel: none of it is %s", params.avoid)
-    plain = without_usable(image)
-    pixels = np.concatenate([plain.pixels, valid[..., None].astype(np.float32)], axis=2)
-    return ExclusionMask(plain.with_pixels(pixels, (*plain.channels, USABLE)), valid)
+    return ExclusionMask(with_usable(image, valid), valid)
 
 
 def _valid(image: Image, mask: Image | None, params: ExclusionMaskParams) -> Mask:

@@ -26,7 +26,7 @@ from texloom.stages.kernels.core.elementary_functions import exp, log
 from texloom.stages.numerics.filters import gaussian_blur, interpolated
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import Params, stage
-from texloom.stages.vocabulary.masks import USABLE, fill_excluded, valid_pixels
+from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels, with_usable
 
 _LOG = logging.getLogger(__name__)
 
@@ -110,7 +110,7 @@ def delight(image: Image, params: DelightParams, generators: Vectors | None = No
     gain = _no_brighter(color, gain, known & ~clipped)
     made = _lit_evenly(image, gain) if (gain != 1).any() else image
     if clipped.any():
-        made = _excluding(made, known & ~clipped)
+        made = with_usable(made, known & ~clipped)
     return Delight(made, _picture(np.where(clipped[..., None], 0, gain).astype(np.float32)), {"found": found})
 
 
@@ -256,15 +256,6 @@ def _lit_evenly(image: Image, gain: Float32[np.ndarray, "h w 3"]) -> Image:
     else:
         pixels[..., :3] /= gain
     return image.with_pixels(pixels).wrapping(False)  # a shadow ends at the border
-
-
-def _excluding(image: Image, valid: Mask) -> Image:
-    usable = valid.astype(np.float32)
-    if USABLE in image.channels:
-        pixels = image.pixels.copy()
-        pixels[..., image.channels.index(USABLE)] = usable
-        return image.with_pixels(pixels)
-    return image.with_pixels(np.dstack([image.pixels, usable]), (*image.channels, USABLE))
 
 
 def _picture(gain: Float32[np.ndarray, "h w 3"]) -> Image:

@@ -21,7 +21,7 @@ from texloom.stages.numerics.matrices import determinant
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Params, stage
-from texloom.stages.vocabulary.masks import USABLE, fill_excluded, valid_pixels, without_usable
+from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels, with_usable
 
 _LOG = logging.getLogger(__name__)
 
@@ -129,7 +129,7 @@ def foreign_parts(
     white = np.repeat(usable.astype(np.float32)[..., None], 3, axis=2)
     tinted = np.where(usable[..., None], image.color, 0.3 * image.color + _SHADE)
     return ForeignParts(
-        image=image if (usable == before).all() and mask is None else _with_usable(image, usable),
+        image=image if (usable == before).all() and mask is None else with_usable(image, usable),
         mask=Image(white, ("R", "G", "B")),
         picture=Image(np.asarray(tinted, np.float32), ("R", "G", "B")),
         unlike=unlike,
@@ -149,12 +149,6 @@ def _why(by: str, masked: float, left: float, cells: float) -> str:
         why += f", {cells:.1f} cells" if cells else ""
         why += ": little, so that the texture repeats itself"
     return f"{why}; edit foreign.png and give it back (--source mask=foreign.png), or keep all (--set unlike=1000)"
-
-
-def _with_usable(image: Image, usable: Mask) -> Image:
-    plain = without_usable(image)
-    pixels = np.concatenate([plain.pixels, usable[..., None].astype(np.float32)], axis=2)
-    return plain.with_pixels(pixels, (*plain.channels, USABLE))
 
 
 def _searched(

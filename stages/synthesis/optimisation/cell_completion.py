@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, Int64
 
 from texloom.stages.synthesis.optimisation.allowed import Allowed
+from texloom.stages.synthesis.optimisation.cells import most_frequent
 from texloom.stages.synthesis.optimisation.contour_cells import ContourCells, boxes_of
 from texloom.stages.synthesis.optimisation.correspondence import Patches
 from texloom.stages.synthesis.optimisation.target_windows import target_windows
@@ -151,7 +152,7 @@ class CellCompletion:
         code = (shift[0] * (4 * max(self.lab.shape[1], core.shape[1])) + shift[1])[core]
         own = number[core]
         with_seam = severity[own] > 0
-        most = _most(own[with_seam], code[with_seam], count)
+        _, most = most_frequent(own[with_seam], code[with_seam], count)
         size = np.bincount(own, minlength=count)
         severity[size - most < _MIN_PART * size] = 0
         use = np.bincount(self.cells.label[source[0], source[1]].ravel(), minlength=len(self.cells.area))
@@ -381,17 +382,3 @@ def _window(plane: np.ndarray, corner: Int64[np.ndarray, "2"], shape: tuple[int,
         part = plane[tuple(slice(*ends) for ends in zip(first + corner, last + corner, strict=True))]
         result[first[0] : last[0], first[1] : last[1]] = part
     return result
-
-
-def _most(
-    number: Int64[np.ndarray, "n"],  # type: ignore[name-defined]
-    value: Int64[np.ndarray, "n"],  # type: ignore[name-defined]
-    count: int,
-) -> Int64[np.ndarray, "k"]:  # type: ignore[name-defined]
-    """How often the most frequent value of each number occurs."""
-    order = np.lexsort((value, number))
-    number, value = number[order], value[order]
-    first = np.flatnonzero(np.r_[True, (np.diff(number) != 0) | (np.diff(value) != 0)][: len(number)])
-    most = np.zeros(count, np.int64)
-    np.maximum.at(most, number[first], np.diff(np.r_[first, len(number)]))
-    return most

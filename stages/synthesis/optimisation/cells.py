@@ -106,7 +106,8 @@ def _complete(
         return
 
     proposed = source.copy()
-    proposed[inside] = here[inside] + _most_frequent(number[inside], (source - here)[inside], count)[number[inside]]
+    shift, _ = most_frequent(number[inside], (source - here)[inside], count)
+    proposed[inside] = here[inside] + shift[number[inside]]
     row, column = np.divmod(proposed, line)
     row, column = row - middle, column - middle
     places = np.array(costs.shape) - patch_size + 1
@@ -128,20 +129,21 @@ def _complete(
     match -= middle
 
 
-def _most_frequent(
+def most_frequent(
     number: Int64[np.ndarray, "n"],  # type: ignore[name-defined]
     value: Int64[np.ndarray, "n"],  # type: ignore[name-defined]
     count: int,
-) -> Int64[np.ndarray, "k"]:  # type: ignore[name-defined]
-    """The most frequent value of each number, of equals the smallest."""
+) -> tuple[Int64[np.ndarray, "k"], Int64[np.ndarray, "k"]]:  # type: ignore[name-defined]
+    """The most frequent value of each number, of equals the smallest, and how often it occurs."""
     order = np.lexsort((value, number))
     number, value = number[order], value[order]
-    first = np.flatnonzero(np.r_[True, (np.diff(number) != 0) | (np.diff(value) != 0)])
+    first = np.flatnonzero(np.r_[True, (np.diff(number) != 0) | (np.diff(value) != 0)][: len(number)])
     runs = np.diff(np.r_[first, len(number)])
-    best = np.zeros(count, np.int64)
+    best, times = np.zeros(count, np.int64), np.zeros(count, np.int64)
     last = np.lexsort((-value[first], runs))
     best[number[first][last]] = value[first][last]  # the last of a number is kept
-    return best
+    times[number[first][last]] = runs[last]
+    return best, times
 
 
 def _joint_costs(
