@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import gc
 import time
-import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -137,7 +136,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
     from texloom.pipelines.engine.preflight import Preflight
     from texloom.pipelines.engine.run import StepFailedError
     from texloom.pipelines.engine.run_scores import choices_of, main_scores
-    from texloom.pipelines.errors import NoWorkersError, is_resource_error
+    from texloom.pipelines.errors import NoWorkersError
     from texloom.pipelines.memory import keep_freed_memory
     from texloom.pipelines.store.codec import ArtifactError
     from texloom.pipelines.store.store import BrokenStoreError
@@ -159,9 +158,8 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
         problem, code = str(error), Exit.WRONG
     except StepFailedError as error:
         terminal.close()
-        if not is_resource_error(error.__cause__):
-            for line in "".join(traceback.format_exception(error.__cause__)).splitlines():
-                complain(line)
+        for line in error.details.splitlines():
+            complain(line)
         problem, code = f"{opened.flow.where('steps', error.step)}: failed: {error.reason}", Exit.FAILED
     except ArtifactError as error:
         problem, code = f"--out: {error}", Exit.FAILED

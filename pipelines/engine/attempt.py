@@ -306,7 +306,8 @@ class Attempt:
             self.history.add(scope_run.scope.label(step), parts.as_dict(), result, state == "ran")
         if not isinstance(result, SourceError):  # then the source is at fault, which the problem of the run says
             item, problem = scope_run.scope.name, str(result) if isinstance(result, Exception) else None
-            self.listener(StepReport(step.name, step.stage.name, parts.key, state, seconds, item, problem))
+            details = result.details if isinstance(result, StepFailedError) else ""
+            self.listener(StepReport(step.name, step.stage.name, parts.key, state, seconds, item, problem, details))
 
     def _end(self, scope_run: ScopeRun) -> None:
         """An item is done, as far as it could be; the run has failed if a step that all items share has."""

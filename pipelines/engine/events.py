@@ -66,6 +66,8 @@ class StepReport:
     """the item of a set that it ran for"""
     problem: str | None = None
     """why it has failed"""
+    details: str = ""
+    """the traceback, if its stage raised what no stage should"""
 
     @property
     def label(self) -> str:

@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import hashlib
 import time
+import traceback
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +18,7 @@ from texloom.pipelines.engine.footprint import Footprint, expectation, footprint
 from texloom.pipelines.engine.keys import KeyParts, canonical_json, fixed_parts, key_parts
 from texloom.pipelines.engine.scope import Scope, used_sources
 from texloom.pipelines.engine.task import Given, Output, TaskSpec, Upstream
-from texloom.pipelines.errors import closest, format_error, one_line
+from texloom.pipelines.errors import closest, format_error, is_resource_error, one_line
 from texloom.pipelines.flow.items import Item, items_of
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step
 from texloom.pipelines.media.known_files import KnownFiles
@@ -71,6 +72,12 @@ class StepFailedError(Exception):
 
     def __str__(self) -> str:
         return one_line(f"{self.step} failed: {self.reason}")
+
+    @property
+    def details(self) -> str:
+        """The traceback of the cause; empty where a disk, file or memory failed."""
+        cause = self.__cause__
+        return "" if cause is None or is_resource_error(cause) else "".join(traceback.format_exception(cause))
 
 
 class Run:

@@ -62,7 +62,7 @@ class DaskCluster:
                 self._probe_workers(where)
             receiver = EventReceiver(self.client, tell)
             stack.callback(receiver.close)
-            self.topic = receiver.topic
+            self.token = receiver.token
             self.close = stack.pop_all().close
 
     def slots(self) -> int:
@@ -117,12 +117,11 @@ class DaskExecutor(Executor):
             if self._cluster is None and not worker.sources_are_fit(task):
                 return
             cluster, store, number = self._started(), self._run.store, next(self._numbers)
-            task.tell_started()
             threads = cluster.hosts or task.threads
             payload = worker.Payload(task.spec.to_json(), str(store.root), threads, store.identity())
             self._tasks[number] = task
             future = cluster.client.submit(
-                compute_and_tell, payload, cluster.topic, number, key=f"{task.spec.step}-{number}", pure=False
+                compute_and_tell, payload, cluster.token, number, key=f"{task.spec.step}-{number}", pure=False
             )
             self._futures[number] = future
             future.add_done_callback(lambda future: task.end(self._outcome(future, task, number)))

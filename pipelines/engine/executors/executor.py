@@ -45,7 +45,7 @@ class Task:
     """receives its outcome, from any thread"""
 
     def tell_started(self) -> None:
-        """Tell that its step begins; executors call this when they have accepted the task."""
+        """Tell that its step begins to compute."""
         self.tell(StepStarted(self.spec.label))
 
     def interrupt(self) -> None:

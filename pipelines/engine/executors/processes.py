@@ -36,7 +36,6 @@ class ProcessExecutor(Executor):
                     return
                 self.store.create()
                 self._pool = ProcessPool(self.workers)
-            task.tell_started()
             payload = Payload(task.spec.to_json(), str(self.store.root), task.threads)
             future = self._pool.submit(compute_once, payload, task.tell)
             future.add_done_callback(functools.partial(_end, task))

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.engine.events import Event, Listener, Note, StepProgress
+from texloom.pipelines.engine.events import Event, Listener, Note, StepProgress, StepStarted
 from texloom.pipelines.engine.executors.executor import Outcome, Task
 from texloom.pipelines.engine.task import Inputs, TaskSpec, check_same, run_task
 from texloom.pipelines.errors import format_error, is_resource_error, one_line
@@ -73,7 +73,7 @@ def compute_once(payload: Payload, tell: Listener) -> dict[str, Any]:
 
     Parameters
     ----------
-    tell : receives progress, a few times a second.
+    tell : receives that the step begins, and progress, a few times a second.
 
     Returns
     -------
@@ -88,6 +88,7 @@ def compute_once(payload: Payload, tell: Listener) -> dict[str, Any]:
 
     if payload.identity:
         store.check_identity(payload.identity)
+    tell(StepStarted(spec.label))
     record, _ = keep_record(store, spec.parts.stage, spec.parts.key, work)
     return {**answer, "record": record}
 

@@ -159,7 +159,7 @@ def run_flow(flow: str | list[str], **given: Any) -> dict[str, str]:
     listener(Note(f"flow run {prefect.runtime.flow_run.name}: {prefect.runtime.flow_run.ui_url}"))
 
     run.shows_scales = True
-    with TaskRuns(run) as task_runs:
+    with TaskRuns(run, listener) as task_runs:
 
         def show(event: Event) -> None:
             listener(event)

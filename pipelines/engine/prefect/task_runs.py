@@ -1,26 +1,18 @@
-"""Task runs: what a Prefect server shows of each step, made from the events of the run.
-
-The server is told by a thread of its own, so that no step waits for it. One that does not answer stops no work.
-"""
+"""Task runs: what a Prefect server shows of each step, made from the events of the run."""
 
 from __future__ import annotations
 
 import base64
-import contextlib
-import contextvars
 import dataclasses
 import functools
-import queue
 import re
-import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 from uuid import UUID
 
-import httpx
 import numpy as np
 import PIL.Image
 import prefect
@@ -33,22 +25,22 @@ from prefect.states import Completed, Crashed, Failed, Running
 from texloom.pipelines.engine.events import (
     Event,
     ItemReport,
+    Listener,
+    Note,
     StepProgress,
     StepReport,
     StepStarted,
     describe_progress,
     label,
 )
+from texloom.pipelines.engine.prefect.teller import Teller
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.store.preview import small_png
 from texloom.stages.vocabulary.progress import Progress
 
 _SECONDS = 2.0  # between two reports of progress
-_QUIET = 60.0  # seconds in which a server that did not answer is told nothing
-_OVERLOADED = {408, 429, *range(500, 600)}  # answers of a server that does not take what it is told
-_PATIENCE = 10.0  # seconds that an interrupted run waits for the server
-
-Call = Callable[[SyncPrefectClient], object]
+_PATIENCE = 30.0  # seconds without an answer in which a run that has ended waits for the server
+_LESS_PATIENCE = 10.0  # the same of an interrupted run
 
 
 @dataclasses.dataclass
@@ -72,17 +64,15 @@ class _Shown:
 class TaskRuns:
     """A listener that shows each step as a task run of the current flow run, in a ``with`` block."""
 
-    def __init__(self, run: Run):
-        self._run = run
+    def __init__(self, run: Run, listener: Listener):
+        """``listener`` hears in the end if the server could not be told all."""
+        self._run, self._listener = run, listener
         self._flow_run = UUID(str(prefect.runtime.flow_run.id))
         self._shown: dict[str, _Shown] = {}
         """label of a step to its last task run"""
-        self._calls: queue.SimpleQueue[Call | None] = queue.SimpleQueue()
-        work = functools.partial(contextvars.copy_context().run, self._work)
-        self._thread = threading.Thread(target=work, name="texloom-prefect", daemon=True)
+        self._teller = Teller()
 
     def __enter__(self) -> TaskRuns:
-        self._thread.start()
         return self
 
     def __exit__(self, _: object, error: BaseException | None, __: TracebackType | None) -> None:
@@ -92,8 +82,9 @@ class TaskRuns:
             Crashed(message="the run was interrupted") if is_interrupted else Failed(message=str(error))
         )
         self._end_all(self._shown.values(), state)
-        self._calls.put(None)
-        self._thread.join(_PATIENCE if is_interrupted else None)
+        untold = self._teller.close(_LESS_PATIENCE if is_interrupted else _PATIENCE)
+        if untold:
+            self._listener(Note(f"the Prefect server does not answer: it lacks the last {untold} reports of steps"))
 
     def __call__(self, event: Event) -> None:
         """Show what a run tells."""
@@ -104,7 +95,8 @@ class TaskRuns:
                     self._end(before, Crashed(message="it did not end, and is computed again"))
                 self._begin(step, Running())
             case StepProgress(step, progress, picture):
-                self._show_progress(self._shown[step], progress, picture)
+                shown = self._shown.get(step) or self._begin(step, Running())
+                self._show_progress(shown, progress, picture)
             case StepReport():
                 self._show_report(event)
             case ItemReport(item, problem=problem):
@@ -118,7 +110,7 @@ class TaskRuns:
         run = TaskRun(flow_run_id=self._flow_run, task_key=step, dynamic_key=name, name=name)
         run.dynamic_key = str(run.id)  # a step is begun again when its worker is killed
         self._shown[name] = shown = _Shown(run, step, self._needs(name, step))
-        self._calls.put(lambda client: self._create(client, shown, state))
+        self._teller.tell(lambda client: self._create(client, shown, state))
         return shown
 
     def _needs(self, name: str, step: str) -> list[UUID]:
@@ -132,7 +124,7 @@ class TaskRuns:
 
     def _end(self, shown: _Shown, state: State[Any]) -> None:
         shown.is_over = True
-        self._calls.put(lambda client: self._set_state(client, shown, state))
+        self._teller.tell(lambda client: self._set_state(client, shown, state))
 
     def _end_all(self, ended: Iterable[_Shown], state: State[Any]) -> None:
         for shown in ended:
@@ -143,7 +135,7 @@ class TaskRuns:
         now = time.monotonic()
         if picture or progress.done >= 1 or now >= shown.told + _SECONDS:
             shown.told = now
-            self._calls.put(lambda client: self._tell_progress(client, shown, progress, picture))
+            self._teller.tell(lambda client: self._tell_progress(client, shown, progress, picture), False)
 
     def _show_report(self, report: StepReport) -> None:
         shown = self._shown.get(report.label)
@@ -158,24 +150,11 @@ class TaskRuns:
         else:
             self._end(shown, state)
         if report.state != "failed":
-            self._calls.put(lambda client: self._tell_result(client, shown, report))
+            self._teller.tell(lambda client: self._tell_result(client, shown, report))
+        elif report.details:
+            task_run_logger(shown.task_run, _task(shown.step)).error(report.details)
 
     # -- in the thread that tells the server
-
-    def _work(self) -> None:
-        quiet = 0.0
-        with contextlib.suppress(Exception), prefect.get_client(sync_client=True) as client:
-            while (call := self._calls.get()) is not None:
-                if time.monotonic() < quiet:
-                    continue
-                with contextlib.suppress(Exception):
-                    try:
-                        call(client)
-                    except httpx.TransportError:
-                        quiet = time.monotonic() + _QUIET
-                    except httpx.HTTPStatusError as error:
-                        if error.response.status_code in _OVERLOADED:
-                            quiet = time.monotonic() + _QUIET
 
     def _create(self, client: SyncPrefectClient, shown: _Shown, state: State[Any]) -> None:
         run = shown.task_run

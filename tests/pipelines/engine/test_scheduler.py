@@ -372,14 +372,15 @@ def test_tasks_that_an_interruption_cancels_have_not_failed(folder: Path) -> Non
         def __call__(self, event: Event) -> None:
             if isinstance(event, StepStarted):
                 self.started += 1
-                if self.started == 4:  # two workers compute two tasks, and the third waits
+                if self.started == 2:  # two workers compute two tasks, and others wait
                     raise KeyboardInterrupt
             super().__call__(event)
 
     listener = Interrupting()
     with pytest.raises(KeyboardInterrupt):
         run_local(opened(folder, name="processes", workers=2), folder / "out", listener)
-    assert set(listener.states.values()) == {"started"}
+    assert listener.states
+    assert "failed" not in listener.states.values()
 
 
 PAIR = """

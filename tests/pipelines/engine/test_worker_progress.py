@@ -11,7 +11,7 @@ import pytest
 
 from tests.pipelines.flows import SYNTHESIS, Events, open_run, write_flow
 from texloom.pipelines.engine.attempt import compute
-from texloom.pipelines.engine.events import Event, StepProgress
+from texloom.pipelines.engine.events import Event, StepProgress, StepReport, StepStarted
 from texloom.pipelines.engine.executors import worker
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.flow.model import Runner
@@ -74,3 +74,35 @@ def test_workers_tell_how_far_they_are(tmp_path: Path, runner: str) -> None:
     done = [progress.done for progress in listener.progress]
     assert done
     assert done == sorted(done)
+
+
+THREE = """
+flow: three
+sources:
+  exemplar: exemplar.png
+steps:
+  edges: {stage: analysis.edges, inputs: {image: exemplar}, params: {detector: gradient}}
+  density: {stage: analysis.autocorrelation, inputs: {image: exemplar}}
+  texture: {stage: synthesis.quilting, inputs: {image: exemplar}, params: {size: 32}}
+exports:
+  edges.png: edges.strength
+  texture.exr: texture.image
+"""
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("runner", ["processes", "dask"])
+def test_a_step_has_begun_when_a_worker_computes_it(tmp_path: Path, runner: str) -> None:
+    """And not when it waits for the worker."""
+    if runner == "dask":
+        pytest.importorskip("distributed")
+    run = open_run(write_flow(tmp_path, THREE))
+    run.flow = dataclasses.replace(run.flow, runner=Runner(runner, 1))
+    told: list[Event] = []
+    compute(run, told.append, tmp_path / "out")
+    events = [event for event in told if isinstance(event, StepStarted | StepReport)]
+    for name in run.flow.steps:
+        kinds = [type(one) for one in events if name == (one.step if isinstance(one, StepStarted) else one.name)]
+        assert kinds == [StepStarted, StepReport]
+    if runner == "processes":  # Dask's client receives answers and events in two threads
+        assert [type(event) for event in events] == [StepStarted, StepReport] * len(run.flow.steps)

@@ -32,7 +32,7 @@ from tests.conftest import ROOT
 from tests.pipelines.engine.prefect.server import Server, wait_for
 from tests.pipelines.flows import ANALYSIS, SYNTHESIS, Events, files, open_run, run_local, write_flow
 from texloom.pipelines.engine.executors import dask_cluster
-from texloom.pipelines.engine.prefect import flow_run
+from texloom.pipelines.engine.prefect import flow_run, task_runs
 from texloom.pipelines.engine.run import Run, StepFailedError
 from texloom.pipelines.flow.compare import comparison_flow
 from texloom.pipelines.flow.contact_sheet import open_flow
@@ -246,9 +246,11 @@ def test_a_server_that_falls_silent_stops_no_work(tmp_path: Path, monkeypatch: p
         raise httpx.ConnectError("refused")
 
     monkeypatch.setattr(SyncPrefectClient, "create_task_run", refused)
+    monkeypatch.setattr(task_runs, "_PATIENCE", 1.0)
     listener = Events()
     flow_run.execute_as_flow_run(open_run(write_flow(tmp_path)), listener, tmp_path / "out")
     assert listener.states == {"edges": "ran", "structure": "ran", "distance": "ran"}
+    assert any("the Prefect server does not answer: it lacks" in note for note in listener.notes)
     assert shown()[1] == []
 
 
