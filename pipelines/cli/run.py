@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import gc
 import time
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,10 @@ from texloom.pipelines.request_fields import RUNNER
 if TYPE_CHECKING:
     from texloom.pipelines.engine.events import StepReport
     from texloom.pipelines.engine.run import Run, StepPlan
+
+
+_FEW = 8
+"""items whose steps a plan lists each by itself"""
 
 
 class WhichFlowError(Exception):
@@ -57,8 +62,12 @@ def plan(flow: str | None, as_json: bool, out: Path | None, force: bool, **optio
     texloom plan self_tuning mine.png --preset fast
     texloom plan self_tuning mine.png --set texture.occurrence=20 --set texture.patch_size=12
 
-    Runs nothing and writes nothing. With --out it also says whether the exports can be written there.
+    Runs nothing and writes nothing. With --out it also says whether the exports can be written there. Of a set with
+    more than a few items each line is a step of all of them. The last line is a summary; exit code 2 if something
+    would be refused.
     """
+    from texloom.pipelines.engine.plan_summary import summary
+
     opened, folder = _open(flow, out=out, force=force, **options)
     if out is not None:
         from texloom.pipelines.engine.preflight import Preflight
@@ -67,25 +76,37 @@ def plan(flow: str | None, as_json: bool, out: Path | None, force: bool, **optio
     steps = opened.first_plan
     for note in opened.notes:
         complain(note)
-    taken = opened.footprint() if any(step.state != "cached" for step in steps) else None
+    whole = summary(opened, steps)
     if as_json:
+        taken = whole.footprint
         needs = {} if taken is None else {"needs": {"memory": taken.memory, "disk": taken.disk}}
-        print_json({**_what(opened), "steps": [_step(step) for step in [*steps, *opened.skipped()]], **needs})
+        listed = [_step(step) for step in [*steps, *opened.skipped()]]
+        numbers = {"items": whole.items, "states": whole.states, "seconds": whole.seconds}
+        print_json({**_what(opened), "steps": listed, "summary": numbers, **needs})
     else:
-        _print_plan([*steps, *opened.skipped()])
-        if taken is not None:
-            say(taken.problem or str(taken))
-    return Exit.DONE
+        _print_plan([*steps, *opened.skipped()], whole.items > _FEW)
+        say(str(whole))
+    return Exit.WRONG if whole.is_refused else Exit.DONE
 
 
-def _print_plan(steps: list[StepPlan]) -> None:
+def _print_plan(steps: list[StepPlan], is_short: bool) -> None:
+    """A line a step; ``is_short``: one for those of all items, but for what is refused."""
     from texloom.pipelines.engine.events import label
 
-    labels = [label(step.name, step.item) for step in steps]
-    width, states = max(map(len, labels)), max(len(step.state) for step in steps)
-    for name, step in zip(labels, steps, strict=True):
-        reasons = f"  {'; '.join(step.reasons)}" if step.reasons else ""
-        say(f"{name:{width}}  {step.state:{max(6, states)}}{reasons}".rstrip())
+    rows: list[tuple[str, str, str]] = []
+    counted: dict[str, Counter[str]] = {}
+    for step in steps:
+        if is_short and step.item is not None and step.state != "refused":
+            counted.setdefault(step.name, Counter())[step.state] += 1
+        else:
+            rows.append((label(step.name, step.item), step.state, "; ".join(step.reasons)))
+    rows += [
+        (name, ", ".join(f"{count} {state}" for state, count in states.items()), "")
+        for name, states in counted.items()
+    ]
+    width, states = max(len(name) for name, _, _ in rows), max(6, *(len(state) for _, state, _ in rows))
+    for name, state, reasons in rows:
+        say(f"{name:{width}}  {state:{states}}  {reasons}".rstrip())
 
 
 @click.command(cls=FlowCommand, short_help="Print one command line per item of a set, for a render farm.")

@@ -41,17 +41,14 @@ def store() -> None:
 @_store_options
 def list_store(store_folder: Path, as_json: bool) -> int:
     """List the results in the store by the run that used them last, with their sizes and when that was."""
-    from texloom.pipelines.store import housekeeping, run_log
+    from texloom.pipelines.store import housekeeping
 
     opened = _existing(store_folder)
     results, others = housekeeping.entries(opened), housekeeping.other_entries(opened)
-    users = _users(run_log.read(opened.root))
+    users = _users_of(opened)
     if as_json:
         return print_json([_described(entry, *users.get(entry.key, (None, None))) for entry in (*results, *others)])
-    rows = [("FLOW", "PICTURE", "STEP", "SIZE", "LAST USED"), *_rows(results, users)]
-    _print_table(
-        [*rows, *(("", "", _other(entry), format_byte_size(entry.size), _age(entry.used)) for entry in others)]
-    )
+    _print_entries(results, others, users)
     size = format_byte_size(sum(entry.size for entry in (*results, *others)))
     most = housekeeping.limit(opened)
     limit = "" if most is None else f"; limit {format_byte_size(most)}"
@@ -63,13 +60,22 @@ def list_store(store_folder: Path, as_json: bool) -> int:
 _Users = dict[str | None, tuple["LoggedRun", str]]
 
 
-def _users(runs: Iterable[LoggedRun]) -> _Users:
+def _users_of(opened: Store) -> _Users:
     """For each key the last run that used it, and for which step."""
+    from texloom.pipelines.store import run_log
+
     users: _Users = {}
-    for run in runs:
+    for run in run_log.read(opened.root):
         for step, key in run.steps.items():
             users.setdefault(key, (run, step))
     return users
+
+
+def _print_entries(results: Sequence[Entry], others: Sequence[Entry], users: _Users) -> None:
+    rows = [("FLOW", "PICTURE", "STEP", "SIZE", "LAST USED"), *_rows(results, users)]
+    _print_table(
+        [*rows, *(("", "", _other(entry), format_byte_size(entry.size), _age(entry.used)) for entry in others)]
+    )
 
 
 def _rows(results: Sequence[Entry], users: _Users) -> Iterable[tuple[str, ...]]:
@@ -151,14 +157,16 @@ def prune(store_folder: Path, as_json: bool, days: float, dry_run: bool) -> int:
     opened = _existing(store_folder)
     if not dry_run:
         opened.check_writable()
+    users = _users_of(opened)
     removed = housekeeping.prune(opened, days, dry_run)
-    return _print_removed(removed, "would go" if dry_run else "removed", as_json)
+    return _print_removed(removed, users, "would go" if dry_run else "removed", as_json)
 
 
 @store.command(short_help="Keep the store within a size, from now on.")
 @_store_options
 @click.argument("size", required=False)
-def limit(store_folder: Path, as_json: bool, size: str | None) -> int:
+@click.option("--dry-run", is_flag=True, help="Only say what would go; the limit stays as it is.")
+def limit(store_folder: Path, as_json: bool, size: str | None, dry_run: bool) -> int:
     """Keep the store within SIZE, as 20GB, 500MB or 20GiB: GB is 10^9 bytes, GiB 2^30.
 
     `none` removes the limit, and without SIZE it is printed.
@@ -179,13 +187,17 @@ def limit(store_folder: Path, as_json: bool, size: str | None) -> int:
         say("no limit" if most is None else format_byte_size(most))
         return 0
     most = None if size.lower() == "none" else _parsed(size)
+    if dry_run:
+        found = _existing(store_folder)
+        return _print_removed(housekeeping.over(found, most), _users_of(found), "would go", as_json)
     opened = Store(store_folder)
     opened.create()
     problem = housekeeping.removes_nothing(opened)
     if problem is not None:
         raise refused(f"--store {store_folder}: {problem}")
     housekeeping.set_limit(opened, most)
-    return _print_removed(housekeeping.keep_limit(opened), "removed", as_json)
+    users = _users_of(opened)
+    return _print_removed(housekeeping.keep_limit(opened), users, "removed", as_json)
 
 
 def _warn_of_limit(opened: Store) -> None:
@@ -240,14 +252,15 @@ def _parsed(size: str) -> int:
     return most
 
 
-def _print_removed(removed: Sequence[Entry], verb: str, as_json: bool) -> int:
+def _print_removed(removed: Sequence[Entry], users: _Users, verb: str, as_json: bool) -> int:
+    """List by run what goes; ``users`` as they were before."""
     if as_json:
         return print_json([_entry(entry) for entry in removed])
-    for entry in removed:
-        say(str(entry.folder))
     results = [entry for entry in removed if entry.stage is not None]
-    others = len(removed) - len(results)
-    what = _count(len(results), "result") + (f" and {_count(others, 'other folder')}" if others else "")
+    others = [entry for entry in removed if entry.stage is None]
+    if removed:
+        _print_entries(results, others, users)
+    what = _count(len(results), "result") + (f" and {_count(len(others), 'other folder')}" if others else "")
     say(f"{what}, {format_byte_size(sum(entry.size for entry in removed))} {verb}")
     return 0
 

@@ -8,7 +8,7 @@ further step of synthesis.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 from texloom.pipelines.byte_size import format_byte_size
 from texloom.pipelines.engine.scope import Scope
@@ -26,7 +26,7 @@ _DISK_OF_IMAGE = 12  # bytes a pixel and channel: read, made and stored
 _BYTES, _FEWEST_BYTES = (50, 250), 35 * 10**7
 """that self-tuning takes for a pixel of a large exemplar and of the result, and besides"""
 _BASE = 16 * 10**8  # bytes of a step that works in bands
-_MINUTE = 60  # s
+_MINUTE, _HOUR = 60, 3600  # s
 _SHARE = 0.25  # of the memory limit, that it takes besides
 
 
@@ -67,17 +67,34 @@ def expectation(steps: Mapping[str, Step], scope: Scope, exemplar: Source) -> st
     made = max((scope.pixels_of(step) for step in synthesis), default=0)
 
     def taken(pixels: int) -> str:
-        costs = [step.stage.seconds for step in steps.values()]
-        seconds = sum(pixels * of_exemplar + made * of_result for of_exemplar, of_result in costs) / 1e6
-        seconds /= thread_count()
-        time = f"{seconds:.0f} s" if seconds < _MINUTE else f"{seconds / _MINUTE:.0f} min"
-        return f"{time} and {format_byte_size(_FEWEST_BYTES + _BYTES[0] * pixels + _BYTES[1] * made)} of memory"
+        memory = format_byte_size(_FEWEST_BYTES + _BYTES[0] * pixels + _BYTES[1] * made)
+        return f"{describe_seconds(_seconds(steps.values(), pixels, made))} and {memory} of memory"
 
     part = f"a part (--crop {width // 2}x{height // 2}) or half the size (--reduce 0.5)"
     return (
         f"sources.{exemplar.name}: {format_size(exemplar)} take about {taken(height * width)} on this machine; "
         f"{part} takes {taken(height * width // 4)}"
     )
+
+
+def seconds_of(steps: Sequence[Step], scope: Scope) -> float:
+    """The time that steps take on all processors of this machine, roughly, as far as their stages tell."""
+    exemplars = [source.height * source.width for source in scope.sources.values() if source.kind == "picture"]
+    made = max((scope.pixels_of(step) for step in steps if step.stage.name.startswith("synthesis.")), default=0)
+    return _seconds(steps, max(exemplars, default=0), made)
+
+
+def _seconds(steps: Iterable[Step], exemplar: int, result: int) -> float:
+    costs = [step.stage.seconds for step in steps]
+    whole = sum(exemplar * of_exemplar + result * of_result for of_exemplar, of_result in costs)
+    return whole / 1e6 / thread_count()
+
+
+def describe_seconds(seconds: float) -> str:
+    """A time in the largest unit that fits."""
+    if seconds < _MINUTE:
+        return f"{max(1, seconds):.0f} s"
+    return f"{seconds / _MINUTE:.0f} min" if seconds < _HOUR else f"{seconds / _HOUR:.1f} h"
 
 
 def footprint(steps: Mapping[str, Step], scopes: list[Scope]) -> Footprint | None:

@@ -84,8 +84,9 @@ def _find(name: str, folder: Path) -> Path:
         raise refused(f"{name}: is a picture, not a flow, as in: texloom run self_tuning {name}")
     if path.is_dir():
         raise refused(f"{name}: is a folder, not a flow file")
-    listed = f"; `texloom flows` lists those that ship: {', '.join(shipped)}" if "/" not in name else ""
-    raise refused(f"{name}: no such flow{closest(name, [*shipped, *others]) or listed}")
+    files = [name + suffix for suffix in (".yaml", ".yml") if (folder / f"{name}{suffix}").is_file()]
+    near = f"; did you mean '{files[0]}'?" if files else closest(name, [*shipped, *others])
+    raise refused(f"{name}: no such flow{near or '; `texloom flows` lists those that ship'}")
 
 
 @dataclasses.dataclass

@@ -195,8 +195,8 @@ def keep_limit(store: Store, measure: bool = True) -> list[Entry]:
     if size > most:
         goal = most if measure else most - most // _ROOM
         protected = protected_since(store.root)
-        for entry in sorted((*entries(store), *other_entries(store)), key=lambda entry: entry.used):
-            if size <= goal or entry.used >= protected:
+        for entry in _unprotected(store, protected):
+            if size <= goal:
                 break
             if _remove(store, entry, protected):
                 removed.append(entry)
@@ -204,6 +204,26 @@ def keep_limit(store: Store, measure: bool = True) -> list[Entry]:
         _sweep(store, min(protected, removed[-1].used if removed else 0.0))
     usage.measured(store, size)
     return removed
+
+
+def over(store: Store, most: int | None) -> list[Entry]:
+    """What `keep_limit` would remove under a limit of so many bytes."""
+    size = usage.size_of(store.root)
+    found = []
+    for entry in _unprotected(store, protected_since(store.root)):
+        if most is None or size <= most:
+            break
+        found.append(entry)
+        size -= entry.size
+    return found
+
+
+def _unprotected(store: Store, protected: float) -> Iterator[Entry]:
+    """All that was last used before a time, what was least recently used first."""
+    for entry in sorted((*entries(store), *other_entries(store)), key=lambda entry: entry.used):
+        if entry.used >= protected:
+            break
+        yield entry
 
 
 def tidy(store: Store) -> None:

@@ -16,7 +16,13 @@ from typing import Any
 import httpx
 import prefect
 from prefect.logging.handlers import PrefectConsoleHandler
-from prefect.settings import PREFECT_API_URL, PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings
+from prefect.settings import (
+    PREFECT_API_REQUEST_TIMEOUT,
+    PREFECT_API_URL,
+    PREFECT_CLIENT_MAX_RETRIES,
+    PREFECT_FLOWS_HEARTBEAT_FREQUENCY,
+    temporary_settings,
+)
 
 from texloom.pipelines.engine import signals
 from texloom.pipelines.engine.attempt import compute
@@ -38,6 +44,13 @@ from texloom.pipelines.store.store import Store
 from texloom.pipelines.yaml import parse_yaml
 from texloom.stages.vocabulary.declare import InputError
 
+_SETTINGS: dict[Any, Any] = {
+    PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None,  # each flow would wait for it at exit
+    # with Prefect's own a server that stalls would hold a run that is done for six minutes
+    PREFECT_API_REQUEST_TIMEOUT: 10.0,
+    PREFECT_CLIENT_MAX_RETRIES: 2,
+}
+
 
 class ItemsFailedError(RuntimeError):
     """Items of a set have failed; the others are done."""
@@ -52,6 +65,9 @@ class _Opened:
     """of its exports"""
     listener: Listener
     exports: dict[str, Path] = dataclasses.field(default_factory=dict)
+    problem: BaseException | None = None
+    """what has ended the run"""
+    has_ended: bool = False
 
 
 _opened: contextvars.ContextVar[_Opened | None] = contextvars.ContextVar("opened", default=None)
@@ -64,12 +80,14 @@ def execute_as_flow_run(run: Run, listener: Listener, out: Path) -> dict[str, Pa
     opened = _Opened(run, out, listener)
     token = _opened.set(opened)
     try:
-        with (
-            signals.deferred(),
-            temporary_settings({PREFECT_FLOWS_HEARTBEAT_FREQUENCY: None}),  # each flow would wait for it at exit
-            contextlib.suppress(ItemsFailedError),
-        ):
+        with signals.deferred(), temporary_settings(_SETTINGS), contextlib.suppress(ItemsFailedError):
             texloom_flow.with_options(name=run.flow.name)(**parameters_of(run, out))
+    except httpx.HTTPError as error:
+        if not opened.has_ended:
+            raise InputError(_silent_server(error)) from None
+        listener(Note("the Prefect server does not answer: it does not know that the run has ended"))
+        if opened.problem is not None:
+            raise opened.problem from None
     finally:
         _opened.reset(token)
     return opened.exports
@@ -171,9 +189,16 @@ def run_flow(flow: str | list[str], **given: Any) -> dict[str, str]:
                     prefect.get_run_logger().error(f"{event.item} failed: {event.problem}")
 
         recorder = Recorder(show)
-        with signals.accepted():
-            opened.exports = compute(run, recorder, folder)
-    show_scores(run)
+        try:
+            with signals.accepted():
+                opened.exports = compute(run, recorder, folder)
+        except BaseException as error:
+            opened.problem = error
+            raise
+        finally:
+            opened.has_ended = True
+    with contextlib.suppress(httpx.HTTPError):
+        show_scores(run)
     if recorder.problems:
         raise ItemsFailedError(summary_of(recorder.problems, len(run.items)))
     return {name: str(path) for name, path in opened.exports.items()}
@@ -225,11 +250,13 @@ def _silence_console() -> None:
 
 
 def _require_server() -> None:
-    url = PREFECT_API_URL.value()
     try:
-        httpx.get(f"{str(url).rstrip('/')}/health", timeout=5).raise_for_status()
+        httpx.get(f"{str(PREFECT_API_URL.value()).rstrip('/')}/health", timeout=5).raise_for_status()
     except (httpx.HTTPError, httpx.InvalidURL) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(
-            f"no Prefect server answers at PREFECT_API_URL={url} ({reason}); start one, or unset PREFECT_API_URL"
-        ) from None
+        raise InputError(_silent_server(error)) from None
+
+
+def _silent_server(error: Exception) -> str:
+    reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+    where = f"PREFECT_API_URL={PREFECT_API_URL.value()}"
+    return f"no Prefect server answers at {where} ({reason}); start one, or unset PREFECT_API_URL"

@@ -238,6 +238,7 @@ WRONG_COMMANDS = {
     "quilting mine.png": "quilting is a flow: texloom run quilting",
     "run mine.png": "mine.png: is a picture, not a flow, as in: texloom run self_tuning mine.png",
     "run self_tunning": "self_tunning: no such flow; did you mean 'self_tuning'?",
+    "run zzz": "zzz: no such flow; `texloom flows` lists those that ship",
     "run self_tuning --sett a.b=1": "No such option",
     "run self_tuning --set start.size": "is not of the form PARAM=VALUE",
     "run self_tuning --set =1": "is not of the form PARAM=VALUE",
@@ -1039,10 +1040,29 @@ def test_plan_for_people(again: Path) -> None:
     lines = texloom(*with_values(PLAN, "texture.occurrence=20")[:-1]).out.splitlines()
     assert lines[0] == "tone         cached"
     lines = [line for line in lines if " skipped " not in line]
-    assert lines[-2:] == [
+    assert lines[-3:-1] == [
         "texture      run      param occurrence: 10.0 -> 20.0",
         "scores       wait     waits for texture",
     ]
+    assert re.fullmatch(r"\d+ cached, 1 to run, 1 waiting; takes about 1 s on this machine", lines[-1])
+
+
+def test_plan_of_a_set_is_short(folder: Path) -> None:
+    """A line a step, and one for what is refused, which makes the plan one that is refused."""
+    pictures = folder / "library"
+    pictures.mkdir()
+    for name in "abcdefghi":
+        shutil.copy(folder / "wall.png", pictures / f"{name}.png")
+    planned = texloom("plan", "flow.yaml", "library")
+    assert planned.code == 0
+    assert re.search("edges +9 run", planned.out)
+    assert planned.out.splitlines()[-1].startswith("9 items: ")
+    (pictures / "b.png").write_bytes(b"no picture")
+    planned = texloom("plan", "flow.yaml", "library")
+    assert planned.code == 2
+    assert re.search("edges +8 run", planned.out)
+    assert len([line for line in planned.out.splitlines() if line.startswith("b/")]) == 1
+    assert "1 refused" in planned.out.splitlines()[-1]
 
 
 def test_plan_takes_what_run_takes(folder: Path) -> None:
@@ -1596,7 +1616,13 @@ def test_limit(again: Path) -> None:
     assert json.loads(texloom("store", "limit", "--json").out) == {"limit": 20_000_000_000}
     assert texloom("store", "limit", "none").code == 0
     assert texloom("store", "limit").out == "no limit\n"
-    assert texloom("store", "limit", "1 KiB").out.splitlines()[-1].startswith(f"{len(STEPS)} results, ")
+    before = tree(again)
+    would = texloom("store", "limit", "1 KiB", "--dry-run").out.splitlines()
+    assert would[-1].startswith(f"{len(STEPS)} results, ")
+    assert would[-1].endswith(" would go")
+    assert [line for line in would if "texture" in line], "what goes is named"
+    assert tree(again) == before
+    assert texloom("store", "limit", "1 KiB").out.splitlines()[:-1] == would[:-1]
     assert json.loads(texloom("store", "ls", "--json").out) == []
 
 
