@@ -39,7 +39,7 @@ from texloom.pipelines.store.preview import small_png
 from texloom.stages.vocabulary.progress import Progress
 
 _SECONDS = 2.0  # between two reports of progress
-_PATIENCE = 30.0  # seconds without an answer in which a run that has ended waits for the server
+_PATIENCE = 15.0  # seconds without an answer in which a run that has ended waits for the server
 _LESS_PATIENCE = 10.0  # the same of an interrupted run
 
 

@@ -256,6 +256,31 @@ def test_a_server_that_falls_silent_stops_no_work(tmp_path: Path, monkeypatch: p
 
 @pytest.mark.usefixtures("server")
 @pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("problem", [None, ZeroDivisionError("as asked")])
+def test_a_server_that_does_not_hear_the_end_changes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, problem: Exception | None
+) -> None:
+    """What a run has made is there, and what has ended it is still told."""
+    run = open_run(write_flow(tmp_path))
+
+    def silent(*_: Any, **__: Any) -> None:
+        raise httpx.ConnectError("refused")
+
+    def ends(given: Run, *_: Any) -> dict[str, Path]:
+        monkeypatch.setattr(SyncPrefectClient, "set_flow_run_state", silent)
+        if problem is not None:
+            raise problem
+        return {"a.png": given.store.root / "a.png"}
+
+    monkeypatch.setattr(flow_run, "compute", ends)
+    listener = Events()
+    with contextlib.nullcontext() if problem is None else pytest.raises(ZeroDivisionError):
+        assert list(flow_run.execute_as_flow_run(run, listener, tmp_path / "out")) == ["a.png"]
+    assert any("does not know that the run has ended" in note for note in listener.notes)
+
+
+@pytest.mark.usefixtures("server")
+@pytest.mark.filterwarnings("ignore")
 def test_a_task_run_whose_worker_is_killed_has_crashed(tmp_path: Path) -> None:
     run = open_run(write_flow(tmp_path, f"runner: {{name: processes, workers: 1}}\n{ANALYSIS}", side=900))
 
