@@ -17,7 +17,7 @@ from urllib.error import URLError
 import texloom
 from texloom.pipelines.byte_size import format_byte_size
 
-_LIBRARIES = ("numpy", "numba", "scipy", "opencv-contrib-python-headless", "scikit-image", "OpenEXR", "prefect")
+_LIBRARIES = ("numpy", "numba", "scipy", "scikit-image", "OpenEXR", "prefect")
 _WARMED = (
     "self_tuning", "materials", "make_tileable", "quilting", "graph_cut", "patch_based", "hybrid", "adaptive",
     "near_regular", "per_pixel", "inverse", "bidirectional_similarity",
@@ -36,6 +36,7 @@ def examine(store: Path) -> dict[str, Any]:
         "texloom": {"version": texloom.__version__, "folder": str(Path(__file__).parents[2])},
         "python": {"version": platform.python_version(), "program": sys.executable, "system": platform.platform()},
         "libraries": {name: importlib.metadata.version(name) for name in _LIBRARIES},
+        "opencv": _opencv(),
         "formats": {name: {"missing": needs or None} for name, needs in readable().items()},
         "processors": _processors(),
         "memory": {"pictures": memory_limit()},
@@ -76,13 +77,14 @@ def described(found: dict[str, Any]) -> str:
     compiled = f"{kernels['compiled']} compiled, {format_byte_size(kernels['bytes'])}"
     if not kernels["compiled"]:
         compiled = "none compiled yet; the first run of a method does it, or texloom doctor --warm"
-    libraries = ", ".join(
-        f"{name.partition('-contrib')[0]} {version}" for name, version in found["libraries"].items()
-    )
+    libraries = ", ".join(f"{name} {version}" for name, version in found["libraries"].items())
+    opencv = found["opencv"]
+    installed = ", ".join(f"{name} {version}" for name, version in opencv["installed"].items())
     lines = {
         "texloom": f"{found['texloom']['version']}  {found['texloom']['folder']}",
         "python": f"{python['version']}  {python['program']}  {python['system']}",
         "libraries": libraries,
+        "opencv": f"{opencv['version']}  {opencv['file']}, of {installed}",
         "pictures": _formats(found["formats"]),
         "processors": f"{processors['usable']} of {processors['all']}; {processors['threads']} threads",
         "memory": f"{format_byte_size(found['memory']['pictures'])} for the pictures of a run",
@@ -100,6 +102,16 @@ def _formats(found: dict[str, Any]) -> str:
     without = [f"{name} needs {one['missing']}" for name, one in found.items() if one["missing"]]
     remedy = f"; {', '.join(without)}: pip install 'texloom[photos]'" if without else ""
     return ", ".join(name for name, one in found.items() if not one["missing"]) + remedy
+
+
+def _opencv() -> dict[str, Any]:
+    """The OpenCV that is imported, which another distribution may have put there."""
+    import cv2
+
+    from texloom.stages.vocabulary import opencv
+
+    installed = opencv.distributions()
+    return {"version": cv2.__version__, "file": cv2.__file__, "installed": installed, "problem": opencv.problem()}
 
 
 def _processors() -> dict[str, Any]:
@@ -151,5 +163,6 @@ def _prefect() -> dict[str, str | None]:
 
 
 def _warnings(found: dict[str, Any]) -> list[str]:
-    store = found["store"]
-    return [f"little free space for the store {store['folder']}"] if store["free"] < _LITTLE else []
+    store, opencv = found["store"], found["opencv"]
+    little = f"little free space for the store {store['folder']}" if store["free"] < _LITTLE else ""
+    return [warning for warning in (opencv["problem"], little) if warning]

@@ -16,6 +16,7 @@ DOCS = ROOT / "docs"
 PAGES = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
+    ROOT / "SECURITY.md",
     ROOT / "CHANGELOG.md",
     ROOT / "artifacts" / "README.md",
     *sorted(path for path in DOCS.rglob("*.md") if "reference" not in path.relative_to(DOCS).parts),

@@ -18,6 +18,7 @@ from texloom.stages.vocabulary.arrays import ColorField, Image, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear, srgb_from_linear
 from texloom.stages.vocabulary.declare import InputError, InputFile, Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
+from texloom.stages.vocabulary.opencv import extra_part
 from texloom.stages.vocabulary.progress import Progress, report
 
 _OPTIONS = (
@@ -142,9 +143,8 @@ def _shipped() -> Forest:
 
 
 def _opencv_detector(model: Path) -> Callable[[np.ndarray], np.ndarray]:
-    import cv2
-
-    return cv2.ximgproc.createStructuredEdgeDetection(str(model)).detectEdges
+    detector = extra_part().createStructuredEdgeDetection(str(model))
+    return lambda color: np.asarray(detector.detectEdges(color))
 
 
 def _magnified(magnification: float, encoded: np.ndarray, detect: Callable[[np.ndarray], np.ndarray]) -> ScalarMap:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float32, Int32, UInt8, UInt16
 
 from texloom.stages.numerics.filters import filtered
+from texloom.stages.vocabulary.opencv import extra_part
 
 _CHANNELS = 13  # CIELUV, then at two scales the gradient's size and its share in four directions
 _PATCH, _LABEL = 32, 16  # sides, px
@@ -47,7 +48,7 @@ class Forest:
         color = cv2.copyMakeBorder(color, margin, margin, margin, margin, cv2.BORDER_REFLECT)
         height, width = (round(side / 2) for side in color.shape[:2])
         channels = np.zeros((height, width, _CHANNELS), np.float32)
-        cv2.ximgproc.createRFFeatureGetter().getFeatures(color, channels, 4, 0, 2, _CHANNELS, 4)
+        extra_part().createRFFeatureGetter().getFeatures(color, channels, 4, 0, 2, _CHANNELS, 4)
         smooth = np.stack([_smoothed(channels, radius) for radius in (1, 4)])
         row_step, patches = width * _CHANNELS, (height - _CELL, width - _CELL)
         bounds = np.zeros(self.votes.size + 1, np.int32)

@@ -17,6 +17,7 @@ from texloom.stages.numerics.matrices import solve_symmetric
 from texloom.stages.vocabulary.arrays import ColorField, Image, ScalarMap
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
+from texloom.stages.vocabulary.opencv import extra_part
 
 Doubled: TypeAlias = Float32[np.ndarray, "h w 2"]
 """(cos 2a, sin 2a) of an orientation a, times its confidence, 0..1"""
@@ -90,11 +91,9 @@ def smoothed(vectors: Doubled, guide: ColorField, sigma: float, color_sigma: flo
     sigma : standard deviation of the weight by distance, px.
     color_sigma : standard deviation of the weight by colour, CIELAB units.
     """
-    import cv2
-
     planes = np.ascontiguousarray(np.dstack([vectors, np.ones(vectors.shape[:2], np.float32)]))
     side = 2 * int(np.ceil(2 * sigma)) + 1
-    filtered = cv2.ximgproc.jointBilateralFilter(np.ascontiguousarray(guide), planes, side, color_sigma, sigma)
+    filtered = extra_part().jointBilateralFilter(np.ascontiguousarray(guide), planes, side, color_sigma, sigma)
     return np.ascontiguousarray(filtered[..., :2])
 
 
