@@ -5,11 +5,12 @@
     TEXLOOM_TEXTURES=folder python -m benchmarks.crops --half 1 --seeds 1 --preset fast
 
 Crops of 256 px become 512 px. Printed of each, as means over seeds: the sliced Wasserstein distance of its patches,
-coherence, completeness and repetition, as in `metrics`; the mean score of `regularity`; the share of the cells of a
-12x12 grid over the exemplar, half a patch at its border left out, that are used between .7 and 1.4 times their
-fair share, by the source map; the relative standard deviation of their use; and the CPU seconds of a run without
-scores, the median of the seeds, since the first may compile. ``--against`` also runs the texloom that another
-interpreter imports. Half 0 was used to choose parameters, half 1 was not.
+coherence, completeness, repetition, copies and contents, as in `metrics`; the mean score of `regularity`; the share
+of the cells of a 12x12 grid over the exemplar, half a patch at its border left out, that are used between .7 and
+1.4 times their fair share, by the source map, and the same with a lattice's phases exempt, where a fair share is
+that of pixels in the same places of lattice cells; the relative standard deviation of their use; and the CPU
+seconds of a run without scores, the median of the seeds, since the first may compile. ``--against`` also runs the
+texloom that another interpreter imports. Half 0 was used to choose parameters, half 1 was not.
 """
 
 from __future__ import annotations
@@ -30,8 +31,10 @@ import numpy as np
 from texloom.pipelines.store.store import Store
 from texloom.stages.analysis.exemplars.tone import Tone
 from texloom.stages.analysis.regularity.lattice_selection import LatticeSelection
+from texloom.stages.common.source_maps.exemplar_use import source_counts
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.evaluation.regularity import RegularityParams, regularity
+from texloom.stages.synthesis.optimisation.lattice_phase import steps_along
 from texloom.stages.synthesis.optimisation.optimise import Optimised
 from texloom.stages.vocabulary.arrays import Correspondence, Image
 
@@ -40,6 +43,7 @@ _SIZE = 512  # px, of the results
 _CELLS = 12  # of the grid, along a side
 _RIM = 6  # px of the exemplar's border that are left out
 _BOUNDS = 0.7, 1.4  # of a cell's use, relative to its fair share
+_PHASES = 6  # along each generator of a lattice
 CROPS = (
     ("exemplars/gravel_skimage.png", 100, 60),
     ("exemplars/beach_stones_ogre.jpg", 100, 60),
@@ -55,18 +59,28 @@ CROPS = (
     ("exemplars/moss_ground_nobiax104.jpg", 100, 60),
 )
 """file, left and top px"""
-FIGURES = ("swd", "coherence", "complete", "regular", "repeat", "in bounds", "spread", "CPU s")
+FIGURES = (
+    "swd", "coherence", "complete", "regular", "repeat", "copies", "contents", "in bounds", "exempt", "spread",
+    "CPU s",
+)  # fmt: skip
 
 
-def use_of_cells(match: Correspondence, side: int = _SIDE) -> np.ndarray:
-    """How often each cell of the grid is a source, relative to its fair share: (12, 12) float64."""
-    place = (match.reshape(-1, 2).astype(np.int64) - _RIM) * _CELLS // (side - 2 * _RIM)
-    inside = place[((place >= 0) & (place < _CELLS)).all(axis=1)]
-    counts = np.bincount(inside[:, 0] * _CELLS + inside[:, 1], minlength=_CELLS**2)
-    # Cells have unequal numbers of pixels where the side is no multiple.
-    pixels = np.bincount(np.arange(side - 2 * _RIM) * _CELLS // (side - 2 * _RIM), minlength=_CELLS)
-    use = counts.reshape(_CELLS, _CELLS) / np.outer(pixels, pixels)
-    return np.asarray(use / use.mean())
+def use_of_cells(match: Correspondence, generators: np.ndarray, side: int = _SIDE) -> np.ndarray:
+    """How often each cell of the grid is a source, relative to its fair share: (12, 12) float64.
+
+    ``generators``: of the lattice whose phases are exempt, px; no rows for even use of all.
+    """
+    inner = slice(_RIM, side - _RIM)
+    counts = source_counts(match, (side, side))[inner, inner]
+    phase = np.zeros(counts.shape, np.int64)
+    if len(generators):
+        position = np.moveaxis(np.indices(counts.shape), 0, 2) @ steps_along(generators.astype(np.float64))
+        phase = np.floor(position % 1 * _PHASES).astype(np.int64) @ _PHASES ** np.arange(len(generators))
+    fair = (np.bincount(phase.ravel(), counts.ravel()) / np.maximum(np.bincount(phase.ravel()), 1))[phase]
+    place = np.arange(len(counts)) * _CELLS // len(counts)
+    cell = (place[:, None] * _CELLS + place).ravel()
+    use = np.bincount(cell, counts.ravel()) / np.bincount(cell, fair.ravel())
+    return np.asarray(use.reshape(_CELLS, _CELLS))
 
 
 def figures_of(exemplar: Image, result: Image, match: Correspondence, generators: np.ndarray) -> dict[str, float]:
@@ -74,16 +88,23 @@ def figures_of(exemplar: Image, result: Image, match: Correspondence, generators
     lines = metrics(exemplar, result, MetricsParams(), match).table["measures"]
     lattice = generators if len(generators) == 2 else None
     regular = regularity(exemplar, result, RegularityParams(), lattice).table["summary"]["regularity"]
-    use = use_of_cells(match)
+    use, exempt = (use_of_cells(match, one) for one in (np.zeros((0, 2)), generators))
     return {
         "swd": lines["patches"]["value"],
         "coherence": lines["coherence"]["value"],
         "complete": lines["completeness"]["value"],
         "regular": np.nan if regular is None else regular,
         "repeat": lines["repetition"]["value"],
-        "in bounds": float(((use >= _BOUNDS[0]) & (use <= _BOUNDS[1])).mean()),
+        "copies": lines["copies"]["value"],
+        "contents": lines["contents"]["value"],
+        "in bounds": _share_in_bounds(use),
+        "exempt": _share_in_bounds(exempt),
         "spread": float(use.std()),
     }
+
+
+def _share_in_bounds(use: np.ndarray) -> float:
+    return float(((use >= _BOUNDS[0]) & (use <= _BOUNDS[1])).mean())
 
 
 def run(interpreter: str, crop: Path, picture: Path, seed: int, preset: str) -> dict[str, float]:
