@@ -43,6 +43,7 @@ from texloom.pipelines.media.map_names import (
     Named,
     read_names,
     recognised_plane,
+    several_materials,
     shared_words,
     stem_of,
     whole_files,
@@ -302,6 +303,8 @@ def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
         raise Refusal("is a folder without pictures; a folder has to hold a map set")
     named = read_names(pictures, _is_grey)
     found = named.claims
+    if (named.doubts or named.several) and (listed := told_of_several(folder)):
+        raise Refusal(listed)
     if named.doubts:
         doubts = ", ".join(f"{path.name} ({' or '.join(some)})" for path, some in named.doubts.items())
         raise Refusal(f"has names that leave doubt: {doubts}; {_proposal(folder, found)}")
@@ -332,6 +335,22 @@ def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
         names = ", ".join(LAYOUTS[name].title for name in named.layouts)
         return found, {"green": green, "implied": names}, notes
     return found, {}, notes
+
+
+def told_of_several(folder: Path) -> str:
+    """What the user is told of a folder with the maps of several materials; empty where it has not."""
+    found = several_materials(pictures_in(folder), _is_grey)
+    documents = [
+        f"{name}.yaml {{{', '.join(f'{role}: {_yaml_of(claims[0])}' for role, claims in one.claims.items())}}}"
+        for name, one in list(found.items())[:_LISTED]
+    ]
+    return (
+        f"holds maps of {len(found)} materials; move those of each into a folder of its own, or write "
+        f"{' and '.join(documents)}{' ...' if len(found) > _LISTED else ''}; if each is a texture of its own, give "
+        f"'{folder.name}/*{pictures_in(folder)[0].suffix}'"
+        if found
+        else ""
+    )
 
 
 def _proposal(path: Path, named: _Roles) -> str:
