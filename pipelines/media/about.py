@@ -10,7 +10,7 @@ import numpy as np
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.media import contradictions, locate, material_set
 from texloom.pipelines.media.conventions import COLORS
-from texloom.pipelines.media.decode import Refusal
+from texloom.pipelines.media.headers import Refusal
 from texloom.pipelines.media.map_names import recognised
 from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.media.plausibility import plausible_green, plausible_integrable_green, plausible_wraps

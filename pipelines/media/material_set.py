@@ -35,8 +35,8 @@ from jaxtyping import Float32
 from texloom.pipelines.errors import hint, shown
 from texloom.pipelines.media import locate as picture_files
 from texloom.pipelines.media.conventions import COLORS, CONVENTION_OF, CONVENTIONS, LAYOUTS, ROLES
-from texloom.pipelines.media.decode import Refusal
 from texloom.pipelines.media.formats import SUFFIXES, is_unread, told_of_unread
+from texloom.pipelines.media.headers import Refusal
 from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.media.map_names import (
     Claim,

@@ -16,7 +16,7 @@ import numpy as np
 
 from texloom.pipelines.errors import closest, one_line
 from texloom.pipelines.media import contradictions, locate, material_set, meshes, stack, udim, voted_results
-from texloom.pipelines.media.decode import Refusal
+from texloom.pipelines.media.headers import Refusal
 from texloom.pipelines.media.material_set import Map
 from texloom.pipelines.media.part import WHOLE, Part
 from texloom.pipelines.memory import check_memory

@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from texloom.pipelines.media import locate
-from texloom.pipelines.media.decode import MAX_FRAMES, Refusal
+from texloom.pipelines.media.exr_pictures import MAX_FRAMES
+from texloom.pipelines.media.headers import Refusal
 from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.media.material_set import Map, is_picture, pictures_in
 from texloom.stages.vocabulary.arrays import Image
