@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.errors import one_line
-from texloom.pipelines.media import contradictions, locate, material_set
+from texloom.pipelines.media import contradictions, locate, material_maps, material_set
 from texloom.pipelines.media.conventions import COLORS
 from texloom.pipelines.media.headers import Refusal
 from texloom.pipelines.media.map_names import recognised
-from texloom.pipelines.media.material_set import Map
+from texloom.pipelines.media.material_maps import Map
 from texloom.pipelines.media.plausibility import plausible_green, plausible_integrable_green, plausible_wraps
 from texloom.pipelines.memory import check_memory
 from texloom.stages.vocabulary.arrays import Image
@@ -48,10 +48,10 @@ def about_material(reference: Path) -> dict[str, Any]:
     """
     try:
         opened, notes = material_set.open_set(str(reference))
-        if problem := check_memory(material_set.memory_of(opened)):
+        if problem := check_memory(material_maps.memory_of(opened)):
             raise Refusal(problem)
         opened, more = contradictions.checked(opened)
-        image = material_set.read(opened, opened[0].height, opened[0].width)
+        image = material_maps.read(opened, opened[0].height, opened[0].width)
         notes = (*notes, *more)
     except Refusal as error:
         raise InputError(one_line(f"{reference}: {error}")) from None

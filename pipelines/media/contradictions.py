@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32
 
-from texloom.pipelines.media import known_files, locate, material_set
+from texloom.pipelines.media import known_files, locate, material_maps
 from texloom.pipelines.media.conventions import COLORS, CONVENTION_OF
-from texloom.pipelines.media.material_set import Map
+from texloom.pipelines.media.material_maps import Map
 from texloom.pipelines.media.plausibility import decisive_green, plausible_green, plausible_integrable_green
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import linear_from_srgb, srgb_from_linear
@@ -35,7 +35,7 @@ _COMPARED = ({"normal", "height"}, {"roughness", "specular"})
 def checked(maps: Sequence[Map]) -> tuple[tuple[Map, ...], tuple[str, ...]]:
     """The maps of a material, with green of normals as their content has it, and what is told; decodes some."""
     known = known_files.current()
-    digest = _VERSION + material_set.digest_of(maps) + "".join(str(one.implied) for one in maps)
+    digest = _VERSION + material_maps.digest_of(maps) + "".join(str(one.implied) for one in maps)
     found = None if known is None else known.told(digest)
     if found is None:
         green, measure = _decided(maps)
@@ -77,7 +77,7 @@ def _decided(maps: Sequence[Map]) -> tuple[str, str]:
     if "normal" not in by_role or by_role["normal"].implied is None:
         return "", ""
     measured = tuple(by_role[role] for role in ("normal", "height") if role in by_role)
-    image = material_set.read(measured, maps[0].height, maps[0].width)
+    image = material_maps.read(measured, maps[0].height, maps[0].width)
     if np.ptp(image.pixels[..., image.channels.index(NORMAL[1])]) <= _EMPTY:
         return by_role["normal"].facts.green or "up", ""  # of flat ones it does not matter
     return decisive_green(image)
@@ -91,12 +91,12 @@ def _found(maps: Sequence[Map]) -> tuple[str, ...]:
     if not roles:
         return ()
     measured = tuple(one for one in maps if one.role in roles)  # the others need not be decoded
-    image = material_set.read(measured, maps[0].height, maps[0].width)
+    image = material_maps.read(measured, maps[0].height, maps[0].width)
     is_depth = "height" in by_role and by_role["height"].inverted
     if normal is None:
         return tuple(contradictions(image, None))
     pixels = locate.decode(normal.reference, normal.digest, data=True).pixels
-    raw, has_x_in_alpha = material_set.stored_vectors(normal, pixels), material_set.has_x_in_alpha(pixels)
+    raw, has_x_in_alpha = material_maps.stored_vectors(normal, pixels), material_maps.has_x_in_alpha(pixels)
     if not has_x_in_alpha:
         return tuple(contradictions(image, raw, is_depth))
     told = "normal: x is read from alpha, y from green (DXT5nm), and z was rebuilt from them"
@@ -115,7 +115,7 @@ def _ignored(maps: Sequence[Map]) -> Iterator[str]:
         if not left:
             continue
         pixels = locate.decode(reference, held[0].digest, data=held[0].role not in COLORS).pixels
-        if held[0].role == "normal" and material_set.has_x_in_alpha(pixels):
+        if held[0].role == "normal" and material_maps.has_x_in_alpha(pixels):
             continue
         planes = dict(zip(held[0].file_channels, np.moveaxis(pixels, 2, 0), strict=False))
         others = [planes[name] for name in used if name in planes]

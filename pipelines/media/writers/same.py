@@ -20,7 +20,7 @@ from texloom.pipelines.media.material_export import (
     keep_codes,
     with_unit_normals,
 )
-from texloom.pipelines.media.material_set import Map, holds_vectors, with_x_in_alpha
+from texloom.pipelines.media.material_maps import Map, holds_vectors, with_x_in_alpha
 from texloom.pipelines.media.relief import relief_of
 from texloom.pipelines.media.writers.encodings import can_encode, encoded
 from texloom.pipelines.media.writers.layouts import tiles_of
