@@ -22,7 +22,7 @@ from typing import Any
 from texloom.pipelines.engine.code_digest import code_digest
 from texloom.pipelines.engine.keys import canonical_json
 from texloom.pipelines.media.delivery import AS_IS, SAME, Delivery
-from texloom.pipelines.media.material_set import Map
+from texloom.pipelines.media.material_maps import Map
 from texloom.pipelines.media.stack import ROLE
 from texloom.pipelines.media.writers import registry
 from texloom.pipelines.media.writers.registry import Job

@@ -11,7 +11,7 @@ from texloom.pipelines.flow.model import Flow
 from texloom.pipelines.flow.step_params import document_params, file_params
 from texloom.pipelines.media import locate as picture_files
 from texloom.pipelines.media import material_set, stack
-from texloom.pipelines.media.decode import Refusal
+from texloom.pipelines.media.headers import Refusal
 from texloom.stages.vocabulary.declare import Params
 
 _FileIdentity = tuple[int, int]  # device and inode: the same under all names and links

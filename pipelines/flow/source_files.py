@@ -15,6 +15,7 @@ from texloom.pipelines.media.material_set import (
     looks_like_one,
     pictures_in,
     same_material,
+    told_of_several,
 )
 from texloom.pipelines.media.stack import SCHEME, path_of
 from texloom.pipelines.media.udim import joined
@@ -86,6 +87,8 @@ def _files(reference: str, takes_maps: bool) -> list[str]:
         found = [*joined(pictures_in(folder), lambda stem: recognised(stem) is not None), *materials]
     except OSError as error:
         raise refused(f"{reference}: cannot be read: {error.strerror}") from None
+    if told := told_of_several(folder):
+        raise refused(f"{reference}: {told}")
     if not found:
         told = _unread(reference)
         raise refused(f"{reference}: is a folder without pictures" + (f"; {told}" if told else ""))

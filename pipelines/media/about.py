@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.errors import one_line
-from texloom.pipelines.media import contradictions, locate, material_set
+from texloom.pipelines.media import contradictions, locate, material_maps, material_set
 from texloom.pipelines.media.conventions import COLORS
-from texloom.pipelines.media.decode import Refusal
+from texloom.pipelines.media.headers import Refusal
 from texloom.pipelines.media.map_names import recognised
-from texloom.pipelines.media.material_set import Map
-from texloom.pipelines.media.plausibility import plausible_green, plausible_wraps
+from texloom.pipelines.media.material_maps import Map
+from texloom.pipelines.media.plausibility import plausible_green, plausible_integrable_green, plausible_wraps
 from texloom.pipelines.memory import check_memory
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -48,10 +48,10 @@ def about_material(reference: Path) -> dict[str, Any]:
     """
     try:
         opened, notes = material_set.open_set(str(reference))
-        if problem := check_memory(material_set.memory_of(opened)):
+        if problem := check_memory(material_maps.memory_of(opened)):
             raise Refusal(problem)
         opened, more = contradictions.checked(opened)
-        image = material_set.read(opened, opened[0].height, opened[0].width)
+        image = material_maps.read(opened, opened[0].height, opened[0].width)
         notes = (*notes, *more)
     except Refusal as error:
         raise InputError(one_line(f"{reference}: {error}")) from None
@@ -71,13 +71,13 @@ def _known(image: Image) -> dict[str, Any]:
     """What texloom has written into the file, names or YAML say of maps, and what is measured.
 
     ``wraps``: ``x``, ``y`` or ``both``, and where that is not said ``plausible_wraps``; ``maps``: green, unit and
-    range of each, see `MapFacts`; of a material with normals and heights ``plausible_green``; ``range`` of each
-    channel.
+    range of each, see `MapFacts`; of a material with normals ``plausible_green``, by heights if there are any;
+    ``range`` of each channel.
     """
     known = image.facts.record()
     if not image.wraps:
         known["plausible_wraps"] = plausible_wraps(image)
-    if (green := plausible_green(image)) is not None:
+    if (green := plausible_green(image) or plausible_integrable_green(image)) is not None:
         known["plausible_green"] = green
     planes = zip(image.channels, np.moveaxis(image.pixels, 2, 0), strict=True)
     known["range"] = {name: [_short(plane.min()), _short(plane.max())] for name, plane in planes}

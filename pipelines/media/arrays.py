@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.media import contradictions, locate, material_set
-from texloom.pipelines.media.decode import Refusal
+from texloom.pipelines.media.headers import Refusal
 from texloom.pipelines.media.map_names import recognised, recognised_plane
 from texloom.pipelines.media.material_set import HEIGHT_UNIT
 from texloom.pipelines.media.sources import Source

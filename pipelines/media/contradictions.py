@@ -1,7 +1,8 @@
 """Conventions of a material's maps that its content contradicts, as one line each with the option that corrects it.
 
 Content decides where green of normals points if nothing but the names of other maps says it, and heights clearly
-do; all else is read as it is said. Normals without a third channel, which are rebuilt, are told too.
+do, or that slopes are those of a surface; all else is read as it is said. Normals without a third channel, which
+are rebuilt, are told too.
 """
 
 from __future__ import annotations
@@ -13,20 +14,20 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float32
 
-from texloom.pipelines.media import known_files, locate, material_set
+from texloom.pipelines.media import known_files, locate, material_maps
 from texloom.pipelines.media.conventions import COLORS, CONVENTION_OF
-from texloom.pipelines.media.material_set import Map
-from texloom.pipelines.media.plausibility import plausible_green, plausible_integrable_green
+from texloom.pipelines.media.material_maps import Map
+from texloom.pipelines.media.plausibility import decisive_green, plausible_green, plausible_integrable_green
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import linear_from_srgb, srgb_from_linear
-from texloom.stages.vocabulary.normals import rebuilt
+from texloom.stages.vocabulary.normals import NORMAL, rebuilt
 
+_VERSION = "2"  # raised when other lines are told of the same files
 _EMPTY = 2 / 255  # largest difference in a channel that holds nothing
 _OFF = 0.1  # of unit length
 _MANY = 0.1  # share of pixels
 _FAR = 0.25  # of unit length; lossy files of normals have up to 0.13
 _AGREES = 0.6  # correlation
-_CLEAR = 0.6  # the same of slopes along both axes
 _COMPARED = ({"normal", "height"}, {"roughness", "specular"})
 """roles of maps that contradict each other"""
 
@@ -34,15 +35,15 @@ _COMPARED = ({"normal", "height"}, {"roughness", "specular"})
 def checked(maps: Sequence[Map]) -> tuple[tuple[Map, ...], tuple[str, ...]]:
     """The maps of a material, with green of normals as their content has it, and what is told; decodes some."""
     known = known_files.current()
-    digest = material_set.digest_of(maps) + "".join(str(one.implied) for one in maps)
+    digest = _VERSION + material_maps.digest_of(maps) + "".join(str(one.implied) for one in maps)
     found = None if known is None else known.told(digest)
     if found is None:
-        green = _clear_green(maps)
-        found = (green, *_found(_with_green(maps, green)), *_ignored(maps))
+        green, measure = _decided(maps)
+        found = (green, measure, *_found(_with_green(maps, green)), *_ignored(maps))
         if known is not None:
             known.tell(digest, found)
-    green, *told = found
-    lines = [_told_of_green(one, green) for one in maps if one.implied is not None]
+    green, measure, *told = found
+    lines = [_told_of_green(one, green, measure) for one in maps if one.implied is not None]
     return _with_green(maps, green), (*filter(None, lines), *told)
 
 
@@ -56,28 +57,30 @@ def _with_green(maps: Sequence[Map], green: str) -> tuple[Map, ...]:
     )
 
 
-def _told_of_green(normal: Map, green: str) -> str:
-    """What names imply of green, and what content has decided; empty where there is neither."""
-    implied = normal.facts.green
-    named = f"points {implied} in names as of {normal.implied}" if normal.implied else ""
-    if green:
-        measured = f"points {green} by the slopes of the height"
-        undone = f"'normal_convention: {CONVENTION_OF[implied or 'up']}' in a YAML file of maps undoes it"
+def _told_of_green(normal: Map, green: str, measure: str) -> str:
+    """What names imply of green, and what content has decided; empty if names say nothing and it is up."""
+    implied, name = normal.facts.green, Path(normal.reference).name
+    option = f"'normal_convention: {CONVENTION_OF[implied or 'up']}' in a YAML file of maps"
+    if not green and not implied:
+        other = f"'normal_convention: {CONVENTION_OF['down']}' in a YAML file of maps"
+        return f"{name}: green of normals is assumed to point up, as nothing says it; {other} changes it"
+    named = f"points {implied} in names as of {normal.implied}" if implied else ""
+    if green and green != (implied or "up"):
+        measured = f"points {green} {measure}, and is read so; {option} undoes it"
         named = f"{named}, but clearly {measured}" if named else measured
-        named = f"{named}, and is read so; {undone}"
-    return f"{Path(normal.reference).name}: green of normals {named}" if named else ""
+    return f"{name}: green of normals {named}" if named else ""
 
 
-def _clear_green(maps: Sequence[Map]) -> str:
-    """Where green points by heights, if that is clear and otherwise than nothing but names say; else empty."""
+def _decided(maps: Sequence[Map]) -> tuple[str, str]:
+    """Where green points by content, and by what, if that is clear and nothing but names says it; else empty."""
     by_role = {one.role: one for one in maps}
-    if not ("height" in by_role and "normal" in by_role) or by_role["normal"].implied is None:
-        return ""
-    image = material_set.read((by_role["normal"], by_role["height"]), maps[0].height, maps[0].width)
-    found = plausible_green(image)
-    if found is None or min(map(abs, found["correlation"])) < _CLEAR:
-        return ""
-    return "" if found["green"] == (by_role["normal"].facts.green or "up") else str(found["green"])
+    if "normal" not in by_role or by_role["normal"].implied is None:
+        return "", ""
+    measured = tuple(by_role[role] for role in ("normal", "height") if role in by_role)
+    image = material_maps.read(measured, maps[0].height, maps[0].width)
+    if np.ptp(image.pixels[..., image.channels.index(NORMAL[1])]) <= _EMPTY:
+        return by_role["normal"].facts.green or "up", ""  # of flat ones it does not matter
+    return decisive_green(image)
 
 
 def _found(maps: Sequence[Map]) -> tuple[str, ...]:
@@ -88,15 +91,16 @@ def _found(maps: Sequence[Map]) -> tuple[str, ...]:
     if not roles:
         return ()
     measured = tuple(one for one in maps if one.role in roles)  # the others need not be decoded
-    image = material_set.read(measured, maps[0].height, maps[0].width)
+    image = material_maps.read(measured, maps[0].height, maps[0].width)
+    is_depth = "height" in by_role and by_role["height"].inverted
     if normal is None:
         return tuple(contradictions(image, None))
     pixels = locate.decode(normal.reference, normal.digest, data=True).pixels
-    raw, has_x_in_alpha = material_set.stored_vectors(normal, pixels), material_set.has_x_in_alpha(pixels)
+    raw, has_x_in_alpha = material_maps.stored_vectors(normal, pixels), material_maps.has_x_in_alpha(pixels)
     if not has_x_in_alpha:
-        return tuple(contradictions(image, raw))
+        return tuple(contradictions(image, raw, is_depth))
     told = "normal: x is read from alpha, y from green (DXT5nm), and z was rebuilt from them"
-    return (told, *contradictions(image, None))
+    return (told, *contradictions(image, None, is_depth))
 
 
 def _ignored(maps: Sequence[Map]) -> Iterator[str]:
@@ -111,7 +115,7 @@ def _ignored(maps: Sequence[Map]) -> Iterator[str]:
         if not left:
             continue
         pixels = locate.decode(reference, held[0].digest, data=held[0].role not in COLORS).pixels
-        if held[0].role == "normal" and material_set.has_x_in_alpha(pixels):
+        if held[0].role == "normal" and material_maps.has_x_in_alpha(pixels):
             continue
         planes = dict(zip(held[0].file_channels, np.moveaxis(pixels, 2, 0), strict=False))
         others = [planes[name] for name in used if name in planes]
@@ -128,17 +132,18 @@ def _ignored(maps: Sequence[Map]) -> Iterator[str]:
             )
 
 
-def contradictions(image: Image, raw: Float32[np.ndarray, "h w 3"] | None) -> Iterator[str]:
+def contradictions(image: Image, raw: Float32[np.ndarray, "h w 3"] | None, is_depth: bool = False) -> Iterator[str]:
     """What is told of a material.
 
     Parameters
     ----------
     image : as it is read.
     raw : vectors of the file of normals, -1..1, before they are normalised; None without such a file.
+    is_depth : whether the heights were read as 1 minus what the file has.
     """
     if raw is not None:
         yield from _of_vectors(raw)
-    yield from _of_green(image)
+    yield from _of_green(image, is_depth)
     yield from _of_roughness(image)
 
 
@@ -168,9 +173,9 @@ def _length_error(vectors: np.ndarray) -> float:
     return float(np.median(np.abs(np.linalg.norm(vectors, axis=2) - 1)))
 
 
-def _of_green(image: Image) -> Iterator[str]:
+def _of_green(image: Image, is_depth: bool) -> Iterator[str]:
     read = image.facts.of_map("normal").green or "up"
-    found = plausible_green(image)
+    found, alone = plausible_green(image), plausible_integrable_green(image)
     if found is not None and found["green"] in CONVENTION_OF:
         across, down = found["correlation"]
         if found["green"] != read:
@@ -178,11 +183,12 @@ def _of_green(image: Image) -> Iterator[str]:
             yield _wrong_green(found["green"], measure)
         if found["height"] == "depth":
             yield (
-                f"height: seems to be a depth, white where the surface is low (correlation {across:.2f} with the "
-                "normals); in a YAML file of maps 'height: {file: NAME, invert: true}' corrects it"
+                f"height: seems to be inverted, high where the surface is low (correlation {across:.2f} with the "
+                f"normals); in a YAML file of maps 'height: {{file: NAME, invert: {str(not is_depth).lower()}}}' "
+                "corrects it"
             )
-    elif found is None and (green := plausible_integrable_green(image)) not in (None, read):
-        yield _wrong_green(str(green), "its slopes are integrable so")
+    elif alone is not None and alone["green"] != read:
+        yield _wrong_green(alone["green"], f"the curl of its slopes is {alone['curl']:g} times as large otherwise")
 
 
 def _wrong_green(green: str, measure: str) -> str:

@@ -20,6 +20,8 @@ CONVENTIONS = {"opengl": "up", "directx": "down"}
 CONVENTION_OF = {green: name for name, green in CONVENTIONS.items()}
 GLOSS = "1-roughness"
 """plane of smoothness or gloss"""
+DEPTH = "1-height"
+"""plane of depth, white where the surface is low"""
 
 
 def role_of(plane: str) -> tuple[str, bool]:
@@ -90,6 +92,7 @@ _PACKED = (
     *(_read("RMA", "roughness", "metallic", "ao"), _read("RMAO", "roughness", "metallic", "ao")),
     *(_read("MRA", "metallic", "roughness", "ao"), _read("MRAO", "metallic", "roughness", "ao")),
     *(_read("ORD", "ao", "roughness", "height"), _read("ORDp", "ao", "roughness", "height")),
+    *(_read("DpRA", "height", "roughness", "ao"), _read("DpRO", "height", "roughness", "ao")),
     *(_read("ORH", "ao", "roughness", "height"), _read("metallicRoughness", "", "roughness", "metallic")),
     _read("roughnessMetallic", "", "roughness", "metallic"),
 )
@@ -98,21 +101,23 @@ LAYOUTS: Mapping[str, Layout] = {
         "names of the maps",
         (
             _one(
-                "albedo", "albedo", 8, "basecolor", "basecolour", "diffuse", "diff", "color", "colour", "col", "alb"
+                *("albedo", "albedo", 8, "basecolor", "basecolour", "base", "diffuse", "diff", "diffuseoriginal"),
+                *("color", "colour", "col", "alb"),
             ),
-            _one("normal", "normal", 16, "normals", "nor", "nrm", "norm", "nml", "nmap"),
+            _one("normal", "normal", 16, "normals", "nor", "nrm", "norm", "nml", "nmap", "ddn", "ddna"),
             _one("roughness", "roughness", 8, "rough", "rgh"),
             _one("metallic", "metallic", 8, "metalness", "metal", "met", "mtl"),
             _one("ao", "ao", 8, "ambientocclusion", "occlusion", "ambient", "occ"),
-            _one("height", "height", 16, "displacement", "disp", "hgt"),
+            _one("height", "height", 16, "displacement", "disp", "displ", "displace", "hgt"),
             _one("specular", "specular", 8, "spec", "specularlevel", "spc", "reflection", "refl"),
             _one("opacity", "opacity", 8, "alpha", "transparency"),
-            _one("emissive", "emissive", 8, "emission", "emit", "glow"),
+            _one("emissive", "emissive", 8, "emission", "emit", "glow", "selfillum"),
             _one("mask", "mask", 8, "usable"),
             _one("bump", "bump", 16),
             _one("cavity", "cavity", 8),
-            _one("translucency", "translucency", 8),
+            _one("translucency", "translucency", 8, "sss", "scattering"),
             _one("fuzz", "fuzz", 8),
+            _read("depth", DEPTH),
             *(_read(word, GLOSS) for word in ("gloss", "glossiness", "smoothness", "smooth", "gls")),
             *_PACKED,
         ),

@@ -17,7 +17,7 @@ import importlib
 import importlib.util
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -28,7 +28,7 @@ from texloom.pipelines.media import (
     color_management,
     color_spaces,
     deep_psd,
-    exr_channels,
+    exr_pictures,
     formats,
     icc,
     picture_facts,
@@ -36,54 +36,13 @@ from texloom.pipelines.media import (
     strokes,
     tiff_values,
 )
+from texloom.pipelines.media.headers import Picture, Refusal, check_size
 from texloom.pipelines.media.icc import Decoding
-from texloom.pipelines.store import codec, exr
 from texloom.pipelines.store.capture import capture_output
 from texloom.pipelines.store.png_file import PROVENANCE, facts_in
 from texloom.stages.vocabulary.color import linear_from_codes
-from texloom.stages.vocabulary.facts import UNKNOWN, Facts
-from texloom.stages.vocabulary.frame_stacks import stack_channels
-from texloom.stages.vocabulary.sizes import format_size
 
-_SIDE = 32768  # px
-_PIXELS = 2**28
-_VALUES = 2**30  # of all channels of an EXR
-_CHANNELS = 64
-MAX_FRAMES = 128
-"""frames of a stack"""
 _ORIENTATION = 0x0112  # TIFF and EXIF tag
-
-
-class Refusal(Exception):  # noqa: N818
-    """Why a picture is not read; the text follows its name."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Header:
-    """The header of a picture."""
-
-    height: int
-    width: int
-    channels: tuple[str, ...]
-    """``R G B`` or ``Y``, then ``A`` if there is alpha, then other channels of an EXR"""
-    bits: int
-    """8 or 16 of an integer, 32 where the values are floats"""
-    memory: int
-    """bytes that decoding takes at most, with its result"""
-
-
-@dataclasses.dataclass(frozen=True)
-class Picture(Header):
-    """A picture of which the header was read."""
-
-    decode: Callable[[], Float32[np.ndarray, "h w c"]]
-    """reads the pixels, while the file is open"""
-    facts: Facts = UNKNOWN
-    """what texloom has written into it; other files say nothing"""
-    note: str = ""
-    """what was assumed of its colour, for the user"""
-    original_bits: Mapping[str, int] = dataclasses.field(default_factory=dict)
-    """as ``bits``, of what texloom made each map, by its role, in a file of floats from, where that is known"""
 
 
 def read_header(file: BinaryIO, data: bool = False, layered: bool = False) -> Picture:
@@ -99,7 +58,7 @@ def read_header(file: BinaryIO, data: bool = False, layered: bool = False) -> Pi
         raise Refusal(f"is {kind}, which needs {needs}; pip install 'texloom[photos]'")
     with _guarded(kind, prints=kind in ("EXR", "TIFF", "HEIC")):
         if kind == "EXR":
-            header = _exr_stack(file) if layered else _exr_header(file, data)
+            header = exr_pictures.stack_header_of(file) if layered else exr_pictures.header_of(file, data)
         elif kind == "JSON":
             header = _strokes_header(file)
         elif kind == "TIFF":
@@ -147,18 +106,6 @@ def _guarded(kind: str, prints: bool = True) -> Iterator[None]:
             # Some messages are only a number or a missing key.
             reason = f" ({message[:100]})" if message.isprintable() and " " in message else ""
             raise Refusal(f"is a truncated or broken {kind} file{reason}") from None
-
-
-def check_size(height: int, width: int) -> None:
-    """`Refusal` of a size that is too small, or too large to be decoded."""
-    if height < 1 or width < 1:
-        raise Refusal(f"has no pixels: {format_size((height, width))}")
-    if height < 2 or width < 2:
-        raise Refusal(f"is too small: {format_size((height, width))}, at least 2 x 2 px")
-    if max(height, width) > _SIDE or height * width > _PIXELS:
-        raise Refusal(
-            f"is too large: {format_size((height, width))}, at most {_SIDE} px a side and {_PIXELS} in all"
-        )
 
 
 def _check_finite(pixels: Float32[np.ndarray, "h w c"], channels: tuple[str, ...]) -> None:
@@ -499,91 +446,3 @@ def _strokes_header(file: BinaryIO) -> Picture:
         raise Refusal(f"is JSON, but not of strokes: {error}") from None
     check_size(drawn.height, drawn.width)
     return Picture(drawn.height, drawn.width, ("Y",), 8, 9 * drawn.height * drawn.width, drawn.draw)
-
-
-def _exr_parts(file: BinaryIO) -> tuple[list[Any], int]:
-    """The headers of all parts, which can be read, and the number of values in all of them."""
-    headers = exr.read_headers(file)
-    values = 0
-    for header in headers:
-        if not exr.is_flat(header):
-            raise Refusal("has deep pixels, which are not read")
-        height, width = exr.data_size(header)
-        check_size(height, width)
-        if len(header["channels"]) > _CHANNELS:
-            raise Refusal(f"has {len(header['channels'])} channels, at most {_CHANNELS}")
-        if any((channel.xSampling, channel.ySampling) != (1, 1) for channel in header["channels"]):
-            raise Refusal("has subsampled channels, which are not read")
-        values += height * width * len(header["channels"])
-    if values > _VALUES:
-        raise Refusal(f"is too large: {values} values in all channels, at most {_VALUES}")
-    return headers, values
-
-
-def _exr_header(file: BinaryIO, data: bool) -> Picture:
-    headers, values = _exr_parts(file)
-    index, names, note = _exr_channels([_channel_names(header) for header in headers], data)
-    height, width = exr.data_size(headers[index])
-    matrix = None if data else _exr_matrix(headers, index)
-
-    def decode() -> Float32[np.ndarray, "h w c"]:
-        return _exr_pixels(exr.read_parts(file, len(headers))[index], (height, width), names, matrix)
-
-    memory = 4 * (values + height * width * len(names))  # OpenEXR reads all parts
-    part = headers[index].get("name", "")
-    facts = codec.facts_in(headers[0], part, height, width)
-    bits = codec.original_bits(headers[0])
-    return Picture(height, width, tuple(names.values()), 32, memory, decode, facts, note, bits)
-
-
-def _exr_stack(file: BinaryIO) -> Picture:
-    """The colour and alpha of all parts as a frame stack."""
-    headers, values = _exr_parts(file)
-    if len(headers) > MAX_FRAMES:
-        raise Refusal(f"has {len(headers)} parts, at most {MAX_FRAMES}")
-    height, width = exr.data_size(headers[0])
-    names: list[dict[str, str]] = []
-    for number, header in enumerate(headers, 1):
-        known = _exr_channels([_channel_names(header)])[1]
-        names.append({own: name for own, name in known.items() if name in ("R", "G", "B", "Y", "A")})
-        if exr.data_size(header) != (height, width) or {*names[-1].values()} != {*names[0].values()}:
-            raise Refusal(f"all parts must have the size and channels of the first, but part {number} has not")
-    matrices = [_exr_matrix(headers, index) for index in range(len(headers))]
-
-    def decode() -> Float32[np.ndarray, "h w c"]:
-        parts = zip(exr.read_parts(file, len(headers)), names, matrices, strict=True)
-        return np.concatenate([_exr_pixels(part, (height, width), *more) for part, *more in parts], axis=2)
-
-    channels = stack_channels(tuple(names[0].values()), len(headers))
-    memory = 4 * (values + height * width * len(channels))
-    return Picture(height, width, channels, 32, memory, decode)
-
-
-def _exr_channels(parts: list[list[str]], data: bool = False) -> tuple[int, dict[str, str], str]:
-    try:
-        return exr_channels.chosen(parts, data)
-    except ValueError as error:
-        raise Refusal(str(error)) from None
-
-
-def _channel_names(header: Any) -> list[str]:
-    return [channel.name for channel in header["channels"]]
-
-
-def _exr_matrix(headers: list[Any], index: int) -> Any:
-    """What converts the colour of a part to Rec.709; none where it is that."""
-    try:
-        return color_spaces.of_exr({**headers[0], **headers[index]})
-    except ValueError as error:
-        raise Refusal(str(error)) from None
-
-
-def _exr_pixels(part: Any, size: tuple[int, int], names: Mapping[str, str], matrix: Any) -> np.ndarray:
-    """The channels of a part, converted by ``matrix`` if they are colour."""
-    planes = part.channels
-    pixels = np.empty((*size, len(names)), np.float32)
-    for place, name in enumerate(names):
-        pixels[..., place] = planes.pop(name).pixels
-    if matrix is not None and next(iter(names.values())) == "R":
-        pixels[..., :3] = color_spaces.converted(pixels[..., :3], matrix)
-    return pixels

@@ -9,7 +9,7 @@ from typing import Any
 
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import channels_of, codes_of
-from texloom.pipelines.media.material_set import Map
+from texloom.pipelines.media.material_maps import Map
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.png_file import png, with_facts

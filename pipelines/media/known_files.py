@@ -16,7 +16,7 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.media.decode import Header
+from texloom.pipelines.media.headers import Header
 
 _RESOLUTION = 2 * 10**9  # ns, of times of the coarsest file systems
 _HAS_CHANGE_TIME = os.name == "posix"

@@ -20,7 +20,7 @@ import numpy as np
 from texloom.pipelines.errors import one_of
 from texloom.pipelines.media import decode as pictures
 from texloom.pipelines.media import known_files, udim
-from texloom.pipelines.media.decode import Refusal
+from texloom.pipelines.media.headers import Refusal, check_size
 from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.store.atomic import file_digest
 from texloom.stages.vocabulary.arrays import Image
@@ -105,7 +105,7 @@ def _inspect_tiles(reference: str, data: bool) -> tuple[Inspected, udim.Tiles, l
         if (one.height, one.width, one.channels, one.bits) != alike:
             raise Refusal(f"{file.name} has another size, channels or bits than {tiles.files[0].name}")
     height, width = tiles.rows * first.height, tiles.columns * first.width
-    pictures.check_size(height, width)
+    check_size(height, width)
     digests = [one.digest for one in seen]
     digest = hashlib.sha256(json.dumps([tiles.rows, tiles.columns, digests]).encode()).hexdigest()
     memory = height * width * 4 * len(first.channels) + max(one.memory for one in seen)

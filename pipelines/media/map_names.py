@@ -21,7 +21,7 @@ _JUNK = re.compile(
     r"\d+k?|\d+k?(?:jpg|png|exr|tif)|\d+x\d+|\d+bit|var\d+|lod\d+|jpg|jpeg|png|tif|tiff|exr|raw|srgb|linear"
 )
 _NOUNS = ("map", "maps", "tex", "texture")
-_PREVIEWS = ("preview", "thumb", "thumbnail", "render", "sphere", "cube")
+_PREVIEW = re.compile(r"(?:preview|thumb|thumbnail|render|sphere|cube)\d*")
 _DEEP = re.compile(r"[a-z](?:16|32)(?![a-z0-9])|(?<![a-z0-9])(?:16|32)-?bit")
 _LONGEST = 4  # words of a suffix
 _MOST = 4096  # combinations of readings
@@ -105,7 +105,8 @@ class Named:
 
 def words_of(name: str) -> list[str]:
     """The words of a file's name, in lower case."""
-    parted = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name)
+    whole = re.sub("OpenGL|DirectX", lambda found: f"_{found[0].lower()}_", name)
+    parted = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", whole)
     return [word.lower() for word in re.split(r"[^A-Za-z0-9]+", parted) if word]
 
 
@@ -212,6 +213,24 @@ def read_names(paths: Sequence[Path], is_grey: Callable[[Path], bool | None]) ->
     return Named(claims, rest, previews, doubts, layouts, several)
 
 
+def several_materials(paths: Sequence[Path], is_grey: Callable[[Path], bool | None]) -> dict[str, Named]:
+    """The materials of a folder by what the names of their files begin with; empty where there are not several.
+
+    Each has an albedo and other maps.
+    """
+    groups: dict[str, list[Path]] = {}
+    for path in paths:
+        words = words_of(stem_of(path))
+        if (found := _readings(words)) is not None:
+            start = next(end for end in range(len(words) - 1, -1, -1) if _readings(words[end:]) == found)
+            letters = [place for place, letter in enumerate(path.name) if letter.isascii() and letter.isalnum()]
+            length = len("".join(words[:start]))
+            groups.setdefault(path.name[: letters[length - 1] + 1] if length else "", []).append(path)
+    named = {name: read_names(files, is_grey) for name, files in groups.items() if name}
+    whole = {name: one for name, one in named.items() if "albedo" in one.claims and len(one.claims) > 1}
+    return whole if len(whole) > 1 else {}
+
+
 def whole_files(paths: Sequence[Path]) -> list[Path]:
     """Files by name, with the UDIM tiles of a map as one, see `texloom.pipelines.media.udim`."""
     return sorted(udim.joined(paths, lambda stem: _readings(stem) is not None))
@@ -233,7 +252,7 @@ def _shared(names: Sequence[Sequence[str]]) -> list[str]:
 
 
 def _is_preview(words: Sequence[str]) -> bool:
-    return bool(set(words[-2:]) & set(_PREVIEWS))
+    return any(map(_PREVIEW.fullmatch, words[-2:]))
 
 
 def _read_beginnings(words: Mapping[Path, list[str]], found: dict[Path, tuple | None]) -> None:
@@ -257,8 +276,11 @@ def _decided(
         return {}, {}, ()
     if math.prod(map(len, readings)) > _MOST:
         readings = [tuple(one for one in some if not one.rare) or some for some in readings]
-    prefixes = {name: one.prefix for name, one in LAYOUTS.items() if one.prefix}
-    prefixed = {name for name, prefix in prefixes.items() if all(path.name.startswith(prefix) for path in paths)}
+    prefixed = {
+        name: 1 if all(path.name.startswith(one.prefix) for path in paths) else -1
+        for name, one in LAYOUTS.items()
+        if one.prefix
+    }
     scored = sorted(
         ((_score(some, prefixed), some) for some in itertools.islice(itertools.product(*readings), _MOST)),
         key=lambda one: one[0],
@@ -277,7 +299,7 @@ def _decided(
     return dict(zip(paths, best[0], strict=True)), doubts, layouts
 
 
-def _score(some: Sequence[Reading], prefixed: set[str]) -> tuple[int, bool, int, int]:
+def _score(some: Sequence[Reading], prefixed: Mapping[str, int]) -> tuple[int, bool, int, int]:
     """How well readings go together: conflicts, an albedo, what one layout explains, what is rare."""
     plain = [one.planes[0] for one in some if one.is_plain]
     conflicts = len(plain) - len(set(plain))
@@ -285,9 +307,9 @@ def _score(some: Sequence[Reading], prefixed: set[str]) -> tuple[int, bool, int,
     return -conflicts, has_albedo, max(_explained(some, prefixed).values()), -sum(one.rare for one in some)
 
 
-def _explained(some: Sequence[Reading], prefixed: set[str]) -> dict[str, int]:
-    """How many of the files each layout has."""
-    return {name: sum(name in one.layouts for one in some) + (name in prefixed) for name in LAYOUTS}
+def _explained(some: Sequence[Reading], prefixed: Mapping[str, int]) -> dict[str, int]:
+    """How many of the files each layout has; one more or less by whether they have its prefix."""
+    return {name: sum(name in one.layouts for one in some) + prefixed.get(name, 0) for name in LAYOUTS}
 
 
 def _fits(reading: Reading, grey: bool | None) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from texloom.pipelines.media.conventions import COLORS, ROLES
 from texloom.pipelines.media.delivery import AS_IS, Delivery
-from texloom.pipelines.media.material_set import Map, normal_codes
+from texloom.pipelines.media.material_maps import Map, normal_codes
 from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.media.relief import Relief, relief_of
 from texloom.pipelines.store import codec

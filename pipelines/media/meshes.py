@@ -19,7 +19,7 @@ import numpy as np
 from texloom.pipelines.errors import hint
 from texloom.pipelines.media import shapes, usd
 from texloom.pipelines.media.corners import placed
-from texloom.pipelines.media.decode import Refusal
+from texloom.pipelines.media.headers import Refusal
 from texloom.pipelines.media.locate import is_path, locate, opened
 from texloom.pipelines.memory import check_memory
 from texloom.pipelines.store.atomic import file_digest

@@ -1,6 +1,6 @@
 """What is plausible of files that do not say it: whether borders continue each other, and where green points.
 
-Both are shown to the user; nothing is decided by them.
+Both are shown to the user; see `texloom.pipelines.media.contradictions` for what they decide.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ _FREEDOM = 4.0  # of Student's distribution: outliers, such as joints of bricks,
 _FITS = 0.3  # correlation
 _LEAST_SLOPE_Z = 0.1
 _CLEARLY = 1.3  # ratio of the curls of both directions
+_DECISIVE = 2.5  # the same; seven normal maps of photographs and scans in JPEG have 3.5 to 11
+_CORRELATED = 0.6  # of slopes along both axes, from which heights decide
 
 _Lines: TypeAlias = Float32[np.ndarray, "n w 3"]
 
@@ -111,10 +113,14 @@ def plausible_green(image: Image) -> dict[str, Any] | None:
     }
 
 
-def plausible_integrable_green(image: Image) -> str | None:
-    """Where green of normals points in their file by whether slopes are those of a surface, ``up`` or ``down``.
+def plausible_integrable_green(image: Image) -> dict[str, Any] | None:
+    """Where green of normals points in their file by whether slopes are those of a surface; None if it is unclear.
 
-    The slopes of heights have no curl; with green the wrong way they have. None where it is unclear.
+    The slopes of heights have no curl; with green the wrong way they have.
+
+    Returns
+    -------
+    ``green``: ``up`` or ``down``; ``curl``: how many times as large its mean square is with the other direction.
     """
     if not {*NORMAL} <= set(image.channels) or min(image.height, image.width) < _LEAST_LINES:
         return None
@@ -126,4 +132,15 @@ def plausible_integrable_green(image: Image) -> str | None:
     up, down = (float(((first - sign * second) ** 2).mean()) for sign in (1, -1))
     if max(up, down) < _CLEARLY * min(up, down) or max(up, down) == 0:
         return None
-    return GREENS[down < up]
+    return {"green": GREENS[down < up], "curl": round(max(up, down) / max(min(up, down), 1e-9), 1)}
+
+
+def decisive_green(image: Image) -> tuple[str, str]:
+    """Where green of normals points in their file, and by what, if content leaves no doubt; else empty texts."""
+    by_height, by_curl = plausible_green(image), plausible_integrable_green(image)
+    said = by_height["green"] if by_height else ""
+    if by_height and said in GREENS and min(map(abs, by_height["correlation"])) >= _CORRELATED:
+        return said, "by the slopes of the height"
+    if by_curl and by_curl["curl"] >= _DECISIVE and (said not in GREENS or said == by_curl["green"]):
+        return by_curl["green"], "as its slopes are those of a surface only so"
+    return "", ""

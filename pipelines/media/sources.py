@@ -15,9 +15,18 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from texloom.pipelines.errors import closest, one_line
-from texloom.pipelines.media import contradictions, locate, material_set, meshes, stack, udim, voted_results
-from texloom.pipelines.media.decode import Refusal
-from texloom.pipelines.media.material_set import Map
+from texloom.pipelines.media import (
+    contradictions,
+    locate,
+    material_maps,
+    material_set,
+    meshes,
+    stack,
+    udim,
+    voted_results,
+)
+from texloom.pipelines.media.headers import Refusal
+from texloom.pipelines.media.material_maps import Map
 from texloom.pipelines.media.part import WHOLE, Part
 from texloom.pipelines.memory import check_memory
 from texloom.pipelines.store.store import Store
@@ -110,7 +119,7 @@ class Source:
             if stack.is_stack(self.reference):
                 return stack.read(self.maps)
             if self.maps:
-                return material_set.read(self.maps, self.height, self.width)
+                return material_maps.read(self.maps, self.height, self.width)
             return locate.decode(self.reference, self.digest)
 
 
@@ -135,16 +144,16 @@ def open_source(name: str, reference: str) -> Source:
         if stack.is_stack(reference):
             frames = stack.open_stack(reference)
             _check_memory(stack.memory_of(frames))
-            channels, digest = stack.channels_of(frames), material_set.digest_of(frames)
+            channels, digest = stack.channels_of(frames), material_maps.digest_of(frames)
             height, width, bits = frames[0].height, frames[0].width, frames[0].bits
             notes = _notes(name, reference, *dict.fromkeys(frame.note for frame in frames))
             return Source(name, reference, height, width, channels, digest, frames, notes, bits, {"albedo": bits})
         if material_set.is_map_set(reference):
             maps, told = material_set.open_set(reference)
-            _check_memory(material_set.memory_of(maps))
+            _check_memory(material_maps.memory_of(maps))
             maps, more = contradictions.checked(maps)
             told = (*told, *more)
-            channels, digest = material_set.channels_of(maps), material_set.digest_of(maps)
+            channels, digest = material_maps.channels_of(maps), material_maps.digest_of(maps)
             notes = _notes(name, reference, *told)
             bits_of = {one.role: one.bits for one in maps}
             height, width = maps[0].height, maps[0].width

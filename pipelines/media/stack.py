@@ -13,9 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from texloom.pipelines.media import locate
-from texloom.pipelines.media.decode import MAX_FRAMES, Refusal
+from texloom.pipelines.media.exr_pictures import MAX_FRAMES
+from texloom.pipelines.media.headers import Refusal
 from texloom.pipelines.media.known_files import Inspected
-from texloom.pipelines.media.material_set import Map, is_picture, pictures_in
+from texloom.pipelines.media.material_maps import Map
+from texloom.pipelines.media.material_set import is_picture, pictures_in
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.facts import Facts, MapFacts
 from texloom.stages.vocabulary.frame_stacks import stack_channels

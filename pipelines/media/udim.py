@@ -1,6 +1,7 @@
 """UDIM tiles: pictures ``name.1001.png`` ... as one picture, ``name.<UDIM>.png``, laid out as they are written.
 
-Tile 1001 is at the lower left, 1002 to its right, 1011 above it.
+Tile 1001 is at the lower left, 1002 to its right, 1011 above it. ``name_u1_v1.png``, as of Mudbox, is the same tile
+of ``name_<UVTILE>.png``.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 _FIRST, _COLUMNS, _LAST = 1001, 10, 1999
-_MARK = re.compile("<udim>", re.IGNORECASE)
-_TILE = re.compile(r"(.+)([._])(1\d{3})(\.[^.]+)")
+_MARK = re.compile("<udim>|<uvtile>", re.IGNORECASE)
+_TILE = re.compile(r"(.+)([._])(1\d{3}|u\d+_v\d+)(\.[^.]+)", re.IGNORECASE)
+_PLACE = re.compile(r"u(\d+)_v(\d+)", re.IGNORECASE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,7 +29,7 @@ class Tiles:
 
 
 def is_tiled(reference: str) -> bool:
-    """Whether the name of a file has ``<UDIM>`` in it."""
+    """Whether the name of a file has ``<UDIM>`` or ``<UVTILE>`` in it."""
     return "<" in reference and _MARK.search(os.path.basename(reference)) is not None  # noqa: PTH119
 
 
@@ -45,12 +47,12 @@ def tiles_of(path: Path) -> Tiles:
         There is none, or some are missing; in words.
     """
     before, after = _MARK.split(path.name, maxsplit=1)
-    pattern = re.compile(rf"{re.escape(before)}(\d{{4}}){re.escape(after)}")
+    pattern = re.compile(rf"{re.escape(before)}(\d{{4}}|(?i:{_PLACE.pattern})){re.escape(after)}")
     try:
         names = [file.name for file in path.parent.iterdir()]
     except FileNotFoundError:
         names = []
-    found = {int(match[1]): path.parent / name for name in names if (match := pattern.fullmatch(name))}
+    found = {_number_of(match[1]): path.parent / name for name in names if (match := pattern.fullmatch(name))}
     found = {number: file for number, file in found.items() if _FIRST <= number <= _LAST}
     if not found:
         raise ValueError(f"there are no tiles, such as {before}{_FIRST}{after}")
@@ -89,18 +91,30 @@ def joined(paths: Iterable[Path], is_map: Callable[[str], bool]) -> list[Path]:
     whole: dict[Path, list[tuple[int, Path]]] = {}
     for path in paths:
         match = _TILE.fullmatch(path.name)
-        name = path if match is None else path.with_name(f"{match[1]}{match[2]}<UDIM>{match[4]}")
-        whole.setdefault(name, []).append((int(match[3]) if match else 0, path))
+        name, number = path, 0
+        if match is not None and (number := _number_of(match[3])):
+            mark = "<UDIM>" if match[3].isdecimal() else "<UVTILE>"
+            name = path.with_name(f"{match[1]}{match[2]}{mark}{match[4]}")
+        whole.setdefault(name, []).append((number, path))
     result: list[Path] = []
     for name, files in whole.items():
         numbers = {number for number, _ in files}
-        stem, sign = Path(plain_name(str(name))).stem, name.stem[-len("<UDIM>") - 1 : -len("<UDIM>")]
+        stem, is_sure = Path(plain_name(str(name))).stem, name.stem.endswith((".<UDIM>", "<UVTILE>"))
         is_one = len(files) > 1 and _FIRST in numbers
-        if is_one and (sign == "." or is_map(stem) or _has_rows(numbers)):
+        if is_one and (is_sure or is_map(stem) or _has_rows(numbers)):
             result.append(name)
         else:
             result += [path for _, path in files]
     return result
+
+
+def _number_of(text: str) -> int:
+    """The number of a tile, given as ``1012`` or ``u2_v2``; 0 where there is no such tile."""
+    place = _PLACE.fullmatch(text)
+    if place is None:
+        return int(text)
+    across, up = int(place[1]) - 1, int(place[2]) - 1
+    return _FIRST + across + _COLUMNS * up if 0 <= across < _COLUMNS and up >= 0 else 0
 
 
 def _has_rows(numbers: set[int]) -> bool:

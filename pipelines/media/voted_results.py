@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.media.decode import Refusal
+from texloom.pipelines.media.headers import Refusal
 from texloom.pipelines.store import codec, exr, run_log
 from texloom.pipelines.store.result_files import NOT_AS_EXPECTED, BrokenArtifactError, read_manifest
 from texloom.pipelines.store.store import Store

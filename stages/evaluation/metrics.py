@@ -13,6 +13,7 @@ from texloom.stages.evaluation._measures import (
     contents,
     joints,
     patches,
+    periods,
     pixels,
     reuse,
     spectrum,
@@ -25,7 +26,7 @@ from texloom.stages.evaluation._measures.pictures import UnmeasurableError, prep
 from texloom.stages.evaluation._measures.table import Figures, lines, table, unmeasured
 from texloom.stages.evaluation._measures.task import Task
 from texloom.stages.kernels.core.threads import run_all
-from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap
+from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded
 from texloom.stages.vocabulary.progress import Progress, report
@@ -96,6 +97,7 @@ _TITLES = {
         "Share with steps of tone that the exemplar does not show: two-tone cells, cut contours, lighter pieces.",
     ),
     "seams": ("wrap", "Jumps across the border of the wrapped result, in deviations of those at inner lines."),
+    "periods": ("wrap", "Periods of the lattice by which a wrapped side misses whole ones."),
 }
 """axis and meaning of each measure, in the table's order"""
 
@@ -119,6 +121,7 @@ def metrics(
     match: Correspondence | None = None,
     keep: Mask | None = None,
     copies: Mask | None = None,
+    generators: Vectors | None = None,
 ) -> Metrics:
     """Score a result by measures that need no learned weights and no reference but the exemplar.
 
@@ -164,6 +167,9 @@ def metrics(
     excess of the jumps before and after them, less the median over the inner lines, in deviations of the inner
     lines; the worse of the axes along which it does. Tileable pictures are below 1.5.
 
+    Periods are measured where the result's lattice is given: a side of a whole number and a half of bricks has
+    bricks of wrong length at the border, whose seam no jump shows.
+
     A result of more than 4096 x 4096 px is measured in windows of 2048 x 2048 px about the middles of its quarters,
     and, where it wraps around, seams in one about its corner; `copies` and `contents` take all of it. Figures are
     then means over the windows, and ``limits`` and ``windows`` (top and left of each, px) of the table say so.
@@ -179,6 +185,8 @@ def metrics(
     copies : true where the pixel is a copy of its source; given if ``match`` is estimated from the pixels, see
         `estimated_match`. The lines of the measures of the source map are then marked as ``estimated``. Where less
         than half of the pixels are copies, only `copying` is measured.
+    generators : of the lattice that the result continues, px; see `whole_periods`. Without them there is no line
+        `periods`.
 
     Raises
     ------
@@ -199,20 +207,25 @@ def metrics(
     """
     _check(exemplar, image, match, keep, copies)
     limits = list(LIMITS)
+    of_lattice = {} if generators is None else lines(_periods(image), generators, ("periods",))
     corners = windows.corners(image.height, image.width)
     if not corners:
         measured, located = _measured(exemplar, image, params, match, keep, copies)
-        return Metrics({**_table(measured), "limits": limits}, located)
+        return Metrics({**_table(measured | of_lattice), "limits": limits}, located)
     limits.append(f"Faults outside the {len(corners)} windows of {windows.SIDE} px that were measured.")
     measured, located = _measured_in_windows(corners, exemplar, image, params, match, keep, copies)
-    return Metrics({**_table(measured), "limits": limits, "windows": corners}, located)
+    return Metrics({**_table(measured | of_lattice), "limits": limits, "windows": corners}, located)
 
 
 def _table(measured: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """The table, with ``notes`` on a result that was not made but copied as a whole."""
     verbatim = (measured["copying"].get("more") or {}).get("verbatim")
     notes = [f"The result is {verbatim}: nothing was synthesised."] if verbatim else []
-    return {**table(_TITLES, measured), "notes": notes}
+    return {**table({name: _TITLES[name] for name in _TITLES if name in measured}, measured), "notes": notes}
+
+
+def _periods(image: Image) -> Callable[[Vectors], Figures]:
+    return functools.partial(periods.period_misfit, sides=(image.height, image.width), wraps=image.wraps)
 
 
 def _measured_in_windows(

@@ -16,6 +16,7 @@ from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.numerics.matrices import row_product
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import TORUS, Wraps
 from texloom.stages.vocabulary.masks import USABLE
 
 
@@ -524,3 +525,27 @@ def test_a_local_mask_takes_no_measure_of_fidelity(rng: np.random.Generator) -> 
     exemplar = Image(np.dstack([tone, usable]), ("R", "G", "B", "usable"))
     lines = metrics(exemplar, Image(tone[:44, :44].copy(), ("R", "G", "B")), MetricsParams()).table["measures"]
     assert all(lines[name]["value"] is not None for name in ("colors", "patches"))
+
+
+@pytest.mark.parametrize(
+    ("generators", "wraps", "value", "score"),
+    [
+        ([[16, 23], [0, 46]], TORUS, 0.0, 1.0),  # courses of 16 px in a running bond: 96 x 92 px hold whole ones
+        ([[16, 20], [0, 40]], TORUS, 0.3, 0.2),
+        ([[16, 20], [0, 40]], Wraps(down=True), 0.0, 1.0),  # the bond drifts, but only along x
+        ([[17.5, 0]], Wraps(down=True), 0.486, 0.0),
+        ([], TORUS, None, None),
+    ],
+)
+def test_cells_of_wrong_length_at_the_border(
+    generators: list[list[float]], wraps: Wraps, value: float | None, score: float | None
+) -> None:
+    noise = np.random.default_rng(3).random((96, 92, 3), np.float32)
+    image = Image(noise, ("R", "G", "B")).wrapping(wraps)
+    rows = np.array(generators, np.float32).reshape(-1, 2)
+    made = metrics(image, image, MetricsParams(), generators=rows)
+    line = made.table["measures"]["periods"]
+    assert (line["value"], line["score"]) == (
+        (None, None) if value is None else (pytest.approx(value, abs=0.01), pytest.approx(score, abs=0.03))
+    )
+    assert "periods" not in metrics(image, image, MetricsParams()).table["measures"]

@@ -20,8 +20,9 @@ from texloom.pipelines.media.material_export import (
     keep_codes,
     with_unit_normals,
 )
-from texloom.pipelines.media.material_set import Map, holds_vectors, with_x_in_alpha
+from texloom.pipelines.media.material_maps import Map, holds_vectors, with_x_in_alpha
 from texloom.pipelines.media.relief import relief_of
+from texloom.pipelines.media.writers.encodings import can_encode, encoded
 from texloom.pipelines.media.writers.layouts import tiles_of
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.atomic import write_atomically
@@ -114,13 +115,18 @@ def _areas(image: Image, one: Map, folder: Path) -> list[tuple[str, tuple[slice,
     """Name and area of a file, or of each of its UDIM tiles."""
     path = Path(one.reference)
     if not udim.is_tiled(one.reference):
-        return [(path.name if path.suffix else f"{one.stem}.png", (slice(None), slice(None)))]
+        name = path.name if path.suffix else f"{one.stem}.png"
+        if not can_encode(path.suffix, one.bits, len(one.file_channels)):
+            name = f"{path.stem}.png"
+            _LOG.warning("%s: written as %s, as its format is not written with such values", path.name, name)
+        return [(name, (slice(None), slice(None)))]
     try:
         tiles = udim.tiles_of(path)
     except ValueError as error:
         raise ArtifactError(f"{path}: {error}") from None
-    cut = tiles_of(image, (tiles.rows, tiles.columns), folder)
-    return [(file.name, area) for file, (_, area) in zip(sorted(tiles.files), cut, strict=True)]
+    cut = dict(tiles_of(image, (tiles.rows, tiles.columns), folder))
+    numbers = udim.areas(tiles.rows, tiles.columns, tiles.rows, tiles.columns)
+    return [(file.name, cut[str(number)]) for file, number in zip(tiles.files, numbers, strict=True)]
 
 
 def _write(
@@ -132,8 +138,6 @@ def _write(
     provenance: Mapping[str, Any],
 ) -> str:
     """Write values in the format of a file's name; the digest."""
-    import cv2
-
     first, suffix = held[0], path.suffix.lower()
     wraps = Facts() if udim.is_tiled(first.reference) else Facts(image.wraps)
     if suffix == ".png":
@@ -150,11 +154,6 @@ def _write(
             writer.check_installed(str(path))
         return write_texture(path, piece.astype(np.float32), delivery, first.role in COLORS, wraps.wraps)
     else:
-        order = [2, 1, 0, *range(3, piece.shape[2])] if piece.shape[2] > 2 else [0]
-        options = [cv2.IMWRITE_JPEG_QUALITY, 95] if suffix in (".jpg", ".jpeg") else []
-        done, encoded = cv2.imencode(suffix, np.ascontiguousarray(piece[..., order]), options)
-        if not done:
-            raise ArtifactError(f"{path}: cannot be written with {piece.shape[2]} channels of {first.bits} bits")
-        content = encoded.tobytes()
+        content = encoded(piece, path, first.bits)
     write_atomically(path, content)
     return hashlib.sha256(content).hexdigest()

@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
+from texloom.stages.common.grids.border_steps import fitting_borders
 from texloom.stages.common.grids.size_checks import check_same_size
 from texloom.stages.numerics.matrices import matrix_product
 from texloom.stages.vocabulary.arrays import Image, Mask
@@ -26,6 +27,8 @@ class ExclusionMaskParams(Params):
     """whether pixels darker or brighter than middle grey are excluded"""
     grow: int = Field(0, ge=0, le=256)
     """px by which excluded areas grow on every side, such as to cover soft borders"""
+    keep_tile: bool = False
+    """take the picture as a tile where its opposite borders fit and an excluded area touches them"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,6 +83,8 @@ def exclusion_mask(image: Image, params: ExclusionMaskParams, mask: Image | None
     valid = _valid(image, mask, params)
     if mask is not None and valid.all():
         _LOG.warning("the mask excludes no pixel: none of it is %s", params.avoid)
+    if params.keep_tile and not image.wraps:
+        image = image.wrapping(fitting_borders(_LOG, image, ~valid))
     return ExclusionMask(with_usable(image, valid), valid)
 
 

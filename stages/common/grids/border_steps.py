@@ -7,6 +7,7 @@ from jaxtyping import Float32
 
 from texloom.stages.vocabulary.arrays import Image, Mask
 from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
 _FITS = 1.5  # times the mean step inside
 
@@ -37,13 +38,24 @@ def _ratio(levels: Float32[np.ndarray, "h w 3"], unknown: Mask) -> float:
     return mean(slice(-1, None), slice(0, 1)) / inside if 0 < inside < np.inf else np.inf
 
 
-def tell_borders(log: logging.Logger, image: Image, marked: Mask) -> None:
-    """Tell that an edit may break a tile: a marked part touches a border, and the borders fit beside it."""
-    touched = marked[[0, -1]].any(), marked[:, [0, -1]].any()
-    steps = border_steps(image, marked) if any(touched) else (np.inf, np.inf)
-    if max(steps) <= _FITS:
-        log.warning(
-            "the picture's opposite borders fit (steps across them are %.1f times those inside down, %.1f across), "
-            "and the marked part touches one; if it is a tile, --tileable keeps it one",
-            *steps,
-        )
+def fitting_borders(log: logging.Logger, image: Image, marked: Mask) -> Wraps:
+    """The borders across which an edit keeps a picture a tile: those that fit, if a marked part touches one.
+
+    On every third of 21 exemplars and on material sets the borders of tiles had steps of up to 1.4, those of parts
+    of them 1.7 and more, but fine noise, whose borders fit everywhere. Where borders are taken as fitting, that is
+    told.
+    """
+    touched = bool(marked[[0, -1]].any()), bool(marked[:, [0, -1]].any())
+    if not any(touched):
+        return NOWHERE
+    steps = border_steps(image, marked)
+    fits = Wraps(*(step <= _FITS for step in steps))
+    if not any(one and other for one, other in zip(touched, fits, strict=True)):
+        return NOWHERE
+    log.warning(
+        "the picture's opposite borders fit (steps across them are %.1f times those inside down, %.1f across), and "
+        "the marked part touches them, so it is taken as a tile (%s) and stays one; --tileable=off does not",
+        *steps,
+        fits,
+    )
+    return fits

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.common.grids.border_steps import tell_borders
 from texloom.stages.synthesis.edits.block_filling import BlockFilling
 from texloom.stages.synthesis.stitching.overlap import compared
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask
@@ -93,8 +92,6 @@ def inpaint(image: Image, keep: Mask, params: InpaintParams) -> Inpainted:
     wrap = wraps_after(params.tileable, image.wraps)
     if params.tileable is None and wrap:
         _LOG.warning("keeps tiling (%s), as the image wraps; --set tileable=off does not", wrap)
-    if params.tileable is None and not wrap:
-        tell_borders(_LOG, image, ~keep)
     for line in (0, -1):
         if wrap.down:
             filled_pixels[line, :] &= keep[line, :]

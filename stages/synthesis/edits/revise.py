@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int32
 from pydantic import Field
 
-from texloom.stages.common.grids.border_steps import tell_borders
+from texloom.stages.common.grids.border_steps import fitting_borders
 from texloom.stages.common.grids.size_checks import check_same_size
 from texloom.stages.numerics.matrices import matrix_product
 from texloom.stages.synthesis.edits.block_filling import BlockFilling
@@ -406,7 +406,7 @@ def revise(
     if params.tileable is None and wrap:
         _LOG.warning("keeps tiling (%s), as the texture wraps; --set tileable=off does not", wrap)
     if params.tileable is None and not wrap:
-        tell_borders(_LOG, texture, marked)
+        wrap = fitting_borders(_LOG, texture, marked)
     found = windows(marked, params.margin, wrap)
     for number, ((window, inside), random) in enumerate(zip(found, rng.spawn(len(found)), strict=True)):
         view = texture.elsewhere(np.ascontiguousarray(pixels[window.at]))

@@ -4,14 +4,15 @@ import dataclasses
 import itertools
 import logging
 import math
+from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 from pydantic import Field
 
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
 from texloom.stages.synthesis.optimisation.lattice_phase import steps_along
-from texloom.stages.vocabulary.arrays import Image, Vectors
+from texloom.stages.vocabulary.arrays import Channels, Image, Vectors
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.facts import TORUS
 from texloom.stages.vocabulary.normals import turned
@@ -50,6 +51,8 @@ class WholePeriods:
     """the middle of the picture, bit-identical unless it is scaled"""
     generators: Vectors
     """the lattice where the part has whole periods, else no rows"""
+    lattice: Annotated[Float32[np.ndarray, "known 2"], Channels(("row", "column"))]
+    """the lattice of the part, whether its sides fit or not; no rows where it has none"""
 
 
 @stage(version=1)
@@ -75,8 +78,11 @@ def whole_periods(image: Image, generators: Vectors, params: WholePeriodsParams)
     Ours; [Liu2004]_ for tiles that are cells of a lattice.
     """
     sides = (image.height, image.width)
-    none = WholePeriods(image, np.zeros((0, 2), np.float32))
-    if params.keep_size or not len(generators) or _are_lines(generators, sides):
+    no_rows = np.zeros((0, 2), np.float32)
+    if not len(generators) or _are_lines(generators, sides):
+        return WholePeriods(image, no_rows, no_rows)
+    none = WholePeriods(image, no_rows, generators)
+    if params.keep_size:
         return none
     steps = steps_along(generators.astype(np.float64))
     parts = [
@@ -104,10 +110,10 @@ def whole_periods(image: Image, generators: Vectors, params: WholePeriodsParams)
         return none
     height, width = known
     if (height, width) == sides:
-        return WholePeriods(image, generators)
+        return WholePeriods(image, generators, generators)
     _LOG.warning("%s; --set keep_size=true keeps all of it", _told_of((height, width), sides))
     top, left = ((side - part) // 2 for side, part in zip(sides, known, strict=True))
-    return WholePeriods(image.cropped(slice(top, top + height), slice(left, left + width)), generators)
+    return WholePeriods(image.cropped(slice(top, top + height), slice(left, left + width)), generators, generators)
 
 
 def _told_of(part: tuple[int, int], sides: tuple[int, int]) -> str:
@@ -187,7 +193,8 @@ def _scaled(image: Image, generators: Vectors, vectors: Float64[np.ndarray, "2 2
         100 * lean,
     )
     made = image.elsewhere(turned(pixels, image.channels, jacobian))
-    return WholePeriods(made, matrix_product(generators, back).astype(np.float32))
+    scaled = matrix_product(generators, back).astype(np.float32)
+    return WholePeriods(made, scaled, scaled)
 
 
 def _are_lines(generators: Vectors, sides: tuple[int, int]) -> bool:

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from tests.synthetic import picture
-from texloom.stages.common.grids.border_steps import border_steps, tell_borders
+from texloom.stages.common.grids.border_steps import border_steps, fitting_borders
 from texloom.stages.vocabulary.arrays import Image
 
 
@@ -34,12 +34,16 @@ def test_what_is_marked_does_not_count(tile: Image) -> None:
     assert max(border_steps(damaged, hole)) < 1.5 < max(border_steps(damaged))
 
 
-def test_it_is_told_where_a_border_is_touched(tile: Image, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_tile_stays_one_where_a_border_that_fits_is_touched(
+    tile: Image, caplog: pytest.LogCaptureFixture
+) -> None:
     log, hole = logging.getLogger("texloom.stages.borders"), np.zeros((64, 64), bool)
     hole[20:30, 20:30] = True
-    tell_borders(log, tile, hole)
+    assert not fitting_borders(log, tile, hole)
     hole[:5, 20:30] = True
-    tell_borders(log, tile.cropped(slice(0, 45), slice(None)), hole[:45])
+    part = tile.cropped(slice(0, 45), slice(None))
+    assert not fitting_borders(log, part, hole[:45])  # touches only borders that do not fit
     assert not caplog.records
-    tell_borders(log, tile, hole)
-    assert "--tileable keeps it one" in caplog.text
+    assert fitting_borders(log, tile, hole).both
+    assert "--tileable=off does not" in caplog.text
+    assert str(fitting_borders(log, part, hole.T[:45])) == "x"

@@ -45,14 +45,9 @@ def test_green_by_slopes_of_heights_or_alone(tmp_path: Path, with_height: bool) 
     maps = {"height": height} if with_height else {}
     assert told(tmp_path / "gl", normal, **maps) == ()
     (note,) = told(tmp_path / "dx", normal * [1, -1, 1], **maps)
-    if with_height:
-        assert note.startswith(
-            "normal.png: green of normals points down by the slopes of the height, and is read so"
-        )
-        assert "'normal_convention: opengl' in a YAML file" in note
-    else:
-        assert note.startswith("normal: green seems to point down (")
-        assert "a name that ends in dx, or 'normal_convention: directx' in a YAML file" in note
+    measure = "by the slopes of the height" if with_height else "as its slopes are those of a surface only so"
+    assert note.startswith(f"normal.png: green of normals points down {measure}, and is read so")
+    assert "'normal_convention: opengl' in a YAML file" in note
     (tmp_path / "dx" / "normal.png").rename(tmp_path / "dx" / "normal_dx.png")
     assert open_source("exemplar", str(tmp_path / "dx")).notes == ()
 
@@ -132,7 +127,8 @@ def test_udim_tiles_are_measured_as_one(tmp_path: Path) -> None:
 def test_a_depth_and_gloss_are_told(tmp_path: Path) -> None:
     height, normal = surface()
     (note,) = told(tmp_path / "depth", normal, height=1 - height)
-    assert note.startswith("height: seems to be a depth")
+    assert note.startswith("height: seems to be inverted")
+    assert "height: {file: NAME, invert: true}" in note
     assert told(tmp_path / "rough", roughness=height, specular=1 - height) == ()
     (note,) = told(tmp_path / "gloss", roughness=height, specular=height)
     assert note.startswith("roughness: seems to be gloss")
@@ -147,6 +143,20 @@ def test_normals_of_two_channels_are_rebuilt(tmp_path: Path, blue: int) -> None:
     planes = [image.channels.index(f"normal.{axis}") for axis in "XYZ"]
     np.testing.assert_allclose(image.pixels[..., planes], normal, atol=0.04)
     assert image.pixels[..., planes[2]].min() > 0
+
+
+def test_content_that_does_not_tell_green_leaves_it_up_and_that_is_told(tmp_path: Path) -> None:
+    noise = np.random.default_rng(2).normal(size=(*SIDES, 3)) * [0.2, 0.2, 0] + [0, 0, 1]
+    (note,) = told(tmp_path / "noise", noise / np.linalg.norm(noise, axis=2, keepdims=True))
+    assert note.startswith("normal.png: green of normals is assumed to point up, as nothing says it")
+
+
+def test_a_name_of_depth_is_read_inverted(tmp_path: Path) -> None:
+    height, normal = surface()
+    (note,) = told(tmp_path / "depth", normal, depth=1 - height)
+    assert note == "depth.png read as 1-height"
+    (_, note) = told(tmp_path / "height", normal, depth=height)
+    assert "height: {file: NAME, invert: false}" in note
 
 
 def test_flat_normals_stay(tmp_path: Path) -> None:

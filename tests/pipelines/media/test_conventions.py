@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import importlib.util
+import struct
 from pathlib import Path
 
 import cv2
 import numpy as np
+import PIL.Image
 import pytest
 
 from texloom.pipelines.media.conventions import COLORS, LAYOUTS, ROLES, role_of
@@ -99,6 +101,18 @@ def roles(folder: Path) -> dict[str, str]:
         ("s_d s_n s_r s_m", "s_d s_n", {"albedo": "d", "normal": "n", "roughness": "r", "metallic": "m"}),
         ("T_S_D T_S_N T_S_M", "T_S_D T_S_N", {"albedo": "D", "normal": "N", "metallic": "M"}),
         ("s s_n s_s", "s s_n", {"albedo": "s", "normal": "n", "specular": "s"}),
+        (
+            "s_Base_Color s_Normal_OpenGL s_Normal_DirectX s_Roughness",
+            "s_Base_Color s_Normal_OpenGL s_Normal_DirectX",
+            {"albedo": "Color", "normal": "OpenGL", "roughness": "Roughness"},
+        ),
+        ("s_d s_n s_o s_s", "s_d s_n", {"albedo": "d", "normal": "n", "ao": "o", "specular": "s"}),
+        (
+            "T_S_B T_S_N T_S_DpRA",
+            "T_S_B T_S_N T_S_DpRA",
+            {"albedo": "B", "normal": "N", "roughness": "DpRA.G", "ao": "DpRA.B", "height": "DpRA.R"},
+        ),
+        ("s_Color s_Preview1 s_depth", "s_Color s_Preview1", {"albedo": "Color", "height": "depth"}),
         ("normal_moss albedo_moss", "normal_moss albedo_moss", {"albedo": "moss", "normal": "moss"}),
         (
             "s_COL_VAR1_3K s_COL_VAR2_3K s_NRM_3K",
@@ -116,6 +130,14 @@ def test_names_of_a_folder_are_read_together(
     tmp_path: Path, names: str, colored: str, expected: dict[str, str]
 ) -> None:
     assert roles(folder_of(tmp_path, *names.split(), colored=colored)) == expected
+
+
+def test_maps_of_several_materials_are_refused_with_what_each_would_be(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path, "a_wall_d", "a_wall_n", "B_d", "B_n", "B_r", colored="a_wall_d a_wall_n B_d B_n")
+    with pytest.raises(InputError, match=r"holds maps of 2 materials") as raised:
+        open_source("exemplar", str(folder))
+    assert "B.yaml {albedo: B_d.png, normal: B_n.png, roughness: B_r.png}" in str(raised.value)
+    assert "a_wall.yaml {albedo: a_wall_d.png, normal: a_wall_n.png}" in str(raised.value)
 
 
 def test_names_in_doubt_are_refused_with_what_they_may_be(tmp_path: Path) -> None:
@@ -220,3 +242,37 @@ def test_gloss_beside_roughness_and_both_normals_are_written_back(tmp_path: Path
         f"{name}.png" for name in names
     }
     np.testing.assert_array_equal(cv2.imread(str(out / "m_Gloss.png"), cv2.IMREAD_UNCHANGED), 255 - rough)
+
+
+@pytest.mark.parametrize("suffix", ["tga", "dds", "webp", "bmp", "jp2", "tif", "avif", "jpg", "psd", "gif"])
+def test_maps_are_written_back_in_their_formats(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, suffix: str
+) -> None:
+    folder = tmp_path / "m"
+    folder.mkdir()
+    ramp = np.add.outer(np.arange(SIDES[0]), 3 * np.arange(SIDES[1])).astype(np.uint8)
+    for role, levels in {
+        "albedo": np.dstack([ramp, ramp // 2, ramp // 3 + 99]),
+        "orm": np.dstack([ramp] * 3),
+    }.items():
+        picture = PIL.Image.fromarray(levels)
+        if suffix == "psd":
+            (folder / f"m_{role}.psd").write_bytes(psd_of(levels))
+        else:
+            picture.save(folder / f"m_{role}.{suffix}")
+    source = open_source("exemplar", str(folder))
+    written = set(write_same(source.read(), tmp_path / "out", source.maps, Delivery("same"), {}))
+    end = "png" if suffix in ("psd", "gif") else suffix
+    assert written == {f"m_albedo.{end}", f"m_orm.{end}"}
+    assert ("m_orm.psd: written as m_orm.png" in caplog.text) == (suffix == "psd")
+    again = open_source("exemplar", str(tmp_path / "out"))
+    assert again.map_bits == source.map_bits
+    lossy = {"jpg": 0.05, "avif": 0.05}.get(suffix, 1e-6)
+    np.testing.assert_allclose(again.read().pixels, source.read().pixels, atol=lossy)
+
+
+def psd_of(levels: np.ndarray) -> bytes:
+    """A PSD of 8-bit colour without layers, (h, w, 3)."""
+    height, width, planes = levels.shape
+    head = struct.pack(">4sH6xHIIHH", b"8BPS", 1, planes, height, width, 8, 3)
+    return head + bytes(4 * 3 + 2) + np.moveaxis(levels, 2, 0).tobytes()

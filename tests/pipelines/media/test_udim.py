@@ -7,9 +7,11 @@ import PIL.Image
 import pytest
 
 from tests.pipelines.media.test_sources import problem, read
+from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.media.udim import joined
 from texloom.pipelines.media.writers.layouts import tiles_of
+from texloom.pipelines.media.writers.same import write_same
 from texloom.stages.vocabulary.arrays import Image
 
 
@@ -68,3 +70,18 @@ def test_refusals(tmp_path: Path) -> None:
 def test_which_files_are_tiles(names: str, expected: str) -> None:
     found = joined(map(Path, names.split()), lambda stem: stem.endswith("_color"))
     assert [str(path) for path in found] == expected.split()
+
+
+def test_tiles_named_by_their_place_are_read_and_written_back(tmp_path: Path) -> None:
+    folder = tmp_path / "wood"
+    folder.mkdir()
+    for u, v, level in ((1, 1, 10), (2, 1, 60), (1, 2, 110), (2, 2, 160)):
+        tile(folder, 0, level, name=f"wood_BC_u{u}_v{v}.png")
+    source = open_source("exemplar", str(folder))
+    levels = np.rint(source.read().srgb[..., 0]).astype(int)
+    assert [levels[y, x] for y, x in ((-1, 0), (-1, -1), (0, 0), (0, -1))] == [10, 60, 110, 160]
+    write_same(source.read(), tmp_path / "out", source.maps, Delivery("same"), {})
+    for path in folder.iterdir():
+        np.testing.assert_array_equal(
+            *(np.asarray(PIL.Image.open(one / path.name)) for one in (folder, tmp_path / "out"))
+        )

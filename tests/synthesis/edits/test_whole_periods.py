@@ -46,6 +46,7 @@ def test_only_what_is_asked_for_is_cut(wall: Image, caplog: pytest.LogCaptureFix
         kept = run(wall, generators, **params)
         assert kept.image is wall
         assert not len(kept.generators)
+        assert len(kept.lattice) == (2 if generators is RUNNING else 0)
     whole = run(wall.cropped(slice(0, 160), slice(0, 200)), RUNNING)
     assert (whole.image.height, whole.image.width, len(whole.generators)) == (160, 200, 2)
     assert caplog.messages == []
