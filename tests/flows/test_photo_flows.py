@@ -110,6 +110,7 @@ def test_a_surface_is_laid_flat_and_made_larger(ran: Any, folder: Path, tmp_path
     )
     flat = exports["flat.png"]
     assert exports["grid.png"].shape[:2] == SIDES
+    assert exports["foreign.png"].shape[:2] == flat.shape[:2]
     assert exports["texture.png"].shape == (64, 64, 3)
     assert exports["texture.png"].std() > 0.5 * flat[..., :3].std()
     assert exports["scores.json"]["colors"]["score"] > 0.5

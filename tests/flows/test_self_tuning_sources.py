@@ -78,7 +78,7 @@ def test_guides_and_strokes_exclude_each_other() -> None:
         ("self_tuning_report", set(ALL)),
         ("materials", set(ALL) - {"control"}),
         ("refine", {"mask", "exemplar_structure"}),
-        ("photo_self_tuning", {"strokes", "control"}),
+        ("photo_self_tuning", {"mask", "strokes", "control"}),
         ("photo_material", {"mask", "strokes"}),
         ("wang_tiles", {"mask", "exemplar_structure"}),
         ("fill", {"holes"}),

@@ -117,10 +117,14 @@ def _joined(parts: Iterable[Coverage], shape: tuple[int, int]) -> tuple[Jacobian
         total[row : row + height, column : column + width] += part.total
         count[row : row + height, column : column + width] += part.count
     covered = count > 0
-    field = np.asarray(total / np.maximum(count, 1)[..., None], np.float32)
+    total /= np.maximum(count, 1)[..., None]
+    field = total.astype(np.float32)
+    del total
     area = field[..., 0] * field[..., 3] - field[..., 1] * field[..., 2]
     if not (area[covered] > 0).all():
         raise InputError("patches: two overlapping patches have opposite directions of texture")
+    if covered.all():  # as of a frontal photograph, which may be large
+        return field, covered
     # Areas are extrapolated separately, since means of different directions are too short.
     planes = np.concatenate([field, log(np.where(covered, area, 1))[..., None]], axis=2).astype(np.float32)
     planes = pull_push(planes, covered.astype(np.float32))

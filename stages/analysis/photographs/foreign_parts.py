@@ -12,6 +12,7 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis.exemplars.exclusion_mask import ExclusionMaskParams, exclusion_mask
+from texloom.stages.analysis.photographs.foreign_outlines import outlined
 from texloom.stages.analysis.photographs.unlikeness import unlikeness
 from texloom.stages.analysis.regularity.mean_cell import mean_cell
 from texloom.stages.common.grids.pyramid import reduced, resize
@@ -31,12 +32,12 @@ _WINDOWS = 24, 48  # deviations of the windows that are compared: the side over 
 _LESS = 0.75  # of the threshold, where others were found
 _GROWS = 0.6  # of the threshold, down to which a foreign part reaches
 _SURE = 0.4  # share of the first parts that reaches it: drifts of tone rise slowly
+_CERTAIN = 2.0  # times the threshold, from which colours need not differ
 _LEAST = 0.01  # share of the picture that is a part
 _PIECE = 0.01  # share of the picture that is left between foreign parts
 _EXPLAINS = 0.5  # median correlation of the cells with their median from which it explains the picture
 _MIN_CELLS = 6.0
-_TRACE = 0.2  # of the unlikeness nearby, above which what is near an outline is foreign
-_HALO = 5.0  # deviations of the window, over which it may reach
+_MARGIN = 2.0  # px at which it is searched, by which masks are wider: borders are soft
 _FINE = 1 / 12  # deviation of the window in a cell, of the shorter generator
 _NOTICED = 1.5  # CIELAB
 _TINT = np.array([25.0, 8.0, 8.0], np.float32)  # CIELAB by which light may change a cell
@@ -165,24 +166,28 @@ def _searched(
         factor = np.array(lab.shape[:2]) / (image.height, image.width)
         cell = _unlike_cell(lab, small, (generators * factor).astype(np.float32))
     side = float(np.sqrt(small.sum()))
-    unlike = fine = np.zeros(small.shape, np.float32)
+    unlike = np.zeros(small.shape, np.float32)
     found = np.zeros(small.shape, np.bool_)
     for share, most in ((1.0, _SURE), (_LESS, 0.0)):
         looks = [unlikeness(lab, small, max(1.5, side / windows), found) for windows in _WINDOWS]
-        unlike = np.maximum.reduce(looks) if cell is None else np.minimum(np.maximum.reduce(looks), cell)
+        unlike = np.maximum.reduce(looks) if cell is None else np.minimum(np.maximum.reduce(looks), cell[0])
         found = found | _parts(unlike, small, share * threshold, most)
-        fine = looks[-1] if cell is None else np.minimum(looks[-1], cell)
         if not found.any():
             break
-    if found.any():  # the large window blurs outlines
-        found = _outlined(found, fine, side / _WINDOWS[1])
-    foreign = _closed(found, small, side / _WINDOWS[1] / 2)
+    planes = lab if cell is None else cell[1]
+    found = outlined(planes, small, found, unlike >= _CERTAIN * threshold)  # windows blur outlines
+    foreign = _closed(found, small, _MARGIN)
     both = resize(np.stack([foreign, unlike], axis=2).astype(np.float32), image.height, image.width, bilinear=True)
     return np.ascontiguousarray(both[..., 1]), both[..., 0] > 0.5, cell is not None
 
 
-def _unlike_cell(lab: Float32[np.ndarray, "h w 3"], valid: Mask, generators: Vectors) -> ScalarMap | None:
-    """How many times farther from the mean cell each pixel is than is usual; None where it explains too little."""
+def _unlike_cell(
+    lab: Float32[np.ndarray, "h w 3"], valid: Mask, generators: Vectors
+) -> tuple[ScalarMap, Float32[np.ndarray, "h w 3"]] | None:
+    """How many times farther from the mean cell each pixel is than is usual, and what the mean cell leaves of it.
+
+    None where the mean cell explains too little.
+    """
     frame = generators.astype(np.float64)
     area, shorter = abs(float(determinant(frame))), float(np.hypot(*frame.T).min())
     if valid.sum() < _MIN_CELLS * area or shorter < 6:
@@ -192,13 +197,15 @@ def _unlike_cell(lab: Float32[np.ndarray, "h w 3"], valid: Mask, generators: Vec
     if cell.explained(lab[..., 0], valid) < _EXPLAINS:
         return None
     toned = lab - tint
-    rest = np.maximum(np.maximum(toned - cell.highest, cell.lowest - toned), 0).mean(axis=2)
+    left = toned - np.clip(toned, cell.lowest, cell.highest)
+    rest = np.abs(left).mean(axis=2)
     usual = np.nan_to_num(cell.deviation)[cell.phase[..., 0], cell.phase[..., 1]]
     deviation = max(1.0, _FINE * shorter)
     counted = valid.astype(np.float32)
     weight = np.maximum(gaussian_blur(counted, deviation), np.float32(1e-6))
     mean, expected = (gaussian_blur(plane * counted, deviation) / weight for plane in (rest, usual))
-    return np.asarray(np.where(valid, 2 * mean / (expected + np.float32(_NOTICED)), 0), np.float32)
+    unlike = np.where(valid, 2 * mean / (expected + np.float32(_NOTICED)), 0)
+    return np.asarray(unlike, np.float32), np.asarray(left, np.float32)
 
 
 def _parts(unlike: ScalarMap, valid: Mask, threshold: float, sure: float) -> Mask:
@@ -211,17 +218,6 @@ def _parts(unlike: ScalarMap, valid: Mask, threshold: float, sure: float) -> Mas
     large = (boxes[:, cv2.CC_STAT_AREA] >= _LEAST * valid.sum()) & (reach > sure * boxes[:, cv2.CC_STAT_AREA])
     large[0] = False
     return np.asarray(large[labels])
-
-
-def _outlined(found: Mask, fine: ScalarMap, deviation: float) -> Mask:
-    """Less the halo that windows make: near an outline, some of what is beyond it is seen on it."""
-    import cv2
-
-    side = 2 * round(3 * deviation) + 1
-    around = cv2.dilate(fine, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
-    halo = found & (fine < _TRACE * around) & _grown(~found, _HALO * deviation)
-    kept = _grown(found & ~halo, deviation)
-    return found & (~_grown(~kept, deviation) | (found & ~halo))
 
 
 def _closed(found: Mask, valid: Mask, reach: float) -> Mask:

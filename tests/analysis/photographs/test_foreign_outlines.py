@@ -1,0 +1,51 @@
+"""Outlines lie where colours change, stains are dropped, and what colours cannot tell stays whole."""
+
+import numpy as np
+
+from texloom.stages.analysis.photographs.foreign_outlines import outlined
+
+SIDE = 96
+ALL = np.ones((SIDE, SIDE), np.bool_)
+NONE = ~ALL
+
+
+def wide(margin: int) -> np.ndarray:
+    """A square of 32 px, and a margin around it."""
+    part = np.zeros((SIDE, SIDE), np.bool_)
+    part[32 - margin : 64 + margin, 32 - margin : 64 + margin] = True
+    return part
+
+
+def surface() -> np.ndarray:
+    lab = np.random.default_rng(2).normal((50, 0, 0), (6, 2, 2), (SIDE, SIDE, 3))
+    return lab.astype(np.float32)
+
+
+def test_an_outline_lies_where_colours_change() -> None:
+    lab, true = surface(), wide(0)
+    lab[true] += (0, 30, 0)
+    made = outlined(lab, ALL, wide(12), NONE)
+    assert (made & true).sum() > 0.97 * true.sum()
+    assert (made & ~wide(2)).sum() == 0
+
+
+def test_what_has_the_colours_of_the_rest_is_foreign_only_where_it_is_sure() -> None:
+    lab = surface()
+    assert not outlined(lab, ALL, wide(12), NONE).any()
+    assert outlined(lab, ALL, wide(12), wide(0)).any()
+
+
+def test_excluded_pixels_have_no_influence() -> None:
+    lab, true = surface(), wide(0)
+    lab[true] += (0, 30, 0)
+    valid = ALL.copy()
+    valid[:, :16] = False
+    other = lab.copy()
+    other[:, :8] = (90, -60, 60)
+    one, two = (outlined(each, valid, wide(12), NONE) for each in (lab, other))
+    np.testing.assert_array_equal(one, two)
+
+
+def test_nothing_found_and_everything_found_stay() -> None:
+    np.testing.assert_array_equal(outlined(surface(), ALL, NONE, NONE), NONE)
+    np.testing.assert_array_equal(outlined(surface(), ALL, ALL, NONE), ALL)
