@@ -60,7 +60,7 @@ def outlined(planes: Float32[np.ndarray, "h w c"], valid: Mask, found: Mask, sur
     return made
 
 
-def _of_part(cells: Int64[np.ndarray, "h w"], part: Mask, usual: Float64[np.ndarray, "n"], count: int) -> Mask:
+def _of_part(cells: Int64[np.ndarray, "h w"], part: Mask, usual: Float64[np.ndarray, "n"], count: int) -> Mask:  # type: ignore[name-defined]
     """The pixels of one part."""
     inside = part
     for _ in range(_PASSES):
@@ -97,7 +97,7 @@ def _cells(features: Float32[np.ndarray, "h w k"], valid: Mask) -> Int64[np.ndar
     return number
 
 
-def _density(cells: Int64[np.ndarray, "n"], count: int) -> Float64[np.ndarray, "bins"]:
+def _density(cells: Int64[np.ndarray, "n"], count: int) -> Float64[np.ndarray, "n"]:  # type: ignore[name-defined]
     """Share of pixels in each bin and those beside it, never 0."""
     table = np.bincount(cells, minlength=_BINS**count).astype(np.float64).reshape((_BINS,) * count)
     for axis in range(count):
