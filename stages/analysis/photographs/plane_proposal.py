@@ -10,7 +10,8 @@ from pydantic import Field
 from texloom.stages.analysis.photographs.depth_cues import depth_cues
 from texloom.stages.analysis.photographs.line_segments import line_segments
 from texloom.stages.analysis.photographs.plane_candidates import Cells, plane_candidates
-from texloom.stages.analysis.photographs.plane_ranking import RankedPlane, as_frontal, ranked
+from texloom.stages.analysis.photographs.plane_extent import extended
+from texloom.stages.analysis.photographs.plane_ranking import RankedPlane, as_frontal, measured, ranked
 from texloom.stages.analysis.photographs.vanishing import vanishing_points
 from texloom.stages.vocabulary.arrays import Image, Quads
 from texloom.stages.vocabulary.declare import Document, InputError, Params, stage
@@ -20,6 +21,7 @@ _LOG = logging.getLogger(__name__)
 _FAMILIES = 6  # vanishing points
 _MOST = 8  # planes that are numbered
 _SAME = 0.5  # shared area, as a share of that of both planes: they are one
+_AS_EVEN = 0.95  # of the evenness of a rectangle, that it must have when it is extended
 _COLORS = ((1.0, 0.1, 0.1), (0.1, 1.0, 0.1))  # of segments down and across
 _CHOSEN, _OTHER = (1.0, 0.8, 0.0), (0.3, 0.6, 1.0)  # of rectangles
 
@@ -32,6 +34,8 @@ class PlaneProposalParams(Params):
     null: the best where it holds"""
     support: float = Field(0.03, gt=0, le=1)
     """minimum share of the length of all line segments that has to run in each direction of a plane"""
+    extend: bool = True
+    """extend the plane that is taken beyond its outermost lines, as far as its texture goes on"""
     geometry: Document | None = None
     """a file that says where the surfaces lie, see `jacobian_field`: no planes are proposed"""
 
@@ -41,23 +45,25 @@ class PlaneProposal:
     """The proposed planes."""
 
     corners: Quads
-    """a rectangle on the plane that is taken, around its line segments; none where the photograph counts as
-    frontal"""
+    """a rectangle on the plane that is taken, around its line segments and what goes on beyond them; none where the
+    photograph counts as frontal"""
     picture: Image
     """the photograph with the rectangles, numbered from the best on; that taken is yellow, with its segments, red
     down and green across"""
     table: dict[str, Any]
-    """``taken``: number, 0 for none; ``why``: a sentence; ``planes``: ``confidence``, ``repetition``,
+    """``taken``: number, 0 for none; ``why``: a sentence; ``extended``: how many times as large as the rectangle
+    around its lines the one that is taken is, from the front; ``planes``: ``confidence``, ``repetition``,
     ``evenness``, ``straightness``, each 0..1, and ``area``, a share of the photograph, of each"""
 
 
-@stage(version=2)
+@stage(version=3)
 def plane_proposal(image: Image, params: PlaneProposalParams) -> PlaneProposal:
     """Propose rectangles on the planes of a photograph: walls of bricks, tiles, windows.
 
     Line segments that point to the same vanishing point are parallel in space. Where segments of two such families
     meet, they lie on a plane, and the homography of the plane follows from both vanishing points but for the
-    aspect ratio. The rectangle encloses the segments of both; it may reach beyond the photograph.
+    aspect ratio. The rectangle encloses the segments of both; it may reach beyond the photograph. That of the plane
+    that is taken is extended to where its texture ends, see `extended`, unless it is less even then.
 
     Planes are ranked by what they look like from the front: how well they repeat, how even they are, and how many
     of their lines are straight. Confidence is the geometric mean of the three; a plane holds from .45 on, and
@@ -80,7 +86,7 @@ def plane_proposal(image: Image, params: PlaneProposalParams) -> PlaneProposal:
     their ranking, are ours.
     """
     if params.geometry is not None:
-        table = {"taken": 0, "why": "the geometry file says where surfaces lie", "planes": []}
+        table = {"taken": 0, "why": "the geometry file says where surfaces lie", "extended": 1.0, "planes": []}
         return PlaneProposal(np.empty((0, 4, 2), np.float32), _drawn(image, [], 0), table)
     found = find_planes(image, params.support)
     planes, taken = found.planes, found.best if params.plane is None else params.plane
@@ -88,14 +94,28 @@ def plane_proposal(image: Image, params: PlaneProposalParams) -> PlaneProposal:
         raise InputError(f"plane: there is no plane {taken}; {len(planes)} are proposed")
     if params.plane is None and found.doubt:
         raise InputError(f"image: {found.doubt}, and no plane is evident: {_advice(planes)}")
+    share = 1.0
+    if taken and params.extend:
+        further, share = _extended(image, planes[taken - 1])
+        planes = [*planes[: taken - 1], further, *planes[taken:]]
     why = _described(planes, taken) if taken else "the photograph counts as frontal"
+    if share > 1:
+        why += (
+            f"; extended beyond its outermost lines, to {share:.1f} times that size (--set plane.extend=false "
+            "keeps to the lines)"
+        )
     if not taken and params.plane is None:
         held = bool(planes) and planes[0].holds
         why += ": its lines are as straight" if held else ": no plane is evident from its lines"
     others = [number + 1 for number in range(len(planes)) if number + 1 != taken]
     why += f"; another: --set plane={others[0]}, see planes.png" if others else ""
     _LOG.warning("%s", why)
-    table = {"taken": taken, "why": why, "planes": [_measures(plane) for plane in planes]}
+    table = {
+        "taken": taken,
+        "why": why,
+        "extended": round(share, 3),
+        "planes": [_measures(plane) for plane in planes],
+    }
     cells = Cells((image.height, image.width))
     corners = [cells.pixels(plane.candidate.corners) for plane in planes[taken - 1 : taken] if taken]
     return PlaneProposal(np.array(corners, np.float32).reshape(-1, 4, 2), _drawn(image, planes, taken), table)
@@ -138,6 +158,19 @@ def find_planes(image: Image, support: float = PlaneProposalParams().support) ->
     if not doubt and frontal is not None and not frontal.is_surface:
         doubt = "its parts differ as several surfaces do"
     return FoundPlanes(planes, 0, doubt)
+
+
+def _extended(image: Image, plane: RankedPlane) -> tuple[RankedPlane, float]:
+    """A plane with what goes on beyond its lines, and how many times as large it is then."""
+    cells = Cells((image.height, image.width))
+    corners = cells.pixels(plane.candidate.corners)
+    segments = line_segments(image)
+    further = extended(image, corners, segments)
+    candidate = dataclasses.replace(plane.candidate, corners=cells.places(further.corners))
+    after = measured(image, candidate, segments, cells) if further.share > 1 else None
+    if after is None or after.evenness < _AS_EVEN * plane.evenness:
+        return plane, 1.0
+    return dataclasses.replace(plane, candidate=candidate), further.share
 
 
 def _are_same(one: RankedPlane, other: RankedPlane) -> bool:

@@ -75,7 +75,7 @@ def as_frontal(image: Image, segments: Segments) -> RankedPlane | None:
     down, across = image.height - 1, image.width - 1
     corners = cells.places(np.array([[0, 0], [0, across], [down, across], [down, 0]], float))
     none = Segments(np.zeros((0, 2, 2)))
-    return _measured(
+    return measured(
         image, PlaneCandidate(corners, np.ones(cells.shape, np.bool_), 0.0, (none, none)), segments, cells
     )
 
@@ -87,11 +87,12 @@ def ranked(image: Image, candidates: list[PlaneCandidate], segments: Segments, c
     ----------
     segments : all line segments of the photograph.
     """
-    planes = [_measured(image, candidate, segments, cells) for candidate in candidates]
+    planes = [measured(image, candidate, segments, cells) for candidate in candidates]
     return sorted((plane for plane in planes if plane is not None), key=lambda plane: plane.merit, reverse=True)
 
 
-def _measured(image: Image, candidate: PlaneCandidate, segments: Segments, cells: Cells) -> RankedPlane | None:
+def measured(image: Image, candidate: PlaneCandidate, segments: Segments, cells: Cells) -> RankedPlane | None:
+    """A candidate with its measures; none where it cannot be seen from the front."""
     from texloom.stages.kernels.core.resample import sampled
 
     corners = cells.pixels(candidate.corners)
