@@ -10,7 +10,7 @@ from texloom.stages.lookup.registry import find_stage
 @pytest.mark.parametrize(
     ("name", "optional"),
     [
-        ("metrics", {"match", "copies", "keep"}),
+        ("metrics", {"match", "copies", "keep", "generators"}),
         ("regularity", {"generators"}),
         ("compare", {"more"}),
         ("tabulate", {"more"}),

@@ -97,7 +97,7 @@ def _cells(features: Float32[np.ndarray, "h w k"], valid: Mask) -> Int64[np.ndar
     return number
 
 
-def _density(cells: Int64[np.ndarray, "n"], count: int) -> Float64[np.ndarray, "n"]:  # type: ignore[name-defined]
+def _density(cells: Int64[np.ndarray, "n"], count: int) -> Float64[np.ndarray, "bins"]:  # type: ignore[name-defined]
     """Share of pixels in each bin and those beside it, never 0."""
     table = np.bincount(cells, minlength=_BINS**count).astype(np.float64).reshape((_BINS,) * count)
     for axis in range(count):
