@@ -5,6 +5,7 @@
     python -m benchmarks.verdicts record sheets ranks.csv --judging 1            adds ranks of the letters on them
     python -m benchmarks.verdicts agreement made                                 of scores and verdicts
     python -m benchmarks.verdicts agreement made --half 0                        of every other exemplar
+    TEXLOOM_TEXTURES=folder python -m benchmarks.verdicts choices store          what the flow `auto` chooses
 
 A sheet shows an exemplar and results of several methods, each a letter, at full size; the file that says which
 method is which letter is read by `record` only. ``ranks.csv`` has lines such as ``07,A,C=D,B``, best first, for
@@ -17,17 +18,24 @@ from __future__ import annotations
 
 import argparse
 import csv
+import dataclasses
 import itertools
 import json
 import os
 import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import PIL.Image
 
 from benchmarks.scores import Sample, exemplars, made, table_of
+from texloom.pipelines.engine.run import Run
+from texloom.pipelines.engine.scheduler import execute
+from texloom.pipelines.flow.loader import find_flow, load_flow
+from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.store.store import Store
 from texloom.stages.evaluation.choice import ChoiceParams, weighted_mean
 
 _FILE = Path(__file__).with_suffix(".csv")
@@ -186,16 +194,47 @@ def report(folder: Path, half: int | None) -> None:
     print(f"scores and the eye: {agreed:.0f} of {decided} pairs, {agreed / decided:.0%}; {ties} pairs are ties")
 
 
+def trials(picture: np.ndarray, methods: str, store: Path) -> dict[str, Any]:
+    """What `auto` chooses, and why, without the result at full size."""
+    store.mkdir(parents=True, exist_ok=True)
+    file = store / "exemplar.png"
+    PIL.Image.fromarray(picture).save(file)
+    flow = load_flow(find_flow("auto"), Overrides({"exemplar": str(file)}, {"methods": methods}))
+    needed = {"method"}
+    for name in reversed(list(flow.steps)):
+        needed.update(flow.steps[name].needs if name in needed else ())
+    steps = {name: step for name, step in flow.steps.items() if name in needed}
+    run = Run(dataclasses.replace(flow, steps=steps, exports={}, likes={}), Store(store / "store"))
+    execute(run, lambda _: None, store / "out")
+    return run.store.table(run.shared.artifacts["method"], "table")
+
+
+def report_choices(store: Path, half: int | None) -> None:
+    """Print what `auto` chooses for each exemplar, of the methods that were judged, and that method's rank."""
+    pictures = {Path(name).name: picture for name, picture in exemplars(Path(os.environ["TEXLOOM_TEXTURES"]), None, [])}
+    known, ranks, best = by_exemplar(1), list[int](), 0
+    for name in list(known) if half is None else list(known)[half::2]:
+        judged = {one.method.partition(":")[0]: one.rank for one in known[name] if one.method != "per_pixel"}
+        methods = ",".join(judged)
+        table = trials(pictures[name], methods, store)
+        ranks.append(judged[table["chosen"]])
+        best += min(judged.values()) == judged[table["chosen"]]
+        print(name, table["chosen"], judged, table["totals"], flush=True)
+    print(f"the first choice of the eye is chosen for {best} of {len(ranks)} exemplars; mean rank {np.mean(ranks):.2f}")
+
+
 def main() -> None:
     """Read the command and do it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("command", choices=("render", "sheets", "record", "agreement"))
+    parser.add_argument("command", choices=("render", "sheets", "record", "agreement", "choices"))
     parser.add_argument("folders", nargs="+", type=Path, metavar="FOLDER")
     parser.add_argument("--judging", type=int, default=1)
     parser.add_argument("--half", type=int, choices=(0, 1), help="only every other exemplar")
     options = parser.parse_args()
     if options.command == "record":
         record(options.folders[0], options.folders[1], options.judging)
+    elif options.command == "choices":
+        report_choices(options.folders[0], options.half)
     elif options.command == "sheets":
         write_sheets(options.folders[0], options.folders[1], options.judging)
     elif options.command == "render":

@@ -124,7 +124,7 @@ class Terminal:
         )
         words = [f"{counts} in {_duration(time.monotonic() - self.began)}"]
         if scores:
-            of = f"{next(iter(choices.values()))['chosen']}: " if choices else ""
+            of = f"{list(choices.values())[-1]['chosen']}: " if choices else ""
             words.append(of + _describe_scores(scores))
         if folder is not None:
             words.append(str(folder))
@@ -252,13 +252,15 @@ def _describe_scores(scores: Mapping[str, float | None]) -> str:
 
 
 def _describe_choice(table: Mapping[str, Any]) -> str:
-    """What was chosen, with its scores, and what was not, with its own."""
+    """What was chosen, with its scores, and what was not, with its own; of several labels alone, why these."""
     chosen = table["chosen"]
+    if not isinstance(chosen, str):
+        return f"{', '.join(chosen)}, {table['because']}"
     others = [label for label in table["scores"] if label != chosen]
     described = [
         f"{label} ({_describe_scores(table['scores'][label]) or 'no scores'})" for label in (chosen, *others)
     ]
-    return f"chosen is {described[0]}, not {', '.join(described[1:])}"
+    return f"chosen is {described[0]}" + (f", not {', '.join(described[1:])}" if others else "")
 
 
 def header(started: RunStarted) -> str:

@@ -134,6 +134,7 @@ class Attempt:
         """Run what is not cached, and write the exports."""
         run = self.run
         run.shared.lost.clear()
+        run.shared.passed_over.clear()
         for note in run.notes_before:
             self.listener(Note(note))
         self._tell_notes(run.shared)
@@ -301,6 +302,11 @@ class Attempt:
         state: State,
         seconds: float,
     ) -> None:
+        is_refusal = isinstance(result, InputError) and not isinstance(result, SourceError)
+        if is_refusal and self.run.may_refuse(step, scope_run.scope):
+            scope_run.pass_over(step, str(result))
+            self.listener(Note(f"{scope_run.scope.label(step)} is passed over: {result}"))
+            return
         scope_run.end(step, result)
         if isinstance(result, Artifact):
             self.history.add(scope_run.scope.label(step), parts.as_dict(), result, state == "ran")

@@ -41,7 +41,7 @@ class Exporter:
         written = {}
         prefix = "" if scope.name is None else f"{scope.name}/"
         for file, reference in self.run.exports_of(kind).items():
-            if reference.name in scope.lost or (kind == "item" and not self.run.has(reference, scope)):
+            if reference.name in scope.lost or scope.why_passed_over(reference.name) is not None or (kind == "item" and not self.run.has(reference, scope)):
                 continue
             like = self.run.flow.likes.get(file)
             source = None if like is None else scope.source(like)
@@ -134,7 +134,7 @@ class Exporter:
         """What this run adds to the provenance of an export."""
         about: dict[str, Any] = {"flow": self.run.flow.name, "output": str(reference), "seed": scope.seed}
         if reference.output is not None:
-            step = self.run.flow.steps[reference.name]
+            step = found(self.run.present(self.run.flow.steps[reference.name], scope))
             about["from"] = {name: self.run.given(given, scope).label for name, given in step.inputs.items()}
         if file.endswith((".exr", "/")):
             about["bits"] = self._bits(file, reference, scope)  # so that PNGs made from it one day have as many

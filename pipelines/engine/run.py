@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, NoReturn
+from typing import Any, Literal, NoReturn, TypeVar
 
 from texloom.pipelines.engine import user_cache
 from texloom.pipelines.engine.code_digest import code_digest
@@ -34,6 +34,8 @@ from texloom.stages.common.grids.working_size import reduction
 from texloom.stages.vocabulary.declare import InputError
 
 State = Literal["cached", "run", "wait", "refused", "skipped"]
+
+T = TypeVar("T")
 
 _MANY = 100  # items of a set whose files are not opened again
 _FILES = "files"
@@ -180,6 +182,7 @@ class Run:
     def plan(self) -> list[StepPlan]:
         """What would happen, from the records alone."""
         earlier = self.history()
+        self.shared.passed_over.clear()
         plans = self._plan_scope(self.shared, "shared", earlier)
         for item in self.items:
             try:
@@ -199,13 +202,23 @@ class Run:
         return self.plan()
 
     def skipped(self) -> list[StepPlan]:
-        """The steps that are left out of this run."""
+        """The steps that are left out of this run, those that were not chosen among them."""
         left_out = self.flow.skipped.items()
-        return [StepPlan(name, one.stage.name, "skipped", (one.reason,), None) for name, one in left_out]
+        return [
+            *(StepPlan(name, one.stage.name, "skipped", (one.reason,), None) for name, one in left_out),
+            *(
+                StepPlan(name, self.flow.steps[name].stage.name, "skipped", (reason,), None, scope.name)
+                for scope in self.known_scopes
+                for name, reason in scope.passed_over.items()
+            ),
+        ]
 
     def _plan_scope(self, scope: Scope, kind: str, earlier: History) -> list[StepPlan]:
         plans = []
-        for step in (step for step in self.flow.steps.values() if step.scope == kind):
+        for declared in (step for step in self.flow.steps.values() if step.scope == kind):
+            step = self.present(declared, scope)
+            if step is None:
+                continue
             waits = [name for name in self._awaited(step) if not self._is_known(name, scope)]
             parts = self.parts(step, scope)
             name = scope.label(step)
@@ -235,8 +248,11 @@ class Run:
         """Whether a step's result is in the store; for all items if it is theirs and ``scope`` the shared one."""
         if self.flow.steps[name].scope == "item" and scope.item is None:
             places = [place for place in self.scopes.values() if place is not None]
-            return all(name in place.lost or place.artifact(name) is not None for place in places)
-        return scope.artifact(name) is not None
+            ended = [{*place.lost, *place.passed_over} for place in places]
+            return all(
+                name in gone or place.artifact(name) is not None for place, gone in zip(places, ended, strict=True)
+            )
+        return scope.artifact(name) is not None or scope.why_passed_over(name) is not None
 
     # -- what the scheduler asks
 
@@ -279,6 +295,46 @@ class Run:
         if reasons:
             scope.lost[step.name] = reasons[0]
         return bool(reasons)
+
+    def present(self, step: Step, scope: Scope) -> Step | None:
+        """The step with what it takes of the results that are there; None if it is passed over.
+
+        It is passed over where a choice that is made has not taken it, or where it needs what is passed over.
+        """
+        reason = self._why_not_chosen(step, scope)
+        inputs = dict(step.inputs)
+        for name, given in step.inputs.items():
+            gone = None if given.output is None else scope.why_passed_over(given.name)
+            if gone is not None and name in step.stage.optional:
+                del inputs[name]
+            elif reason is None:
+                reason = gone
+        if reason is not None:
+            scope.passed_over[step.name] = reason
+            return None
+        return step if len(inputs) == len(step.inputs) else dataclasses.replace(step, inputs=inputs)
+
+    def _why_not_chosen(self, step: Step, scope: Scope) -> str | None:
+        """Why a step does not run, if a choice is made that has not taken it."""
+        if step.chosen is None:
+            return None
+        name, label = step.chosen.name, step.chosen.output
+        if (gone := scope.why_passed_over(name)) is not None:
+            return gone
+        chosen = self._chosen(name, scope)
+        return f"{name} took {', '.join(chosen)}, not {label}" if chosen and label not in chosen else None
+
+    def _chosen(self, name: str, scope: Scope) -> list[str]:
+        """The labels that a choice has taken; none while it is not made."""
+        artifact = scope.artifact(name)
+        if artifact is None:
+            return []
+        chosen = self.store.table(artifact, "table")["chosen"]
+        return [chosen] if isinstance(chosen, str) else list(chosen)
+
+    def may_refuse(self, step: Step, scope: Scope) -> bool:
+        """Whether others that were chosen beside a step go on where it refuses what it takes."""
+        return step.chosen is not None and len(self._chosen(step.chosen.name, scope)) > 1
 
     def _places(self, reference: Reference) -> list[Scope | None]:
         """For each item where what is gathered is found, if it has it."""
@@ -458,11 +514,11 @@ def _digest_of(value: Any) -> str:
     return hashlib.sha256(canonical_json(value).encode()).hexdigest()
 
 
-def found(artifact: Artifact | None) -> Artifact:
-    """The artifact of a step that has run."""
-    if artifact is None:
+def found(one: T | None) -> T:
+    """A step that has run, or its artifact."""
+    if one is None:
         raise RuntimeError("a step was asked for its result before it ran")
-    return artifact
+    return one
 
 
 def _changes(parts: KeyParts, earlier: Mapping[str, Any] | None, waits: set[str]) -> list[str]:

@@ -7,26 +7,30 @@ from typing import Any
 from texloom.pipelines.engine.run import Run
 
 
+_PLACES = ("first", "second", "third", "fourth", "fifth", "sixth")  # of what a choice takes, in the order of its labels
+
+
 def choices_of(run: Run) -> dict[str, dict[str, Any]]:
-    """The tables of choices by the labels of their steps, after a run."""
+    """The tables of choices by the labels of their steps, after a run; not those where one thing alone was there."""
     steps = [step for step in run.flow.steps.values() if step.stage.role == "choice"]
-    return {
+    tables = {
         scope.label(step): run.store.table(artifact, "table")
         for step in steps
         for scope in run.known_scopes
         if (artifact := scope.artifacts.get(step.name)) is not None
     }
+    return {label: table for label, table in tables.items() if len(table.get("scores", ())) != 1}
 
 
 def scores(run: Run) -> dict[str, Any]:
     """The table of the flow's scores, after a run: of what it chose, if it did; empty over a set or without."""
     steps = list(run.flow.steps.values())
     measured = [step.name for step in steps if step.stage.role == "scores"]
-    for step in steps:
+    for step in reversed(steps):  # the last is that of the results
         if step.stage.role == "choice" and step.name in run.shared.artifacts:
             table = run.store.table(run.shared.artifacts[step.name], "table")
             better = dict(step.params)["labels"].index(table["chosen"])
-            measured.insert(0, step.inputs[("first_scores", "second_scores")[better]].name)
+            measured.insert(0, step.inputs[f"{_PLACES[better]}_scores"].name)
             break
     artifact = next((run.shared.artifacts[name] for name in measured if name in run.shared.artifacts), None)
     return {} if artifact is None else dict(run.store.table(artifact, "table"))

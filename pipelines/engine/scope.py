@@ -58,6 +58,8 @@ class Scope:
         self.artifacts: dict[str, Artifact] = {}
         self.lost: dict[str, str] = {}
         """step to why it has no result; those that would take it are lost with it"""
+        self.passed_over: dict[str, str] = {}
+        """step to why it has none though nothing failed: another one was chosen"""
         files = {name: path for name, path in flow.sources.items() if not isinstance(path, Each)}
         self.used: set[str] = used_sources(flow) if shared is None else shared.used
         opened = files if item is None else item.sources
@@ -147,6 +149,12 @@ class Scope:
         if name in self.artifacts or self.shared is None:
             return self.artifacts.get(name)
         return self.shared.artifact(name)
+
+    def why_passed_over(self, name: str) -> str | None:
+        """Why a step of the item, or one that all share, was passed over, if it was."""
+        if name in self.passed_over or self.shared is None:
+            return self.passed_over.get(name)
+        return self.shared.why_passed_over(name)
 
     @property
     def problem(self) -> str | None:

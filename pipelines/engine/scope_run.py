@@ -26,17 +26,24 @@ class ScopeRun:
 
     def next(self) -> Step | None:
         """A step that can be computed now."""
-        for name, step in list(self._waiting.items()):
+        for name, declared in list(self._waiting.items()):
             if self.problem is not None:
                 break
-            if any(needed in self._waiting or needed in self._running for needed in step.needs):
+            if any(needed in self._waiting or needed in self._running for needed in declared.needs):
                 continue
             del self._waiting[name]
-            if not self._run.is_lost(step, self.scope):
+            step = self._run.present(declared, self.scope)
+            if step is not None and not self._run.is_lost(step, self.scope):
                 self._running[name] = step
                 return step
-            self.inputs.release(step.inputs.values())
+            self.inputs.release(declared.inputs.values())
         return None
+
+    def pass_over(self, step: Step, reason: str) -> None:
+        """Go on without a step that refused what it takes, as others were chosen beside it."""
+        del self._running[step.name]
+        self.inputs.release(step.inputs.values())
+        self.scope.passed_over[step.name] = reason
 
     def end(self, step: Step, result: Artifact | Exception) -> None:
         """Go on with the steps that take the result, or without it; what all items share must be there."""

@@ -297,7 +297,13 @@ class _Composer:
         base.seed, base.runner = own.seed or base.seed, own.runner or base.runner
         base.delivery |= own.delivery
         base.part |= own.part
-        base.steps = {name: dataclasses.replace(step, own=False) for name, step in base.steps.items()}
+        chosen = None
+        if fields.get("only") is not None:
+            chosen = self.entry(fields["only"], f"{where}include", "only")
+        base.steps = {
+            name: dataclasses.replace(step, own=False, chosen=step.chosen or chosen)
+            for name, step in base.steps.items()
+        }
         return base
 
     def loaded(self, at: Entry, flow: str, values: list[dict[str, Any]]) -> Draft:
@@ -341,12 +347,15 @@ class _Composer:
         }
         when = self.when(draft, part, place)
         only = None if part.only is None else self.entry(part.only, place, "only")
+        chosen = None
+        if only is not None and "." in only.value:
+            only, chosen = None, only
         if only is not None and only.value != SETS:
             self.check_condition(draft, only)
         if before is None or part.stage is not None:
             stage = self.entry(part.stage, place, "stage")
             inputs, gather, params = fields.values()
-            draft.steps[name] = DraftStep(at, stage, inputs, gather, params, part.draws_as or name, when, only)
+            draft.steps[name] = DraftStep(at, stage, inputs, gather, params, part.draws_as or name, when, only, chosen)
             return
         changed = fields["inputs"] | fields["gather"]
         known = {**before.inputs, **before.gather}
@@ -366,6 +375,7 @@ class _Composer:
             draws_as=part.draws_as or before.draws_as,
             when=(*(change.without(changed, fields["params"]) for change in before.when), *when),
             only=only or before.only,
+            chosen=chosen or before.chosen,
         )
 
     def when(self, draft: Draft, part: StepPart, place: str) -> tuple[Change, ...]:

@@ -65,7 +65,7 @@ class Connections:
         required = {key for key in stage.inputs if key not in stage.optional}
         is_for_sets = step.only is not None and step.only.value == SETS
         gather = self._gather(name, step)
-        return Taker(self._inputs(name, step), gather, required, only, is_for_sets)
+        return Taker(self._inputs(name, step), gather, required, only, self._chosen(step), is_for_sets)
 
     def of_export(self, file: str, entry: Entry) -> Taker:
         """What an export takes, checked."""
@@ -120,6 +120,16 @@ class Connections:
         texts = texts_of(change.source.value)
         known = [text for text in texts if _named(text) in self.stages or _named(text) in sources]
         return any(there.chosen((self._reference(change.source, text),)) for text in known)
+
+    def _chosen(self, step: DraftStep) -> Alternatives:
+        """The choice on which a step depends, and its label, checked."""
+        if step.chosen is None:
+            return ()
+        name, _, label = str(step.chosen.value).partition(".")
+        choices = [one for one, stage in self.stages.items() if stage.role == "choice"]
+        if name not in choices:
+            raise step.chosen.fail(f"no choice '{name}'{closest(name, choices) or one_of(choices)}")
+        return (Reference(name, label),)
 
     def _inputs(self, name: str, step: DraftStep) -> dict[str, Alternatives]:
         stage = self.stages[name]

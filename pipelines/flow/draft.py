@@ -60,13 +60,15 @@ class DraftStep:
     when: tuple[Change, ...] = ()
     only: Entry | None = None
     """the source without which it is left out, or `SETS`"""
+    chosen: Entry | None = None
+    """STEP.LABEL: it runs only where that step, a choice, takes the label"""
     own: bool = True
     """written in the file itself; steps that are included run only if something needs them"""
 
     def references(self) -> list[str]:
         """All references, also those that it takes only where a source is there."""
         changed = [entry for change in self.when for entry in change.inputs.values()]
-        entries = [*self.inputs.values(), *self.gather.values(), *changed, *filter(None, [self.only])]
+        entries = [*self.inputs.values(), *self.gather.values(), *changed, *filter(None, [self.only, self.chosen])]
         return [text for entry in entries for text in texts_of(entry.value)]
 
     @property
@@ -84,7 +86,7 @@ class DraftStep:
                 {name: (entry.value, entry.path.parent) for name, entry in part.items()}
                 for part in (step.params, *(change.params for change in step.when))
             ]
-            conditions = [entry.value for entry in (*(change.source for change in step.when), step.only) if entry]
+            conditions = [entry.value for entry in (*(change.source for change in step.when), step.only, step.chosen) if entry]
             return [step.stage.value, step.draws_as, taken, params, conditions]
 
         return content(self) == content(other)
@@ -115,6 +117,7 @@ class DraftStep:
             gather={name: new for name, entry in self.gather.items() if (new := gathered(entry)) is not None},
             when=tuple(when),
             only=None if self.only is None else changed(self.only, change),
+            chosen=None if self.chosen is None else changed(self.chosen, change),
         )
 
 

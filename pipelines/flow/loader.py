@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.errors import one_of, refused, shown
+from texloom.pipelines.errors import hint, one_of, refused, shown
 from texloom.pipelines.flow.compose import compose, find_flow
 from texloom.pipelines.flow.connections import Connections
 from texloom.pipelines.flow.draft import Draft, Entry, keep, texts_of
@@ -156,13 +156,15 @@ class _Checker:
         params = step_params.checked(self.values)
         steps = {
             name: Step(
-                name, self.stages[name], there.inputs(name), params[name], there.gathered(name), step.draws_as
-            )
+                name, self.stages[name], there.inputs(name), params[name], there.gathered(name), step.draws_as,
+                chosen=there.chosen(takers[name].chosen),
+            )  # fmt: skip
             for name, step in draft.steps.items()
             if there.is_there(name)
         }
         if not steps:
             raise self.fail("steps", "there must be at least one step")
+        self._check_labels(steps)
         self._check_documents(steps, step_params.given(self.values))
         steps = scoped_steps(in_order(steps, draft), self.sources, seeds, draft)
         delivery = self.delivery
@@ -280,6 +282,15 @@ class _Checker:
             return find_stage(name)
         except KeyError:
             raise entry.fail(f"no stage '{name}'{nearest_stage(name)}") from None
+
+    def _check_labels(self, steps: Mapping[str, Step]) -> None:
+        """The labels on which steps depend are those of the choices."""
+        for name, step in steps.items():
+            chosen, at = step.chosen, self.draft.steps[name].chosen
+            labels = () if chosen is None else dict(steps[chosen.name].params)["labels"]
+            if chosen is not None and at is not None and chosen.output not in labels:
+                problem = f"'{chosen.name}' has no label '{chosen.output}'"
+                raise at.fail(problem + hint(str(chosen.output), labels))
 
     def _check_documents(self, steps: Mapping[str, Step], given: set[tuple[str, str]]) -> None:
         """A document of a file, such as a geometry, describes the picture that the same file names."""

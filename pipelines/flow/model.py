@@ -65,6 +65,8 @@ class Step:
     draws_as: str = ""
     """the name from which its random numbers are seeded; its own unless it came from another flow"""
     scope: Scope = "shared"
+    chosen: Reference | None = None
+    """a choice and a label: the step runs only where that is taken"""
 
     def __post_init__(self) -> None:
         if not self.draws_as:
@@ -77,8 +79,10 @@ class Step:
 
     @cached_property
     def needs(self) -> list[str]:
-        """The steps whose outputs this one takes."""
-        return sorted({reference.name for reference in self.references if reference.output is not None})
+        """The steps whose outputs this one takes, and the choice on which it depends."""
+        conditions = [] if self.chosen is None else [self.chosen]
+        taken = [*self.references, *conditions]
+        return sorted({reference.name for reference in taken if reference.output is not None})
 
 
 @dataclasses.dataclass(frozen=True)

@@ -22,13 +22,15 @@ class Taker:
     """of the names of inputs"""
     only: Alternatives = ()
     """what it is left out without"""
+    chosen: Alternatives = ()
+    """the choice, and the label that it must take"""
     for_sets: bool = False
     """whether it is left out where there is one item alone"""
 
     def taken(self) -> list[Alternatives]:
         """What it takes."""
         gathered = ([given] if isinstance(given, tuple) else list(given.values()) for given in self.gather.values())
-        return [*self.inputs.values(), *itertools.chain(*gathered), *filter(None, [self.only])]
+        return [*self.inputs.values(), *itertools.chain(*gathered), *filter(None, [self.only, self.chosen])]
 
 
 class Presence:
@@ -117,7 +119,7 @@ class Presence:
 
     def _lacks(self, taker: Taker) -> tuple[str, ...]:
         """The sources that a taker lacks."""
-        needed: list[Iterable[Alternatives]] = [[one] for one in (taker.only,) if one]
+        needed: list[Iterable[Alternatives]] = [[one] for one in (taker.only, taker.chosen) if one]
         needed += [[given] for name, given in taker.inputs.items() if name in taker.required]
         needed += [
             [given] if isinstance(given, tuple) else [tuple(itertools.chain(*given.values()))]

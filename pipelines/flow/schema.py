@@ -126,7 +126,7 @@ class StepPart(_Part):
     params: Annotated[dict[str, Any], _optional] = {}
     draws_as: Annotated[str, _expect(str, "must be a step's name")] | None = None
     when: Annotated[dict[str, Annotated[WhenPart, _mapping_of("'inputs' and 'params'")]], _optional] = {}
-    only: Annotated[str, _expect(str, f"must be an optional source or '{SETS}'")] | None = None
+    only: Annotated[str, _expect(str, f"must be an optional source, CHOICE.LABEL or '{SETS}'")] | None = None
 
 
 class SetPart(_Part):
@@ -162,11 +162,12 @@ class FolderPart(_Part):
 
 
 class IncludePart(_Part):
-    """The flow whose steps are taken."""
+    """The flow whose steps are taken; with ``only``, a CHOICE.LABEL, they run only where that is chosen."""
 
     flow: Annotated[str, _expect(str, "must be a flow's name or file")] | None = None
     steps: Annotated[list[str], _expect(list, "must be a list of steps")] | None = None
     inputs: Annotated[dict[str, Any], _optional] = {}
+    only: Annotated[str, _expect(str, "must be CHOICE.LABEL")] | None = None
 
 
 _Source = Annotated[

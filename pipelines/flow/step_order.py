@@ -60,6 +60,8 @@ def _scope(
 ) -> Scope:
     """The scope of a step whose inputs come from those in ``scoped``."""
     taken = [reference for reference in step.inputs.values() if reference.output is not None]
+    if step.chosen is not None:
+        taken.append(step.chosen)
     scopes = {scoped[reference.name].scope for reference in taken}
     if any(isinstance(sources.get(reference.name), Each) for reference in step.inputs.values()):
         scopes.add("item")
