@@ -206,21 +206,26 @@ def trials(picture: np.ndarray, methods: str, store: Path) -> dict[str, Any]:
     steps = {name: step for name, step in flow.steps.items() if name in needed}
     run = Run(dataclasses.replace(flow, steps=steps, exports={}, likes={}), Store(store / "store"))
     execute(run, lambda _: None, store / "out")
-    return run.store.table(run.shared.artifacts["method"], "table")
+    return dict(run.store.table(run.shared.artifacts["method"], "table"))
 
 
 def report_choices(store: Path, half: int | None) -> None:
     """Print what `auto` chooses for each exemplar, of the methods that were judged, and that method's rank."""
-    pictures = {Path(name).name: picture for name, picture in exemplars(Path(os.environ["TEXLOOM_TEXTURES"]), None, [])}
+    pictures = {
+        Path(name).name: picture for name, picture in exemplars(Path(os.environ["TEXLOOM_TEXTURES"]), None, [])
+    }
+    tried = dict(load_flow(find_flow("auto")).steps["methods"].params)["labels"]
     known, ranks, best = by_exemplar(1), list[int](), 0
     for name in list(known) if half is None else list(known)[half::2]:
-        judged = {one.method.partition(":")[0]: one.rank for one in known[name] if one.method != "per_pixel"}
+        judged = {one.method.partition(":")[0]: one.rank for one in known[name]}
+        judged = {method: rank for method, rank in judged.items() if method in tried}
         methods = ",".join(judged)
         table = trials(pictures[name], methods, store)
         ranks.append(judged[table["chosen"]])
         best += min(judged.values()) == judged[table["chosen"]]
         print(name, table["chosen"], judged, table["totals"], flush=True)
-    print(f"the first choice of the eye is chosen for {best} of {len(ranks)} exemplars; mean rank {np.mean(ranks):.2f}")
+    rank = f"mean rank {np.mean(ranks):.2f}"
+    print(f"the first choice of the eye is chosen for {best} of {len(ranks)} exemplars; {rank}")
 
 
 def main() -> None:

@@ -68,6 +68,8 @@ def make(gallery: dict[str, Any], options: argparse.Namespace) -> list[str]:
             if seconds is not None:
                 times = read_times() | {name: round(seconds, 1)}
                 TIMES.write_text(json.dumps(times, indent=2, sort_keys=True) + "\n")
+            if "figure" not in flows[name]:
+                continue
             rows = [[picture.replace("out/", f"runs/{name}/") for picture in flows[name]["figure"]]]
             draw(rows, DOCS / "pictures" / "gallery" / f"{name}.webp", WIDTH, HEIGHT)
     if not options.only:
@@ -306,10 +308,8 @@ def page(gallery: dict[str, Any], times: dict[str, float]) -> str:
             name = flow.get("name", flow["flow"])
             command = f"texloom run {flow['flow']} {flow['run']}".strip()
             seconds = f"{times[name]:.0f} s" if name in times else "not measured"
-            parts.append(
-                f"### {name}\n\n{flow['use']}\n\n![{name}](pictures/gallery/{name}.webp)\n\n"
-                f"```bash\n{command}\n```\n\nTime: {seconds}.\n\n"
-            )
+            figure = f"![{name}](pictures/gallery/{name}.webp)\n\n" if "figure" in flow else ""
+            parts.append(f"### {name}\n\n{flow['use']}\n\n{figure}```bash\n{command}\n```\n\nTime: {seconds}.\n\n")
     rows = [
         f"| `exemplars/{name.rstrip('/')}` | {exemplar['credit']} | {exemplar['size']} x {exemplar['size']} | "
         f"{exemplar['crop']} x {exemplar['crop']} |\n"

@@ -41,7 +41,11 @@ class Exporter:
         written = {}
         prefix = "" if scope.name is None else f"{scope.name}/"
         for file, reference in self.run.exports_of(kind).items():
-            if reference.name in scope.lost or scope.why_passed_over(reference.name) is not None or (kind == "item" and not self.run.has(reference, scope)):
+            if (
+                reference.name in scope.lost
+                or scope.why_passed_over(reference.name) is not None
+                or (kind == "item" and not self.run.has(reference, scope))
+            ):
                 continue
             like = self.run.flow.likes.get(file)
             source = None if like is None else scope.source(like)

@@ -6,12 +6,18 @@ from typing import Any
 
 from texloom.pipelines.engine.run import Run
 
-
-_PLACES = ("first", "second", "third", "fourth", "fifth", "sixth")  # of what a choice takes, in the order of its labels
+_PLACES = (
+    "first",
+    "second",
+    "third",
+    "fourth",
+    "fifth",
+    "sixth",
+)  # of what a choice takes, in the order of its labels
 
 
 def choices_of(run: Run) -> dict[str, dict[str, Any]]:
-    """The tables of choices by the labels of their steps, after a run; not those where one thing alone was there."""
+    """The tables of choices by the labels of their steps, after a run; not where one thing alone was there."""
     steps = [step for step in run.flow.steps.values() if step.stage.role == "choice"]
     tables = {
         scope.label(step): run.store.table(artifact, "table")

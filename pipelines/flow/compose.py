@@ -355,7 +355,9 @@ class _Composer:
         if before is None or part.stage is not None:
             stage = self.entry(part.stage, place, "stage")
             inputs, gather, params = fields.values()
-            draft.steps[name] = DraftStep(at, stage, inputs, gather, params, part.draws_as or name, when, only, chosen)
+            draft.steps[name] = DraftStep(
+                at, stage, inputs, gather, params, part.draws_as or name, when, only, chosen
+            )
             return
         changed = fields["inputs"] | fields["gather"]
         known = {**before.inputs, **before.gather}

@@ -86,7 +86,9 @@ class DraftStep:
                 {name: (entry.value, entry.path.parent) for name, entry in part.items()}
                 for part in (step.params, *(change.params for change in step.when))
             ]
-            conditions = [entry.value for entry in (*(change.source for change in step.when), step.only, step.chosen) if entry]
+            conditions = [
+                entry.value for entry in (*(change.source for change in step.when), step.only, step.chosen) if entry
+            ]
             return [step.stage.value, step.draws_as, taken, params, conditions]
 
         return content(self) == content(other)

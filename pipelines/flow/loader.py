@@ -156,9 +156,14 @@ class _Checker:
         params = step_params.checked(self.values)
         steps = {
             name: Step(
-                name, self.stages[name], there.inputs(name), params[name], there.gathered(name), step.draws_as,
+                name,
+                self.stages[name],
+                there.inputs(name),
+                params[name],
+                there.gathered(name),
+                step.draws_as,
                 chosen=there.chosen(takers[name].chosen),
-            )  # fmt: skip
+            )
             for name, step in draft.steps.items()
             if there.is_there(name)
         }

@@ -34,7 +34,9 @@ def prune(drafts: Mapping[str, Draft]) -> None:
     former = {step_of(text.removeprefix(FORMER)) for text in references if text.startswith(FORMER)}
     referenced = set(map(step_of, references))
     for label, draft in drafts.items():
-        needed = {name for name, step in draft.steps.items() if step.own or f"{label}_{name}" in referenced} | former
+        needed = {
+            name for name, step in draft.steps.items() if step.own or f"{label}_{name}" in referenced
+        } | former
         made = [text for entry in draft.exports.values() for text in texts_of(image_of(entry.value))]
         needed |= set(map(step_of, made))
         keep(draft, upstream(draft.steps, needed))

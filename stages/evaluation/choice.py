@@ -63,8 +63,9 @@ def choice(
 
     Parameters
     ----------
-    first, ..., sixth : the textures; those that are missing are not chosen.
-    first_scores, ..., sixth_scores : tables of `metrics`, one for each texture.
+    first, second, third, fourth, fifth, sixth : the textures; those that are missing are not chosen.
+    first_scores, second_scores, third_scores, fourth_scores, fifth_scores, sixth_scores : tables of `metrics`, one
+        for each texture.
 
     Raises
     ------

@@ -40,7 +40,8 @@ KEEPS = {
 """stages whose result wraps where the picture that they change did"""
 DROPS = {
     # parts of pictures, pictures that are laid otherwise, pictures of measurements
-    "analysis.crop", "analysis.reduced", "analysis.straighten", "analysis.unroll", "analysis.unroll_hole", "analysis.patch_atlas",
+    "analysis.crop", "analysis.reduced", "analysis.straighten", "analysis.unroll", "analysis.unroll_hole",
+    "analysis.patch_atlas",
     "analysis.lens_distortion", "analysis.photometric_stereo",
     "analysis.delight", "analysis.tone",  # unless it changes nothing: drift ends differently on opposite sides
     "analysis.control_direction", "analysis.deformed_lattice", "analysis.dog_mask", "analysis.feature_distance",

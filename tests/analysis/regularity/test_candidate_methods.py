@@ -28,7 +28,9 @@ def test_a_method_of_lattices_needs_one() -> None:
 
 def test_those_that_are_asked_for_in_their_order() -> None:
     assert table(0, methods=["quilting", "self_tuning"])["chosen"] == ["self_tuning", "quilting"]
-    with pytest.raises(InputError, match="methods: no method 'tiles'; there are self_tuning, quilting, near_regular"):
+    with pytest.raises(
+        InputError, match="methods: no method 'tiles'; there are self_tuning, quilting, near_regular"
+    ):
         table(2, methods=["tiles"])
     with pytest.raises(InputError, match="methods: near_regular needs a lattice, and the exemplar shows none"):
         table(0, methods=["near_regular"])
