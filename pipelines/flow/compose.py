@@ -232,6 +232,7 @@ class _Composer:
         parts = [(part, ""), *([(variant, place)] if variant is not None else [])]
         draft = self.included(parts, first)
         self.set_params(draft, part.with_, "with")
+        params = dict(draft.params)
         if self.has_variants and (part.exports or (variant is not None and variant.exports)):
             draft.exports = {}
         for name, targets in part.params.items():
@@ -239,7 +240,11 @@ class _Composer:
             draft.params[name] = self.entry(listed, "params", name)
         for one, where in parts:
             if where:
+                reaching = {name: entry for name, entry in draft.params.items() if _reaches(entry, draft)}
+                own = draft.params
+                draft.params = own | params | reaching  # what the file names may be steps of the merged flow
                 self.set_params(draft, one.with_, f"{where}with")
+                draft.params = own
             for name, source in one.sources.items():
                 entry = self.entry(source, f"{where}sources", name)
                 if source is None and name not in draft.sources:
@@ -406,6 +411,11 @@ def _label(name: str, value: Any) -> str:
         value = Path(str(value)).stem
     words = re.sub(r"[^a-z0-9]+", "_", str(value).lower()).strip("_")
     return words if NAME.fullmatch(words) else f"{name}_{words}"
+
+
+def _reaches(param: Entry, draft: Draft) -> bool:
+    """Whether a param of a flow is one of a step of a draft."""
+    return any(target.partition(".")[0] in draft.steps for target in param.value)
 
 
 def _unless_former(entry: Entry) -> Entry | None:

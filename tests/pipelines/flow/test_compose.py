@@ -278,6 +278,24 @@ def test_what_an_including_file_changes(folder: Path) -> None:
     assert set(flow.steps) == {"texture", "small"}, "what nothing needs is left out"
 
 
+def test_a_variant_gives_values_to_the_flow_that_it_includes(folder: Path) -> None:
+    """Though the file has a param of that name, which reaches the steps of the merged flow."""
+    text = """
+    for:
+      small: {include: method.yaml, with: {size: 32}}
+      large: {include: method.yaml}
+    steps:
+      sheet: {stage: evaluation.thumbnail, inputs: {image: small_texture.image}}
+      other: {stage: evaluation.thumbnail, inputs: {image: large_texture.image}}
+    params: {size: [large_texture.size]}
+    exports: {sheet.png: sheet.image, other.png: other.image}
+    """
+    flow = loaded(folder, text)
+    assert param(flow, "small_texture", "size") == (32, 32)
+    assert param(flow, "large_texture", "size") != (32, 32)
+    assert flow.params["size"] == ("large_texture.size",)
+
+
 def test_a_source_is_replaced_by_a_result(folder: Path) -> None:
     text = """
     include: {flow: method.yaml, inputs: {exemplar: part.image}}
