@@ -20,7 +20,6 @@ _MIN_COURSES = 4  # of an exemplar
 _SEGMENTS = 4  # of a course, compared one by one
 _MAX_BINS = 48  # of a profile across a course
 _MIN_COVERAGE = 0.8  # of a segment's area inside the exemplar
-_MIN_COMPARED = 0.75  # of the courses that the exemplar shows; the confidence says nothing about others
 _MIN_PERIOD = 3.0  # px at which candidates are compared
 _CANDIDATES = 8  # peaks of the spectrum
 _MULTIPLES = (1, 2, 3)  # of the period of a peak; a profile's harmonics may exceed its fundamental
@@ -220,9 +219,9 @@ def _refined_period(
 
 def _confidence(plane: ScalarMap, period: Float64[np.ndarray, "2"]) -> tuple[float, float]:
     """Mean correlation of segments' profiles with the other courses' mean, and that of the least similar course."""
-    profiles, known, shown = _profiles(plane, period)
+    profiles, known = _profiles(plane, period)
     counts = known.sum(axis=1)
-    if (counts > 0).sum() < max(_MIN_COURSES - 1, _MIN_COMPARED * shown):
+    if (counts > 0).sum() < _MIN_COURSES - 1:
         return 0.0, 0.0
     total = (profiles * known[..., None]).sum(axis=1)
     others = total.sum(axis=0) - total
@@ -234,11 +233,10 @@ def _confidence(plane: ScalarMap, period: Float64[np.ndarray, "2"]) -> tuple[flo
 
 def _profiles(
     plane: ScalarMap, period: Float64[np.ndarray, "2"]
-) -> tuple[Float64[np.ndarray, "courses segments bins"], Bool[np.ndarray, "courses segments"], int]:
-    """Profile across each segment of each course, with mean 0 and length 1; if it is known; number of courses."""
+) -> tuple[Float64[np.ndarray, "courses segments bins"], Bool[np.ndarray, "courses segments"]]:
+    """Profile across each segment of each course, with mean 0 and length 1, and whether most of it is known."""
     length = float(np.hypot(*period))
-    # Every bin must hold a pixel, which bins narrower than one do not along rows and columns.
-    bins = int(np.clip(np.floor(length), 4, _MAX_BINS))
+    bins = int(np.clip(round(length), 4, _MAX_BINS))
     rows, columns = (np.arange(side, dtype=np.float64) for side in plane.shape)
     across = rows[:, None] * (period[0] / length**2) + columns[None, :] * (period[1] / length**2)
     along = rows[:, None] * (-period[1] / length) + columns[None, :] * (period[0] / length)
@@ -253,13 +251,8 @@ def _profiles(
     number = np.bincount(index, minlength=count * _SEGMENTS * bins).reshape(shape)
     total = np.bincount(index, plane.ravel(), minlength=count * _SEGMENTS * bins).reshape(shape)
     area = length * float(along.max()) / _SEGMENTS
-    inside = number.sum(axis=2) >= _MIN_COVERAGE * area
-    known = inside & (number > 0).all(axis=2)
+    known = (number.sum(axis=2) >= _MIN_COVERAGE * area) & (number > 0).all(axis=2)
     profiles = total / np.maximum(number, 1)
     profiles -= profiles.mean(axis=2, keepdims=True)
     norm = np.linalg.norm(profiles, axis=2, keepdims=True)
-    return (
-        np.divide(profiles, norm, out=np.zeros_like(profiles), where=norm > 1e-9),
-        known,
-        int(inside.any(axis=1).sum()),
-    )
+    return np.divide(profiles, norm, out=np.zeros_like(profiles), where=norm > 1e-9), known

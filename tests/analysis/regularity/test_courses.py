@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.synthetic import masked, picture, smooth_noise, wall
-from texloom.stages.analysis.regularity.courses import Courses, CoursesParams, _confidence, courses
+from texloom.stages.analysis.regularity.courses import Courses, CoursesParams, courses
 from texloom.stages.common.grids import working_size
 from texloom.stages.vocabulary.arrays import Image
 
@@ -83,22 +83,6 @@ def test_one_worn_course_leaves_the_others(seed: int, wear: float) -> None:
     result = of(picture(pixels))
     assert result.worst < 0.55
     np.testing.assert_allclose(result.generators, [[24, 0]], atol=0.4)
-
-
-@pytest.mark.parametrize("period", [22.6, 22.7, 45.8])
-def test_every_course_of_a_fractional_period_is_compared(period: float, rng: np.random.Generator) -> None:
-    row = np.indices((240, 60))[0]
-    plane = (np.where(row % period < 3, 0.0, 1.0) + 0.01 * smooth_noise((240, 60), 1.0, rng)).astype(np.float32)
-    assert _confidence(plane, np.array([period, 0.0]))[1] > 0.7
-    for course in range(int(240 / period)):
-        worn = np.where((row // period).astype(int) == course, 1 - plane[::-1, ::-1], plane)
-        assert _confidence(worn, np.array([period, 0.0]))[1] < 0.6
-
-
-def test_a_period_is_none_where_few_courses_can_be_compared() -> None:
-    """Of rows 3.6 px apart some have no pixel in one of the four bins of their profile."""
-    row = np.indices((240, 60))[0]
-    assert _confidence(np.sin(2 * np.pi * row / 3.6).astype(np.float32), np.array([3.6, 0.0])) == (0.0, 0.0)
 
 
 def test_fewer_than_four_courses_are_none(rng: np.random.Generator) -> None:
