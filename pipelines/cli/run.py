@@ -232,5 +232,5 @@ def _what(opened: Run) -> dict[str, Any]:
 
 def _step(entry: StepReport | StepPlan) -> dict[str, Any]:
     """A step's line of a report; ``item`` only over a set."""
-    line = {name: value for name, value in dataclasses.asdict(entry).items() if name != "problem"}
-    return line if entry.item is not None else {name: value for name, value in line.items() if name != "item"}
+    left_out = {"problem", "details"} if entry.item is not None else {"problem", "details", "item"}
+    return {name: value for name, value in dataclasses.asdict(entry).items() if name not in left_out}
