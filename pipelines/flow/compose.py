@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.errors import closest, hint, refused
+from texloom.pipelines.errors import hint
 from texloom.pipelines.flow.draft import (
     EACH,
     FORMER,
@@ -25,7 +25,7 @@ from texloom.pipelines.flow.draft import (
     texts_of,
     upstream,
 )
-from texloom.pipelines.flow.gone import FLOWS
+from texloom.pipelines.flow.finding import find_flow
 from texloom.pipelines.flow.schema import (
     EXPORT,
     NAME,
@@ -44,9 +44,7 @@ from texloom.pipelines.flow.schema import (
     is_optional,
     parse_flow,
 )
-from texloom.pipelines.flow.shipped import plugin_flows, shipped_flows
 from texloom.pipelines.flow.variants import merged, prune
-from texloom.pipelines.media.material_set import is_picture
 from texloom.pipelines.yaml import read_document
 from texloom.stages.vocabulary.declare import InputError
 
@@ -58,35 +56,6 @@ _MOST_VARIANTS = 1000
 """of a flow, with those of the files that it includes"""
 _MOST_STEPS = 10_000
 """of all variants, with those of the files that they include"""
-
-
-def find_flow(name: str) -> Path:
-    """The file called ``name``, or the flow of that bare name that ships with texloom."""
-    return _find(name, Path())
-
-
-def _find(name: str, folder: Path) -> Path:
-    path = folder / name
-    try:
-        if path.is_file() and not is_picture(path):
-            return path
-    except OSError as error:
-        raise refused(f"{name}: cannot be read: {error.strerror}") from None
-    shipped = shipped_flows()
-    if name in shipped:
-        return shipped[name]
-    others = plugin_flows() if "/" not in name else {}
-    if name in others:
-        return others[name][0]
-    if name in FLOWS:
-        raise refused(f"{name}: is part of another flow now, as in: texloom run {FLOWS[name]}")
-    if is_picture(path):
-        raise refused(f"{name}: is a picture, not a flow, as in: texloom run self_tuning {name}")
-    if path.is_dir():
-        raise refused(f"{name}: is a folder, not a flow file")
-    files = [name + suffix for suffix in (".yaml", ".yml") if (folder / f"{name}{suffix}").is_file()]
-    near = f"; did you mean '{files[0]}'?" if files else closest(name, [*shipped, *others])
-    raise refused(f"{name}: no such flow{near or '; `texloom flows` lists those that ship'}")
 
 
 @dataclasses.dataclass
@@ -231,8 +200,8 @@ class _Composer:
         part = self.part
         parts = [(part, ""), *([(variant, place)] if variant is not None else [])]
         draft = self.included(parts, first)
-        self.set_params(draft, part.with_, "with")
-        params = dict(draft.params)
+        self.set_params(draft, part.with_, "with", draft.params)
+        included = dict(draft.params)
         if self.has_variants and (part.exports or (variant is not None and variant.exports)):
             draft.exports = {}
         for name, targets in part.params.items():
@@ -240,11 +209,9 @@ class _Composer:
             draft.params[name] = self.entry(listed, "params", name)
         for one, where in parts:
             if where:
+                # What the file names may be a param of the merged flow, which reaches no step of this one.
                 reaching = {name: entry for name, entry in draft.params.items() if _reaches(entry, draft)}
-                own = draft.params
-                draft.params = own | params | reaching  # what the file names may be steps of the merged flow
-                self.set_params(draft, one.with_, f"{where}with")
-                draft.params = own
+                self.set_params(draft, one.with_, f"{where}with", draft.params | included | reaching)
             for name, source in one.sources.items():
                 entry = self.entry(source, f"{where}sources", name)
                 if source is None and name not in draft.sources:
@@ -313,7 +280,7 @@ class _Composer:
 
     def loaded(self, at: Entry, flow: str, values: list[dict[str, Any]]) -> Draft:
         try:
-            path = _find(flow, self.path.parent)
+            path = find_flow(flow, self.path.parent)
         except InputError as error:
             raise at.fail(str(error)) from None
         if path.resolve() in self.stack or len(self.stack) > _DEEPEST:
@@ -323,19 +290,19 @@ class _Composer:
         base.included = [path, *base.included]
         return base
 
-    def set_params(self, draft: Draft, values: Mapping[str, Any], place: str) -> None:
-        """Give values to the flow's params."""
+    def set_params(self, draft: Draft, values: Mapping[str, Any], place: str, known: Mapping[str, Entry]) -> None:
+        """Give values to params that are ``known``, by what these stand for."""
         for name, value in values.items():
             entry = self.entry(value, place, name)
-            if name not in draft.params:
-                raise entry.fail(f"the flow has no param '{name}'{hint(str(name), draft.params)}")
-            for target in draft.params[name].value:
+            if name not in known:
+                raise entry.fail(f"the flow has no param '{name}'{hint(str(name), known)}")
+            for target in known[name].value:
                 step, _, param = target.partition(".")
                 if step in draft.steps:
-                    known = draft.steps[step]
-                    when = tuple(change.without((), (param,)) for change in known.when)
-                    params = {**known.params, param: entry}
-                    draft.steps[step] = dataclasses.replace(known, params=params, when=when)
+                    before = draft.steps[step]
+                    when = tuple(change.without((), (param,)) for change in before.when)
+                    params = {**before.params, param: entry}
+                    draft.steps[step] = dataclasses.replace(before, params=params, when=when)
 
     def set_step(self, draft: Draft, name: str, part: StepPart | None, place: str) -> None:
         """Add a step, or change one that is there."""

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from texloom.pipelines.errors import hint, one_of, refused, shown
-from texloom.pipelines.flow.compose import compose, find_flow
+from texloom.pipelines.flow.compose import compose
 from texloom.pipelines.flow.connections import Connections
 from texloom.pipelines.flow.draft import Draft, Entry, keep, texts_of
+from texloom.pipelines.flow.finding import find_flow
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Skipped, Step
 from texloom.pipelines.flow.presence import Presence
 from texloom.pipelines.flow.runner import choose_runner

@@ -1,0 +1,40 @@
+"""The file that the name of a flow means."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from texloom.pipelines.errors import closest, refused
+from texloom.pipelines.flow.gone import FLOWS
+from texloom.pipelines.flow.shipped import plugin_flows, shipped_flows
+from texloom.pipelines.media.material_set import is_picture
+
+
+def find_flow(name: str, folder: Path = Path()) -> Path:
+    """The file called ``name`` in a folder, or the flow of that bare name that ships with texloom or a plug-in.
+
+    Raises
+    ------
+    InputError : there is none, or it is a picture or a folder.
+    """
+    path = folder / name
+    try:
+        if path.is_file() and not is_picture(path):
+            return path
+    except OSError as error:
+        raise refused(f"{name}: cannot be read: {error.strerror}") from None
+    shipped = shipped_flows()
+    if name in shipped:
+        return shipped[name]
+    others = plugin_flows() if "/" not in name else {}
+    if name in others:
+        return others[name][0]
+    if name in FLOWS:
+        raise refused(f"{name}: is part of another flow now, as in: texloom run {FLOWS[name]}")
+    if is_picture(path):
+        raise refused(f"{name}: is a picture, not a flow, as in: texloom run self_tuning {name}")
+    if path.is_dir():
+        raise refused(f"{name}: is a folder, not a flow file")
+    files = [name + suffix for suffix in (".yaml", ".yml") if (folder / f"{name}{suffix}").is_file()]
+    near = f"; did you mean '{files[0]}'?" if files else closest(name, [*shipped, *others])
+    raise refused(f"{name}: no such flow{near or '; `texloom flows` lists those that ship'}")
