@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
+from texloom.pipelines.engine.chosen_steps import may_refuse
 from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, State, StepReport
 from texloom.pipelines.engine.executors.choice import executor_of
 from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
@@ -303,7 +304,7 @@ class Attempt:
         seconds: float,
     ) -> None:
         is_refusal = isinstance(result, InputError) and not isinstance(result, SourceError)
-        if is_refusal and self.run.may_refuse(step, scope_run.scope):
+        if is_refusal and may_refuse(step, scope_run.scope, self.run.store):
             scope_run.pass_over(step, str(result))
             self.listener(Note(f"{scope_run.scope.label(step)} is passed over: {result}"))
             return

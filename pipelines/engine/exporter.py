@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from texloom.pipelines.engine.chosen_steps import present
 from texloom.pipelines.engine.exports import Export, States
 from texloom.pipelines.engine.run import Run, found
 from texloom.pipelines.engine.scope import Scope, ScopeInputs
@@ -138,7 +139,7 @@ class Exporter:
         """What this run adds to the provenance of an export."""
         about: dict[str, Any] = {"flow": self.run.flow.name, "output": str(reference), "seed": scope.seed}
         if reference.output is not None:
-            step = found(self.run.present(self.run.flow.steps[reference.name], scope))
+            step = found(present(self.run.flow.steps[reference.name], scope, self.run.store))
             about["from"] = {name: self.run.given(given, scope).label for name, given in step.inputs.items()}
         if file.endswith((".exr", "/")):
             about["bits"] = self._bits(file, reference, scope)  # so that PNGs made from it one day have as many

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeVar
 
 from texloom.pipelines.engine import user_cache
+from texloom.pipelines.engine.chosen_steps import present
 from texloom.pipelines.engine.code_digest import code_digest
 from texloom.pipelines.engine.footprint import Footprint, expectation, footprint
 from texloom.pipelines.engine.keys import KeyParts, canonical_json, fixed_parts, key_parts
@@ -216,7 +217,7 @@ class Run:
     def _plan_scope(self, scope: Scope, kind: str, earlier: History) -> list[StepPlan]:
         plans = []
         for declared in (step for step in self.flow.steps.values() if step.scope == kind):
-            step = self.present(declared, scope)
+            step = present(declared, scope, self.store)
             if step is None:
                 continue
             waits = [name for name in self._awaited(step) if not self._is_known(name, scope)]
@@ -295,46 +296,6 @@ class Run:
         if reasons:
             scope.lost[step.name] = reasons[0]
         return bool(reasons)
-
-    def present(self, step: Step, scope: Scope) -> Step | None:
-        """The step with what it takes of the results that are there; None if it is passed over.
-
-        It is passed over where a choice that is made has not taken it, or where it needs what is passed over.
-        """
-        reason = self._why_not_chosen(step, scope)
-        inputs = dict(step.inputs)
-        for name, given in step.inputs.items():
-            gone = None if given.output is None else scope.why_passed_over(given.name)
-            if gone is not None and name in step.stage.optional:
-                del inputs[name]
-            elif reason is None:
-                reason = gone
-        if reason is not None:
-            scope.passed_over[step.name] = reason
-            return None
-        return step if len(inputs) == len(step.inputs) else dataclasses.replace(step, inputs=inputs)
-
-    def _why_not_chosen(self, step: Step, scope: Scope) -> str | None:
-        """Why a step does not run, if a choice is made that has not taken it."""
-        if step.chosen is None:
-            return None
-        name, label = step.chosen.name, step.chosen.output
-        if (gone := scope.why_passed_over(name)) is not None:
-            return gone
-        chosen = self._chosen(name, scope)
-        return f"{name} took {', '.join(chosen)}, not {label}" if chosen and label not in chosen else None
-
-    def _chosen(self, name: str, scope: Scope) -> list[str]:
-        """The labels that a choice has taken; none while it is not made."""
-        artifact = scope.artifact(name)
-        if artifact is None:
-            return []
-        chosen = self.store.table(artifact, "table")["chosen"]
-        return [chosen] if isinstance(chosen, str) else list(chosen)
-
-    def may_refuse(self, step: Step, scope: Scope) -> bool:
-        """Whether others that were chosen beside a step go on where it refuses what it takes."""
-        return step.chosen is not None and len(self._chosen(step.chosen.name, scope)) > 1
 
     def _places(self, reference: Reference) -> list[Scope | None]:
         """For each item where what is gathered is found, if it has it."""

@@ -6,15 +6,6 @@ from typing import Any
 
 from texloom.pipelines.engine.run import Run
 
-_PLACES = (
-    "first",
-    "second",
-    "third",
-    "fourth",
-    "fifth",
-    "sixth",
-)  # of what a choice takes, in the order of its labels
-
 
 def choices_of(run: Run) -> dict[str, dict[str, Any]]:
     """The tables of choices by the labels of their steps, after a run; not where one thing alone was there."""
@@ -36,7 +27,8 @@ def scores(run: Run) -> dict[str, Any]:
         if step.stage.role == "choice" and step.name in run.shared.artifacts:
             table = run.store.table(run.shared.artifacts[step.name], "table")
             better = dict(step.params)["labels"].index(table["chosen"])
-            measured.insert(0, step.inputs[f"{_PLACES[better]}_scores"].name)
+            given = [name for name in step.stage.inputs if name.endswith("_scores")]  # in the order of the labels
+            measured.insert(0, step.inputs[given[better]].name)
             break
     artifact = next((run.shared.artifacts[name] for name in measured if name in run.shared.artifacts), None)
     return {} if artifact is None else dict(run.store.table(artifact, "table"))

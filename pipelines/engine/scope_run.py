@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from texloom.pipelines.engine.chosen_steps import present
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scope import Scope, ScopeInputs
 from texloom.pipelines.flow.model import Step
@@ -32,7 +33,7 @@ class ScopeRun:
             if any(needed in self._waiting or needed in self._running for needed in declared.needs):
                 continue
             del self._waiting[name]
-            step = self._run.present(declared, self.scope)
+            step = present(declared, self.scope, self._run.store)
             if step is not None and not self._run.is_lost(step, self.scope):
                 self._running[name] = step
                 return step
