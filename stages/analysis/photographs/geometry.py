@@ -132,6 +132,14 @@ def geometry_of_planes(corners: Quads, shape: tuple[int, int]) -> Geometry:
     return parsed_geometry({"patches": [{"corners": quad} for quad in corners.tolist()]}, shape, {})
 
 
+def patch_of_plane(corners: Float64[np.ndarray, "4 2"], shape: tuple[int, int]) -> Patch | None:
+    """The only plane of a photograph of ``shape``; none where its corners are not those of a rectangle seen."""
+    try:
+        return geometry_of_planes(corners[None].astype(np.float32), shape).patches[0]
+    except InputError:
+        return None
+
+
 def parsed_geometry(content: Any, shape: tuple[int, int], pictures: Mapping[str, Path]) -> Geometry:
     """The content of a geometry file; see `read_geometry`.
 

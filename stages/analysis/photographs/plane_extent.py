@@ -6,14 +6,13 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
 from texloom.stages.analysis.photographs import bezier
-from texloom.stages.analysis.photographs.geometry import geometry_of_planes
+from texloom.stages.analysis.photographs.geometry import patch_of_plane
 from texloom.stages.analysis.photographs.line_segments import Frame, Segments
 from texloom.stages.kernels.core.elementary_functions import arctan2, log
 from texloom.stages.numerics.filters import gaussian_blur, gradients
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.vocabulary.arrays import Image, Mask
 from texloom.stages.vocabulary.color import lab_from_linear
-from texloom.stages.vocabulary.declare import InputError
 
 _BEYOND = 1.5  # sizes of the rectangle, to each side: the farthest that is looked at
 _SIDE = 128  # px of the rectangle's longer side from the front
@@ -134,9 +133,8 @@ def _front(image: Image, corners: Float64[np.ndarray, "4 2"], segments: Segments
     from texloom.stages.kernels.core.resample import sampled
 
     shape = (image.height, image.width)
-    try:
-        (patch,) = geometry_of_planes(corners[None].astype(np.float32), shape).patches
-    except InputError:
+    patch = patch_of_plane(corners, shape)
+    if patch is None:
         return None
     size = np.array(patch.size) * _SIDE / max(patch.size)
     window = max(_MIN_WINDOW, float(size.min()) / _WINDOWS)
@@ -147,9 +145,10 @@ def _front(image: Image, corners: Float64[np.ndarray, "4 2"], segments: Segments
     spans = [(np.arange(round(side * (1 + 2 * reach))) + 0.5) / side - reach
              for side, reach in zip(size, around / counts, strict=True)]  # fmt: skip
     u, v = np.meshgrid(*spans, indexing="ij")
-    places = matrix_product(np.stack([u, v, np.ones_like(u)], axis=2), bezier.homography(corners).T)
+    homography = bezier.homography(corners)
+    places = matrix_product(np.stack([u, v, np.ones_like(u)], axis=2), homography.T)
     depth = places[..., 2]
-    middle = float(matrix_product(np.array([0.5, 0.5, 1.0]), bezier.homography(corners)[2]))
+    middle = float(matrix_product(np.array([0.5, 0.5, 1.0]), homography[2]))
     near = (depth > 0) & (depth <= _MAX_DEPTH * middle)
     flat = places[..., :2] / np.where(near, depth, 1)[..., None]
     shown = near & ((flat >= 0) & (flat <= np.array(shape) - 1)).all(axis=2)

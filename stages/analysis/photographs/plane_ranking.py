@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.stages.analysis.photographs import bezier
-from texloom.stages.analysis.photographs.geometry import geometry_of_planes
+from texloom.stages.analysis.photographs.geometry import patch_of_plane
 from texloom.stages.analysis.photographs.line_segments import Segments
 from texloom.stages.analysis.photographs.plane_candidates import Cells, PlaneCandidate
 from texloom.stages.analysis.regularity.lattice import detail, gradient_magnitude, self_correlation
@@ -15,7 +15,6 @@ from texloom.stages.numerics.filters import gradients
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear
-from texloom.stages.vocabulary.declare import InputError
 
 _HOLDS = 0.45  # confidence from which a plane is taken
 _MIN_AREA = 0.05  # share of the photograph, of such a plane
@@ -97,9 +96,8 @@ def measured(image: Image, candidate: PlaneCandidate, segments: Segments, cells:
 
     corners = cells.pixels(candidate.corners)
     shape = (image.height, image.width)
-    try:
-        (patch,) = geometry_of_planes(corners[None].astype(np.float32), shape).patches
-    except InputError:
+    patch = patch_of_plane(corners, shape)
+    if patch is None:
         return None
     size = np.array(patch.size) * _SIDE / max(patch.size)
     if size.min() < _MIN_SIDE:
