@@ -7,7 +7,7 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from texloom.pipelines.engine.events import Event, StepStarted
+from texloom.pipelines.engine.events import Event
 from texloom.pipelines.engine.scope import ScopeInputs
 from texloom.pipelines.engine.task import TaskSpec
 from texloom.stages.vocabulary.declare import Stage
@@ -43,10 +43,6 @@ class Task:
     """receives its notes and progress, from any thread"""
     end: Callable[[Outcome], None] = lambda _: None
     """receives its outcome, from any thread"""
-
-    def tell_started(self) -> None:
-        """Tell that its step begins to compute."""
-        self.tell(StepStarted(self.spec.label))
 
     def interrupt(self) -> None:
         """Let it end at its next report, if it is computed on a thread of this process."""

@@ -9,7 +9,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 from texloom.pipelines.engine import signals
-from texloom.pipelines.engine.events import Event
+from texloom.pipelines.engine.events import Event, StepStarted
 from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
 from texloom.pipelines.engine.task import run_task
 from texloom.pipelines.interruption import interruption_of
@@ -70,7 +70,7 @@ class InlineExecutor(Executor):
         record, is_new, error = None, True, None
         try:
             task.inputs.scope.values()  # a broken source is found before anything is told or written
-            task.tell_started()
+            task.tell(StepStarted(task.spec.label))
             self.store.create()
             threads = task.threads if self._on_threads else None
             work = functools.partial(run_task, task.spec, task.stage, task.inputs, threads, listener)

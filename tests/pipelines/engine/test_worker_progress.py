@@ -11,7 +11,7 @@ import pytest
 
 from tests.pipelines.flows import SYNTHESIS, Events, open_run, write_flow
 from texloom.pipelines.engine.attempt import compute
-from texloom.pipelines.engine.events import Event, StepProgress, StepReport, StepStarted
+from texloom.pipelines.engine.events import Event, Listener, StepProgress, StepReport, StepStarted
 from texloom.pipelines.engine.executors import worker
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.flow.model import Runner
@@ -61,15 +61,21 @@ exports:
 """
 
 
+def compute_on(folder: Path, text: str, runner: str, listener: Listener) -> Run:
+    """Compute a flow on one worker; its run."""
+    if runner == "dask":
+        pytest.importorskip("distributed")
+    run = open_run(write_flow(folder, text))
+    run.flow = dataclasses.replace(run.flow, runner=Runner(runner, 1))
+    compute(run, listener, folder / "out")
+    return run
+
+
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("runner", ["processes", "dask"])
 def test_workers_tell_how_far_they_are(tmp_path: Path, runner: str) -> None:
-    if runner == "dask":
-        pytest.importorskip("distributed")
-    run = open_run(write_flow(tmp_path, QUILTING))
-    run.flow = dataclasses.replace(run.flow, runner=Runner(runner, 1))
     listener = Events()
-    compute(run, listener, tmp_path / "out")
+    compute_on(tmp_path, QUILTING, runner, listener)
     assert listener.states == {"texture": "ran"}
     done = [progress.done for progress in listener.progress]
     assert done
@@ -94,12 +100,8 @@ exports:
 @pytest.mark.parametrize("runner", ["processes", "dask"])
 def test_a_step_has_begun_when_a_worker_computes_it(tmp_path: Path, runner: str) -> None:
     """And not when it waits for the worker."""
-    if runner == "dask":
-        pytest.importorskip("distributed")
-    run = open_run(write_flow(tmp_path, THREE))
-    run.flow = dataclasses.replace(run.flow, runner=Runner(runner, 1))
     told: list[Event] = []
-    compute(run, told.append, tmp_path / "out")
+    run = compute_on(tmp_path, THREE, runner, told.append)
     events = [event for event in told if isinstance(event, StepStarted | StepReport)]
     for name in run.flow.steps:
         kinds = [type(one) for one in events if name == (one.step if isinstance(one, StepStarted) else one.name)]
