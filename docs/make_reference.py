@@ -22,7 +22,12 @@ from texloom.pipelines.flow.shipped import FlowEntry, flow_catalogue
 from texloom.pipelines.media.conventions import LAYOUTS
 
 ROOT = Path(__file__).parents[1]
-COPIES = {"CHANGELOG.md": "changelog.md", "CONTRIBUTING.md": "contributing.md", "artifacts/README.md": "store.md"}
+COPIES = {
+    "CHANGELOG.md": "changelog.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "SECURITY.md": "security.md",
+    "artifacts/README.md": "store.md",
+}
 """pages outside of docs, and their names in the reference"""
 GROUPS = {
     "analysis": "Analysis: what is read from an exemplar",

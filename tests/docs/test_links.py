@@ -13,7 +13,7 @@ from tests.docs.pages import DOCS, PAGES, anchors, blocks, label, links, script
 MOST = 2 * 1024 * 1024
 """bytes of all pictures"""
 
-NAMES = ("changelog", "command_line", "contributing", "conventions", "flows", "stages", "store")
+NAMES = ("changelog", "command_line", "contributing", "conventions", "flows", "security", "stages", "store")
 WRITTEN = {f"reference/{name}.md" for name in NAMES}
 """pages that the site's build writes"""
 
@@ -32,6 +32,14 @@ def test_relative_links_lead_somewhere(page: Path) -> None:
         assert target.exists(), link
         if anchor:
             assert anchor in anchors(target), link
+
+
+def test_the_site_has_every_page_that_its_pages_link_to() -> None:
+    copies = {(ROOT / name).resolve() for name in script(DOCS / "make_reference.py").COPIES}
+    pages = [page for page in PAGES if page.is_relative_to(DOCS)]
+    targets = {(page.parent / link.partition("#")[0]).resolve() for page in pages for link in relative_links(page)}
+    outside = {path for path in targets if path.suffix == ".md" and not path.is_relative_to(DOCS)}
+    assert outside <= copies
 
 
 def test_the_index_lists_every_page() -> None:
