@@ -20,9 +20,10 @@ from texloom.pipelines.media.material_maps import Map
 from texloom.pipelines.media.plausibility import decisive_green, plausible_green, plausible_integrable_green
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import linear_from_srgb, srgb_from_linear
+from texloom.stages.vocabulary.masks import HALF
 from texloom.stages.vocabulary.normals import NORMAL, rebuilt
 
-_VERSION = "2"  # raised when other lines are told of the same files
+_VERSION = "3"  # raised when other lines are told of the same files
 _EMPTY = 2 / 255  # largest difference in a channel that holds nothing
 _OFF = 0.1  # of unit length
 _MANY = 0.1  # share of pixels
@@ -39,7 +40,7 @@ def checked(maps: Sequence[Map]) -> tuple[tuple[Map, ...], tuple[str, ...]]:
     found = None if known is None else known.told(digest)
     if found is None:
         green, measure = _decided(maps)
-        found = (green, measure, *_found(_with_green(maps, green)), *_ignored(maps))
+        found = (green, measure, *_found(_with_green(maps, green)), *_excluded(maps[0]), *_ignored(maps))
         if known is not None:
             known.tell(digest, found)
     green, measure, *told = found
@@ -103,13 +104,26 @@ def _found(maps: Sequence[Map]) -> tuple[str, ...]:
     return (told, *contradictions(image, None, is_depth))
 
 
+def _excluded(albedo: Map) -> Iterator[str]:
+    """How many pixels the alpha of the albedo excludes; it may be another map, such as gloss."""
+    if "A" not in albedo.channels:
+        return
+    alpha = locate.decode(albedo.reference, albedo.digest).pixels[..., -1]
+    if share := float((alpha < HALF).mean()):
+        name = Path(albedo.reference).name
+        yield (
+            f"{name}: alpha is below a half in {100 * share:.2g} % of the pixels, which are never used; "
+            f"if it is a map, a YAML file of maps says which, as 'opacity: {{file: {name}, channel: A}}'"
+        )
+
+
 def _ignored(maps: Sequence[Map]) -> Iterator[str]:
     """The channels of files that hold something and are not read, each file's in one line."""
     files: dict[str, list[Map]] = {}
     for one in maps:
         files.setdefault(one.reference, []).append(one)
     for reference, held in files.items():
-        used = {one.plane for one in held if one.plane} or {"R", "G", "B", "Y"}
+        used = {plane for one in held for plane in (one.plane or "RGBY")}
         used |= {"A"} if any(one.role == "albedo" for one in held) else set()
         left = [name for name in held[0].file_channels if name not in used]
         if not left:

@@ -95,14 +95,16 @@ _PACKED = (
     *(_read("DpRA", "height", "roughness", "ao"), _read("DpRO", "height", "roughness", "ao")),
     *(_read("ORH", "ao", "roughness", "height"), _read("metallicRoughness", "", "roughness", "metallic")),
     _read("roughnessMetallic", "", "roughness", "metallic"),
+    # either of Texture Haven, or the ao of a material whose name ends in rough
+    *(_read("roughAO", "roughness", "ao"), _read("roughAO", "ao")),
 )
 LAYOUTS: Mapping[str, Layout] = {
     "plain": Layout(
         "names of the maps",
         (
             _one(
-                *("albedo", "albedo", 8, "basecolor", "basecolour", "base", "diffuse", "diff", "diffuseoriginal"),
-                *("color", "colour", "col", "alb"),
+                *("albedo", "albedo", 8, "basecolor", "basecolour", "base", "diffuse", "diff", "dif"),
+                *("diffuseoriginal", "color", "colour", "col", "alb"),
             ),
             _one("normal", "normal", 16, "normals", "nor", "nrm", "norm", "nml", "nmap", "ddn", "ddna"),
             _one("roughness", "roughness", 8, "rough", "rgh"),

@@ -315,7 +315,7 @@ def _explained(some: Sequence[Reading], prefixed: Mapping[str, int]) -> dict[str
 def _fits(reading: Reading, grey: bool | None) -> bool:
     """Whether the colour of a file is that of its map."""
     if grey is None or not reading.is_plain:
-        return True
+        return not (grey and sum(map(bool, reading.planes[:3])) > 1)
     colored = (*COLORS, "normal", "specular")
     return reading.planes[0] in colored if not grey else reading.planes[0] not in ("albedo", "normal")
 

@@ -144,6 +144,8 @@ def open_set(reference: str) -> tuple[tuple[Map, ...], tuple[str, ...]]:
         if used := [one for one in files if one not in lacking]:
             opened.append(dataclasses.replace(used[0], twins=tuple(used[1:])))
     first = opened[0]
+    if any(one.plane == "A" and one.reference == first.reference for one in opened):  # alpha is a map of its own
+        first = opened[0] = dataclasses.replace(first, channels=tuple(one for one in first.channels if one != "A"))
     for one in opened:
         if (one.height, one.width) == (first.height, first.width):
             continue
@@ -192,7 +194,9 @@ def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
     """Role to files, of which the first is the one to use; settings, notes."""
     pictures = pictures_in(folder)
     if not pictures:
-        raise Refusal("is a folder without pictures; a folder has to hold a map set")
+        within = [one.name for one in sorted(folder.iterdir()) if one.is_dir() and holds_maps(one)]
+        told = f"; give {folder.name}/{within[0]}, which holds maps" if within else ""
+        raise Refusal(f"is a folder without pictures, but has to hold a map set{told}")
     named = read_names(pictures, _is_grey)
     found = named.claims
     if (named.doubts or named.several) and (listed := told_of_several(folder)):

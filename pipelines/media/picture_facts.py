@@ -6,6 +6,7 @@ import dataclasses
 from typing import BinaryIO
 
 _SEARCHED = 2**18  # bytes at the start of a file, in which its boxes are
+_FIRST_DXGI_BLOCKS = 70  # whole numbers without blocks come before, but for rare ones of video
 _FIRST_DDS_BC6, _LAST_DDS_BC6 = 94, 96  # DXGI
 _DX10 = b"DX10"
 _BC5 = (b"BC5U", b"BC5S", b"ATI2")
@@ -62,6 +63,12 @@ def _dds(start: bytes) -> FileFacts:
     if two:
         note = "has two channels (BC5): blue is computed, so that normals have length 1"
     return FileFacts(is_two_channels=two, note=note)
+
+
+def is_in_blocks(start: bytes) -> bool:
+    """Whether a DDS that begins so is compressed by blocks (BC1 to BC7)."""
+    four, code = start[84:88], int.from_bytes(start[128:132], "little")
+    return (four == _DX10 and code >= _FIRST_DXGI_BLOCKS) or four[:3] in (b"DXT", b"ATI", b"BC4", b"BC5")
 
 
 def _jpeg_2000(start: bytes) -> FileFacts:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import logging
 from collections.abc import Mapping, Sequence
@@ -21,6 +22,7 @@ from texloom.pipelines.media.material_export import (
     with_unit_normals,
 )
 from texloom.pipelines.media.material_maps import Map, holds_vectors, with_x_in_alpha
+from texloom.pipelines.media.picture_facts import is_in_blocks
 from texloom.pipelines.media.relief import relief_of
 from texloom.pipelines.media.writers.encodings import can_encode, encoded
 from texloom.pipelines.media.writers.layouts import tiles_of
@@ -62,6 +64,7 @@ def write_same(
             _LOG.warning("%s: not written, as the result has no %s", Path(one.reference).name, one.role)
     written: dict[str, str] = {}
     for held in files.values():
+        _tell_of_blocks(Path(held[0].reference))
         values = _values(image, held, delivery)
         for name, area in _areas(image, held[0], folder):
             if name in written:
@@ -69,6 +72,15 @@ def write_same(
             piece = np.ascontiguousarray(values[area])
             written[name] = _write(piece, folder / name, held, image, delivery, provenance)
     return written
+
+
+def _tell_of_blocks(path: Path) -> None:
+    """Say that a DDS is written without blocks, as Pillow's lose too much: 26 to 34 dB on photographs."""
+    if path.suffix.lower() != ".dds":
+        return
+    with contextlib.suppress(OSError), path.open("rb") as file:
+        if is_in_blocks(file.read(132)):
+            _LOG.warning("%s: written uncompressed, as blocks (BC1 to BC7) are only read", path.name)
 
 
 def _values(image: Image, held: Sequence[Map], delivery: Delivery) -> np.ndarray:

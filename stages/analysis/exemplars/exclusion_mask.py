@@ -13,7 +13,9 @@ from texloom.stages.common.grids.size_checks import check_same_size
 from texloom.stages.numerics.matrices import matrix_product
 from texloom.stages.vocabulary.arrays import Image, Mask
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
+from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.masks import USABLE, valid_pixels, with_usable
+from texloom.stages.vocabulary.tileable import Tileable
 
 _LOG = logging.getLogger(__name__)
 
@@ -27,8 +29,9 @@ class ExclusionMaskParams(Params):
     """whether pixels darker or brighter than middle grey are excluded"""
     grow: int = Field(0, ge=0, le=256)
     """px by which excluded areas grow on every side, such as to cover soft borders"""
-    keep_tile: bool = False
-    """take the picture as a tile where its opposite borders fit and an excluded area touches them"""
+    keep_tile: Tileable = NOWHERE
+    """borders of which the opposite ones are taken as those of a tile where they fit and an excluded area touches
+    them: x, y, both, off"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,7 +87,7 @@ def exclusion_mask(image: Image, params: ExclusionMaskParams, mask: Image | None
     if mask is not None and valid.all():
         _LOG.warning("the mask excludes no pixel: none of it is %s", params.avoid)
     if params.keep_tile and not image.wraps:
-        image = image.wrapping(fitting_borders(_LOG, image, ~valid))
+        image = image.wrapping(fitting_borders(_LOG, image, ~valid, params.keep_tile))
     return ExclusionMask(with_usable(image, valid), valid)
 
 

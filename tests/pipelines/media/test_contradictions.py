@@ -109,6 +109,24 @@ def test_channels_that_are_not_read_are_told(tmp_path: Path) -> None:
     assert not any("normal.png: A" in note for note in open_source("exemplar", str(folder)).notes)
 
 
+def test_what_alpha_excludes_is_told_unless_it_is_a_map(tmp_path: Path) -> None:
+    height, _ = surface()
+    folder = tmp_path / "stones"
+    told(folder)
+    albedo = np.dstack([cv2.imread(str(folder / "albedo.png")), np.rint(height * 255).astype(np.uint8)])
+    assert cv2.imwrite(str(folder / "albedo.png"), albedo)
+    (note,) = open_source("exemplar", str(folder)).notes
+    assert f"albedo.png: alpha is below a half in {100 * (height < 0.5).mean():.2g} % of the pixels" in note
+    (folder / "m.yaml").write_text("{albedo: albedo.png, gloss: {file: albedo.png, channel: A}}")
+    source = open_source("exemplar", str(folder / "m.yaml"))
+    assert not source.notes
+    image = source.read()
+    assert image.channels == ("R", "G", "B", "roughness")
+    np.testing.assert_allclose(image.pixels[..., 3], 1 - albedo[..., 3] / 255, atol=1e-6)
+    write_same(image, tmp_path / "same", source.maps, Delivery("same"), {})
+    np.testing.assert_array_equal(cv2.imread(str(tmp_path / "same" / "albedo.png"), -1), albedo)
+
+
 def test_udim_tiles_are_measured_as_one(tmp_path: Path) -> None:
     height, normal = surface()
     told(tmp_path / "dx", normal * [1, -1, 1], height=height)

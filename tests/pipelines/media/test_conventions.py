@@ -112,6 +112,17 @@ def roles(folder: Path) -> dict[str, str]:
             "T_S_B T_S_N T_S_DpRA",
             {"albedo": "B", "normal": "N", "roughness": "DpRA.G", "ao": "DpRA.B", "height": "DpRA.R"},
         ),
+        (
+            "s_diff s_nor s_ao s_rough_ao",
+            "s_diff s_nor s_rough_ao",
+            {"albedo": "diff", "normal": "nor", "ao": "ao", "roughness": "ao.R"},
+        ),
+        (
+            "s_diff s_nor s_rough_ao",
+            "s_diff s_nor s_rough_ao",
+            {"albedo": "diff", "normal": "nor", "roughness": "ao.R", "ao": "ao.G"},
+        ),
+        ("s_rough_dif s_rough_ao", "s_rough_dif", {"albedo": "dif", "ao": "ao"}),
         ("s_Color s_Preview1 s_depth", "s_Color s_Preview1", {"albedo": "Color", "height": "depth"}),
         ("normal_moss albedo_moss", "normal_moss albedo_moss", {"albedo": "moss", "normal": "moss"}),
         (
@@ -269,6 +280,16 @@ def test_maps_are_written_back_in_their_formats(
     assert again.map_bits == source.map_bits
     lossy = {"jpg": 0.05, "avif": 0.05}.get(suffix, 1e-6)
     np.testing.assert_allclose(again.read().pixels, source.read().pixels, atol=lossy)
+
+
+def test_blocks_of_dds_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    (tmp_path / "m").mkdir()
+    levels = PIL.Image.fromarray(np.full((16, 16, 3), 128, np.uint8))
+    levels.convert("RGBA").save(tmp_path / "m" / "albedo.dds", pixel_format="DXT1")
+    levels.save(tmp_path / "m" / "normal.dds")
+    source = open_source("exemplar", str(tmp_path / "m"))
+    write_same(source.read(), tmp_path / "out", source.maps, Delivery("same"), {})
+    assert [record.getMessage()[:32] for record in caplog.records] == ["albedo.dds: written uncompressed"]
 
 
 def psd_of(levels: np.ndarray) -> bytes:

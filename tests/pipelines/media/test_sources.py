@@ -364,7 +364,10 @@ def test_references_that_are_no_file(tmp_path: Path) -> None:
     (tmp_path / "stones.png").touch()
     assert problem(tmp_path / "stone.png") == "no such file; did you mean 'stones.png'?"
     (tmp_path / "stones.png").unlink()
-    assert problem(tmp_path) == "is a folder without pictures; a folder has to hold a map set"
+    assert problem(tmp_path) == "is a folder without pictures, but has to hold a map set"
+    (tmp_path / "textures").mkdir()
+    (tmp_path / "textures" / "albedo.png").touch()
+    assert problem(tmp_path).endswith(f"; give {tmp_path.name}/textures, which holds maps")
     assert problem("/dev/zero") == "is not a regular file"
     os.mkfifo(tmp_path / "pipe.png")
     assert problem(tmp_path / "pipe.png") == "is not a regular file"
