@@ -423,7 +423,8 @@ def _tiff_header(file: BinaryIO, data: bool) -> Picture:
 def _odd_tiff_header(file: BinaryIO, tags: Any, names: str, data: bool) -> Picture:
     """TIFF of planes apart, of signed integers, or of half or double floats, by tifffile."""
     try:
-        kind, note = tiff_values.kind_of(set(tags.get(339, (1,))), set(tags.get(258, (1,))), tags.get(259, 1))
+        kinds, bits_of = set(tags.get(339, (1,))), set(tags.get(258, (1,)))
+        kind, note = tiff_values.kind_of(kinds, bits_of, tags.get(259, 1), tags.get(317, 1))
     except ValueError as error:
         raise Refusal(str(error)) from None
     height, width, planes = tags[257], tags[256], len(names)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import logging
 from collections.abc import Iterator
 from typing import BinaryIO
@@ -10,10 +11,11 @@ from typing import BinaryIO
 import numpy as np
 
 _KINDS = {(1, 16): "u2", (2, 8): "i1", (2, 16): "i2", (3, 16): "f2", (3, 32): "f4", (3, 64): "f8"}
-_COMPRESSIONS = (1, 8, 32773, 32946)  # none, Deflate, PackBits: those without more libraries
+_COMPRESSIONS = (1, 8, 32773, 32946)  # none, Deflate, PackBits: those without imagecodecs
+_OF_FLOATS = 3  # predictor
 
 
-def kind_of(formats: set[int], bits: set[int], compression: int) -> tuple[np.dtype, str]:
+def kind_of(formats: set[int], bits: set[int], compression: int, predictor: int) -> tuple[np.dtype, str]:
     """The type of the values that a TIFF's tags say, and what is told of them.
 
     Raises
@@ -26,8 +28,9 @@ def kind_of(formats: set[int], bits: set[int], compression: int) -> tuple[np.dty
         raise ValueError(
             "has values of a kind that is not read; TIFF may hold 8 or 16 bits, or floats of 16, 32 or 64"
         )
-    if compression not in _COMPRESSIONS:
-        raise ValueError("is compressed in a way that is not read for its kind of values; save it with Deflate")
+    is_plain = compression in _COMPRESSIONS and predictor != _OF_FLOATS
+    if not is_plain and importlib.util.find_spec("imagecodecs") is None:
+        raise ValueError("is compressed in a way that needs imagecodecs; pip install 'texloom[photos]'")
     kind = np.dtype(name)
     if kind.kind != "i":
         return kind, ""

@@ -29,9 +29,9 @@ class ExclusionMaskParams(Params):
     """whether pixels darker or brighter than middle grey are excluded"""
     grow: int = Field(0, ge=0, le=256)
     """px by which excluded areas grow on every side, such as to cover soft borders"""
-    keep_tile: Tileable = NOWHERE
-    """borders of which the opposite ones are taken as those of a tile where they fit and an excluded area touches
-    them: x, y, both, off"""
+    keep_tile: Tileable | None = NOWHERE
+    """borders across which the picture is taken to continue, beside those that it says: x, y, both, off; null: if
+    it says none, those that an excluded area touches and where opposite ones fit"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,8 +86,10 @@ def exclusion_mask(image: Image, params: ExclusionMaskParams, mask: Image | None
     valid = _valid(image, mask, params)
     if mask is not None and valid.all():
         _LOG.warning("the mask excludes no pixel: none of it is %s", params.avoid)
-    if params.keep_tile and not image.wraps:
-        image = image.wrapping(fitting_borders(_LOG, image, ~valid, params.keep_tile))
+    if params.keep_tile is None:
+        image = image if image.wraps else image.wrapping(fitting_borders(_LOG, image, ~valid))
+    elif params.keep_tile:
+        image = image.wrapping(image.wraps | params.keep_tile)
     return ExclusionMask(with_usable(image, valid), valid)
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Float32
 
 from texloom.stages.vocabulary.arrays import Image, Mask
 from texloom.stages.vocabulary.color import srgb_from_linear
-from texloom.stages.vocabulary.facts import NOWHERE, TORUS, Wraps
+from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
 _FITS = 1.5  # times the mean step inside
 
@@ -38,18 +38,26 @@ def _ratio(levels: Float32[np.ndarray, "h w 3"], unknown: Mask) -> float:
     return mean(slice(-1, None), slice(0, 1)) / inside if 0 < inside < np.inf else np.inf
 
 
-def fitting_borders(log: logging.Logger, image: Image, marked: Mask, among: Wraps = TORUS) -> Wraps:
+def fitting_borders(log: logging.Logger, image: Image, marked: Mask) -> Wraps:
     """The borders across which an edit keeps a picture a tile: those that fit, if a marked part touches one.
 
     On every third of 21 exemplars and on material sets the borders of tiles had steps of up to 1.4, those of parts
     of them 1.7 and more, but fine noise, whose borders fit everywhere. Where borders are taken as fitting, that is
-    told. Only those of ``among`` may be.
+    told, and so is where a marked part goes on beyond borders that do not.
     """
     touched = bool(marked[[0, -1]].any()), bool(marked[:, [0, -1]].any())
     if not any(touched):
         return NOWHERE
     steps = border_steps(image, marked)
-    fits = among & Wraps(*(step <= _FITS for step in steps))
+    fits = Wraps(*(step <= _FITS for step in steps))
+    goes_on = Wraps(bool((marked[0] & marked[-1]).any()), bool((marked[:, 0] & marked[:, -1]).any()))
+    doubt = Wraps(*(one and not fit for one, fit in zip(goes_on, fits, strict=True)))
+    if doubt:
+        log.warning(
+            "the marked part goes on beyond opposite borders (%s), but the picture is not taken as a tile there, "
+            "as steps across them are %.1f times those inside down, %.1f across; --tileable=%s keeps it one",
+            *(doubt, *steps, doubt | fits),
+        )
     if not any(one and other for one, other in zip(touched, fits, strict=True)):
         return NOWHERE
     log.warning(

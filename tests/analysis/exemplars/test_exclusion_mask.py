@@ -20,6 +20,7 @@ from texloom.stages.analysis.structure.signed_distance import signed_distance
 from texloom.stages.lookup.registry import find_stage
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.masks import USABLE
 
 
@@ -49,6 +50,17 @@ def test_alpha_and_earlier_masks_stay(rng: np.random.Generator) -> None:
     twice = under(under(Image(pixels, ("R", "G", "B", "A")), first).image, second)
     assert np.argwhere(~twice.valid).tolist() == [[0, 0], [2, 3], [5, 5]]
     assert twice.image.channels == ("R", "G", "B", "A", USABLE)
+
+
+def test_a_picture_is_taken_as_a_tile_where_that_is_asked(rng: np.random.Generator) -> None:
+    noise = picture(rng.random((32, 32, 3)))  # whose borders fit everywhere
+    marked = np.ones((32, 32))
+    marked[:4, 8:16] = 0
+    asked = {"off": "off", "y": "y", None: "both"}
+    assert {keep: str(under(noise, marked, keep_tile=keep).image.wraps) for keep in asked} == asked
+    tile = noise.wrapping(Wraps.of("x"))
+    assert str(under(tile, marked, keep_tile="y").image.wraps) == "both"
+    assert str(under(tile, marked, keep_tile=None).image.wraps) == "x"
 
 
 def test_a_mask_that_excludes_nothing_is_a_warning(

@@ -9,7 +9,6 @@ from scipy.ndimage import gaussian_filter
 from tests.synthetic import picture
 from texloom.stages.common.grids.border_steps import border_steps, fitting_borders
 from texloom.stages.vocabulary.arrays import Image
-from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
 
 @pytest.fixture
@@ -49,6 +48,6 @@ def test_a_tile_stays_one_where_a_border_that_fits_is_touched(
     assert "--tileable=off does not" in caplog.text
     assert str(fitting_borders(log, part, hole.T[:45])) == "x"
     caplog.clear()
-    assert not fitting_borders(log, tile, hole, NOWHERE)
-    assert not caplog.records
-    assert str(fitting_borders(log, tile, hole, Wraps.of("y"))) == "y"
+    fitting_borders(log, part, hole[:45] | hole[:45][::-1])
+    assert "goes on beyond opposite borders (y), but the picture is not taken as a tile there" in caplog.text
+    assert caplog.text.rstrip().endswith("--tileable=both keeps it one")

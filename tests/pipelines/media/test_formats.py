@@ -296,14 +296,23 @@ def test_a_broken_cmyk_profile(tmp_path: Path) -> None:
 # TIFF
 
 
-@pytest.mark.parametrize("compression", [None, "zlib"])
-def test_planar_tiff(tmp_path: Path, rng: np.random.Generator, compression: str | None) -> None:
+@pytest.mark.parametrize("compression", [None, "zlib", "lzw"])
+def test_planar_tiff(
+    tmp_path: Path, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, compression: str | None
+) -> None:
     codes = rng.integers(0, 65536, (3, 12, 20)).astype(np.uint16)
-    options = {"planarconfig": "separate", "photometric": "rgb", "metadata": None}
+    options: dict[str, Any] = {"planarconfig": "separate", "photometric": "rgb", "metadata": None}
     if compression:
         pytest.importorskip("imagecodecs")
-    tifffile.imwrite(path := tmp_path / "a.tif", codes, compression=compression, **options)
+        options |= {"compression": compression, "predictor": True}
+    tifffile.imwrite(path := tmp_path / "a.tif", codes, **options)
     np.testing.assert_array_equal(coded(read(path), 65535), np.moveaxis(codes, 0, 2))
+    light = (codes / 65535).astype(np.float32)
+    tifffile.imwrite(path := tmp_path / "b.tif", light, **options)
+    np.testing.assert_array_equal(read(path).pixels, np.moveaxis(light, 0, 2))
+    if compression:
+        monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+        assert problem(path).startswith("is compressed in a way that needs imagecodecs")
 
 
 @pytest.mark.parametrize("kind", [np.int8, np.int16, np.float16, np.float64])

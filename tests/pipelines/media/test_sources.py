@@ -433,7 +433,6 @@ def opencv(values: np.ndarray) -> bytes:
     return cv2.imencode(".tif", values)[1].tobytes()
 
 
-PLANAR = struct.pack("<HHI", 284, 3, 1)
 WEBP = b"WEBPVP8X" + struct.pack("<I", 10) + bytes(4) + 2 * (49999).to_bytes(3, "little")
 OTHER_VALUES = "has values of a kind that is not read; TIFF may hold"
 REFUSED: dict[str, tuple[bytes, str | tuple[str, ...]]] = {
@@ -463,10 +462,6 @@ REFUSED: dict[str, tuple[bytes, str | tuple[str, ...]]] = {
     "five channels": (
         tiff({256: 4, 257: 4, 258: 8, 259: 1, 262: 2, 273: 8, 277: 5, 279: 80}, bytes(80)),
         "has 5 channels, at most 4 in TIFF",
-    ),
-    "planar 16-bit TIFF by LZW": (
-        opencv(np.ones((4, 4, 3), np.uint16)).replace(PLANAR + b"\1", PLANAR + b"\2"),
-        "is compressed in a way that is not read for its kind of values; save it with Deflate",
     ),
 }
 
