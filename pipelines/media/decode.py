@@ -209,8 +209,10 @@ def _managed(image: Any, chunk: bytes | None, depth: int, planes: int) -> tuple[
     is_plain = image.mode not in ("CMYK", "LAB")
     if is_plain and (profile is None or chunk is not None or not icc.needs_tables(profile, planes)):
         return None, ""
-    if depth > 8 or image.mode not in ("CMYK", "LAB", "L", "LA", "RGB", "RGBA"):
-        raise Refusal("has an ICC profile of tables, which is read for 8 bits; convert the picture to sRGB")
+    if depth > 8:  # see `_decoding`
+        return None, ""
+    if image.mode not in ("CMYK", "LAB", "L", "LA", "RGB", "RGBA"):
+        raise Refusal(f"has an ICC profile of tables, which is not read for {image.mode}; convert it to sRGB")
     try:
         return color_management.conversion_of(image, profile)
     except ValueError as error:
@@ -285,12 +287,16 @@ def _psd_header(file: BinaryIO, data: bool) -> Picture:
     return Picture(height, width, channels, header.depth, memory, decode, note=note)
 
 
-def _decoding(info: Mapping[str, Any], planes: int, chunk: bytes | None = None) -> tuple[Decoding | None, str]:
+def _decoding(
+    info: Mapping[str, Any], planes: int, chunk: bytes | None = None
+) -> tuple[Decoding | color_management.Tables | None, str]:
     """How a picture that is not sRGB is decoded, and what was assumed; ``chunk``: the content of cICP."""
     profile = info.get("icc_profile")
     try:
         if chunk is not None:
             return cicp.decoding_of(chunk)
+        if planes == len("CMYK") or (profile and icc.needs_tables(profile, planes)):
+            return color_management.of_tables(profile)
         return (icc.of_profile(profile, planes) if profile else icc.of_png(info)), ""
     except ValueError as error:
         raise Refusal(str(error)) from None
@@ -363,7 +369,7 @@ def _decoded_by_opencv(file: BinaryIO, channels: tuple[str, ...]) -> np.ndarray:
 
 
 def _floats(
-    values: np.ndarray, straight_planes: int, decoding: Decoding | None = None
+    values: np.ndarray, straight_planes: int, decoding: Decoding | color_management.Tables | None = None
 ) -> Float32[np.ndarray, "h w c"]:
     """Linear light of sRGB integers of 8 or 16 bits, or of floats, which are linear already.
 
@@ -375,11 +381,10 @@ def _floats(
     if decoding is None:
         return linear_from_codes(values, straight_planes)
     colors = values.shape[2] - straight_planes
-    pixels = np.empty(values.shape, np.float32)
-    pixels[..., :colors] = decoding.linear(values[..., :colors])
-    if straight_planes:
-        pixels[..., colors:] = linear_from_codes(values[..., colors:], straight_planes)
-    return pixels
+    light = decoding.linear(values[..., :colors])
+    if not straight_planes:
+        return light
+    return np.concatenate([light, linear_from_codes(values[..., colors:], straight_planes)], axis=2)
 
 
 def _tiff_header(file: BinaryIO, data: bool) -> Picture:
@@ -399,25 +404,26 @@ def _tiff_header(file: BinaryIO, data: bool) -> Picture:
     if kinds == {1} and max(bits) <= 8:
         file.seek(0)
         return _pillow_header("TIFF", file, data)
-    names = {(1, 1): "Y", (3, 2): "RGB", (4, 2): "RGBA"}.get((planes, tags.get(262)))
-    if names is None:
+    names = {(1, 1): "Y", (3, 2): "RGB", (4, 2): "RGBA", (4, 5): "RGB"}.get((planes, tags.get(262)))
+    is_cmyk = tags.get(262) == 5
+    if names is None or (is_cmyk and (data or (kinds, bits) != ({1}, {16}))):
         raise Refusal("is neither plain grey nor RGB nor RGBA; convert it")
     if tags.get(274, 1) != 1:
         raise Refusal("is turned by its orientation tag; save it upright")
     by_opencv = (kinds, bits) in (({1}, {16}), ({3}, {32}))
-    # OpenCV would read nonsense of planar ones.
-    if not by_opencv or (planes > 1 and tags.get(284, 1) != 1):
+    # OpenCV would read nonsense of planar ones, and sRGB of CMYK.
+    if not by_opencv or is_cmyk or (planes > 1 and tags.get(284, 1) != 1):
         return _odd_tiff_header(file, tags, names, data)
 
     is_integer = kinds == {1}
     profile = {"icc_profile": tags.get(34675)}
-    decoding = _decoding(profile, min(planes, 3))[0] if is_integer and not data else None
+    decoding, note = _decoding(profile, min(planes, 3)) if is_integer and not data else (None, "")
 
     def decode() -> Float32[np.ndarray, "h w c"]:
         return _floats(_decoded_by_opencv(file, tuple(names)), planes if data else planes == 4, decoding)
 
     memory = height * width * (4 + planes * (max(bits) // 4 + 4))
-    return Picture(height, width, tuple(names), max(bits), memory, decode)
+    return Picture(height, width, tuple(names), max(bits), memory, decode, note=note)
 
 
 def _odd_tiff_header(file: BinaryIO, tags: Any, names: str, data: bool) -> Picture:
@@ -427,13 +433,15 @@ def _odd_tiff_header(file: BinaryIO, tags: Any, names: str, data: bool) -> Pictu
         kind, note = tiff_values.kind_of(kinds, bits_of, tags.get(259, 1), tags.get(317, 1))
     except ValueError as error:
         raise Refusal(str(error)) from None
-    height, width, planes = tags[257], tags[256], len(names)
-    profile = {"icc_profile": tags.get(34675)}
-    decoding = _decoding(profile, min(planes, 3))[0] if kind == np.uint16 and not data else None
+    height, width, planes = tags[257], tags[256], tags.get(277, 1)
+    profile, alpha = {"icc_profile": tags.get(34675)}, names == "RGBA"
+    decoding = None
+    if kind == np.uint16 and not data:
+        decoding, note = _decoding(profile, planes - alpha)
 
     def decode() -> Float32[np.ndarray, "h w c"]:
         values = tiff_values.values_of(file, planes)
-        return _floats(values, planes if data else planes == 4, decoding)
+        return _floats(values, planes if data else int(alpha), decoding)
 
     memory = height * width * planes * (2 * kind.itemsize + 8)
     bits = 16 if kind == np.uint16 else 32

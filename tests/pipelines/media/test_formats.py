@@ -275,6 +275,29 @@ def test_colour_by_a_profile_of_tables(tmp_path: Path, values: np.ndarray, count
     assert read(path).pixels.max() == 0
 
 
+def test_profiles_of_tables_with_16_bits(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("imagecodecs")
+    options: dict[str, Any] = {"metadata": None, "iccprofile": table_profile(b"RGB ")}
+    steps = np.linspace(20000, 40000, 96).round().reshape(8, 12, 1).repeat(3, axis=2).astype(np.uint16)
+    tifffile.imwrite(path := tmp_path / "a.tif", steps, photometric="rgb", **options)
+    assert len(np.unique(read(path).pixels[..., 0])) == 96  # 30 in 8 bits
+    assert "converted by its ICC profile" in opened(path).notes[0]
+    mid = np.full((8, 12, 4), 32896, np.uint16)
+    tifffile.imwrite(path, mid[..., :3], photometric="rgb", **options)
+    assert np.abs(coded(read(path), 255) - 119).max() <= 1
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    assert "which needs imagecodecs" in problem(path)
+    monkeypatch.undo()
+    mid[..., 3] = 0
+    options["iccprofile"] = table_profile(b"CMYK")
+    tifffile.imwrite(path, mid, photometric="separated", **options)
+    assert np.abs(coded(read(path), 255) - 118).max() <= 1
+    del options["iccprofile"]
+    tifffile.imwrite(path, mid, photometric="separated", **options)
+    assert np.abs(coded(read(path), 65535) - 32639).max() <= 1
+    assert "is CMYK without a profile" in opened(path).notes[0]
+
+
 def test_lab(tmp_path: Path) -> None:
     lab = ImageCms.profileToProfile(
         PIL.Image.new("RGB", (8, 8), (200, 100, 40)),
