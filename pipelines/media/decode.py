@@ -388,7 +388,7 @@ def _floats(
 
 
 def _tiff_header(file: BinaryIO, data: bool) -> Picture:
-    """TIFF: Pillow reads up to 8 bits, OpenCV 16 bits and floats."""
+    """TIFF, with what of it is not read."""
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
     start = file.read(8)
@@ -396,6 +396,18 @@ def _tiff_header(file: BinaryIO, data: bool) -> Picture:
     tags = ImageFileDirectory_v2(start)
     file.seek(tags.next)
     tags.load(file)
+    found = _tiff_page(file, tags, data)
+    left = tags.get(277, 1) - len(found.channels) if tags.get(262) in (1, 2) else 0
+    notes = [
+        found.note,
+        "its last channel is not read, as the header does not say what it holds" if left else "",
+        "has several pages, of which the first is read" if tags.next else "",
+    ]
+    return dataclasses.replace(found, note="; ".join(filter(None, notes)))
+
+
+def _tiff_page(file: BinaryIO, tags: Any, data: bool) -> Picture:
+    """The first page of a TIFF: Pillow reads up to 8 bits, OpenCV 16 bits and floats."""
     width, height, planes = tags[256], tags[257], tags.get(277, 1)
     bits, kinds = set(tags.get(258, (1,))), set(tags.get(339, (1,)))
     check_size(height, width)

@@ -355,6 +355,18 @@ def test_a_planar_tiff_without_a_strip(tmp_path: Path, capfd: pytest.CaptureFixt
     assert capfd.readouterr() == ("", "")
 
 
+def test_what_is_not_read_of_a_tiff_is_told(tmp_path: Path, rng: np.random.Generator) -> None:
+    codes = rng.integers(0, 256, (8, 9, 2)).astype(np.uint8)
+    options: dict[str, Any] = {"photometric": "minisblack", "metadata": None}
+    tifffile.imwrite(path := tmp_path / "a.tif", codes, planarconfig="contig", extrasamples=[0], **options)
+    assert "its last channel is not read" in opened(path).notes[0]
+    tifffile.imwrite(path, codes, planarconfig="contig", extrasamples=[2], **options)
+    assert opened(path).channels == ("Y", "A")
+    assert not opened(path).notes
+    tifffile.imwrite(path, np.moveaxis(codes, 2, 0), **options)
+    assert "has several pages, of which the first is read" in opened(path).notes[0]
+
+
 # All of them
 
 
