@@ -54,20 +54,27 @@ def _seeds(_context: click.Context, _option: click.Parameter, value: str | None)
     return len(seeds) if last is None else tuple(seeds)
 
 
+_TILEABLE = ("x", "y", "both", "off")
+
+
 def _tileable(_context: click.Context, _option: click.Parameter, value: str | None) -> str | None:
     """How the result is tileable; what follows a bare ``--tileable`` is no value, see `FlowCommand`."""
-    if value not in (None, "x", "y", "both", "off"):
+    if value not in (None, *_TILEABLE):
         raise click.BadParameter(f"{value!r} is none of x, y, both, which may be left out, and off")
     return value
 
 
 class FlowCommand(click.Command):
-    """A command whose ``--tileable`` has a value after ``=`` alone, as a picture may follow it."""
+    """A command whose ``--tileable`` may stand alone: a word that follows is its value, unless it is a file."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """See click."""
         end = args.index("--") if "--" in args else len(args)
-        options = ["--tileable=both" if word == "--tileable" else word for word in args[:end]]
+        options = args[:end]
+        for place in reversed([place for place, word in enumerate(options) if word == "--tileable"]):
+            value = next(iter(options[place + 1 :]), "")
+            is_value = value in _TILEABLE and not Path(value).exists()
+            options[place : place + 1 + is_value] = [f"--tileable={value if is_value else 'both'}"]
         return super().parse_args(ctx, [*options, *args[end:]])
 
 

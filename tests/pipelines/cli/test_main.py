@@ -1696,3 +1696,19 @@ def test_every_command_has_help() -> None:
 def test_planning_and_a_run_that_is_cached_are_light(again: Path) -> None:
     commands = [MAIN, PLAN, with_values(PLAN, "texture.occurrence=20"), ["stages"], ["store", "ls"]]
     assert not loaded_by(*commands, cwd=again) & HEAVY
+
+
+def test_a_word_after_tileable_is_its_value_unless_it_is_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    def parsed(*words: str) -> tuple[str, tuple[str, ...]]:
+        params = cli_run.run.make_context("run", ["quilting", *words]).params
+        return params["tileable"], tuple(params["pictures"])
+
+    assert parsed("--tileable", "x") == parsed("--tileable=x") == ("x", ())
+    assert parsed("a.png", "--tileable") == parsed("--tileable", "a.png") == ("both", ("a.png",))
+    assert parsed("--tileable", "off", "a.png") == ("off", ("a.png",))
+    (tmp_path / "y").touch()
+    assert parsed("--tileable", "y") == ("both", ("y",))
