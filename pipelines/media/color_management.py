@@ -46,12 +46,16 @@ class Tables:
         import imagecodecs
 
         light = imagecodecs.cms_profile("rgb", whitepoint=_WHITE, primaries=_REC709, gamma=1.0)
-        spaces = {"colorspace": _SPACES[codes.shape[2]], "outcolorspace": "rgb", "outdtype": np.float32}
         given = np.ascontiguousarray(codes if codes.shape[2] > 1 else codes[..., 0])
-        found: np.ndarray = imagecodecs.cms_transform(
-            given, self.profile, light, intent=_RELATIVE, flags=_BLACK_POINT, **spaces
+        found = imagecodecs.cms_transform(
+            *(given, self.profile, light),
+            colorspace=_SPACES[codes.shape[2]],
+            outcolorspace="rgb",
+            outdtype=np.float32,
+            intent=_RELATIVE,
+            flags=_BLACK_POINT,
         )
-        return found[..., : min(codes.shape[2], 3)]
+        return np.asarray(found, np.float32)[..., : min(codes.shape[2], 3)]
 
 
 def of_tables(profile: bytes | None) -> tuple[Tables, str]:
