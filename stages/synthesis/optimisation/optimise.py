@@ -400,12 +400,14 @@ def optimise(
     )
 
     if params.whole_cells and keep is None and guides is None:
+        lab, allowed = optimisation.lab, scales[-1].allowed
+        del optimisation.compared
         found = None if contours is None else ContourCells(contours, border)
         if found is not None and found.clear:
-            CellCompletion(optimisation.lab, found, params.patch_size, scales[-1].allowed).complete(match, wrap)
+            CellCompletion(lab, found, params.patch_size, allowed).complete(match, wrap)
         elif phase is not None and len(phase.origin) == 2:
-            lab, allowed = optimisation.lab, scales[-1].allowed
             complete_cells(match, lab, params.patch_size, margin, wrap, generators, phase, allowed)
+        del lab
 
     made = optimisation.picture(match, scales[-1], margin)
     source = correspondence.to_pixels(match, params.patch_size, wrap, margin)
