@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
+from texloom.stages.common.grids.working_size import reduction
 from texloom.stages.synthesis.optimisation.border import Border
 from texloom.stages.vocabulary.arrays import ScalarMap
 from texloom.stages.vocabulary.scratch import bands
@@ -19,6 +20,8 @@ _RIM = 2  # px beside a contour that are not the inside of a cell
 
 class ContourCells:
     """Basins of contour strength: which cell each pixel of an exemplar belongs to, and which pixels lie inside it.
+
+    Of a large exemplar, whose contours are found at reduced size (see `working_image`), basins are too.
 
     Parameters
     ----------
@@ -44,6 +47,9 @@ class ContourCells:
     def __init__(self, strength: ScalarMap, border: Border):
         import cv2
 
+        step, shape, around = reduction(*strength.shape), strength.shape, border
+        if step > 1:
+            strength, border = strength[step // 2 :: step, step // 2 :: step], Border(1)
         depth = np.float32(_DEPTH * float(np.quantile(strength, _CLEAR)))
         height, width = strength.shape
         values = border.around(strength).astype(np.float32)
@@ -74,11 +80,20 @@ class ContourCells:
         self.closed_share = float(size[closed].sum()) / total if total else 0.0
         self.cover = float(size[closed].sum()) / (height * width)
         self.boxes = boxes_of(self.label, self.core, count)
+        if step > 1:
+            self.area, self.boxes = self.area * step**2, self.boxes * step + around.before
+            self.label, self.core = (around.around(_enlarged(one, step, shape)) for one in (self.label, self.core))
 
     @property
     def clear(self) -> bool:
         """Whether the exemplar consists of cells."""
         return bool(self.whole.sum() >= _MIN_CELLS and self.closed_share >= _MIN_SHARE and self.cover >= _MIN_COVER)
+
+
+def _enlarged(plane: np.ndarray, step: int, shape: tuple[int, ...]) -> np.ndarray:
+    """A plane of which each pixel becomes a square, with rows and columns that are missing like those beside."""
+    whole = np.repeat(np.repeat(plane, step, axis=0), step, axis=1)[: shape[0], : shape[1]]
+    return np.pad(whole, [(0, side - own) for side, own in zip(shape, whole.shape, strict=True)], mode="edge")
 
 
 def boxes_of(label: np.ndarray, present: np.ndarray, count: int) -> Int64[np.ndarray, "n 4"]:

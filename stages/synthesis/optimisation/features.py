@@ -133,6 +133,12 @@ class PatchFeatures:
             given[band] = fixed_point(np.where(asked[band], values, np.float32(0))).reshape(values.shape)
         return exemplar, given, None if asked.all() else asked
 
+    def release(self) -> None:
+        """Free the planes of a large exemplar, after the last call of `at`: they take the memory of the votes."""
+        if reduction(*self.planes.shape[:2]) > 1:
+            self.planes = np.empty((0, 0, self.planes.shape[2]), np.float32)
+            del self._sizes
+
     def of_given(self, given: Image, channels: int) -> tuple[Float32[np.ndarray, "H W c"], Bool[np.ndarray, "c"]]:  # type: ignore[name-defined]
         """Features of the image that was given, 0 where it has none, and which of ``channels`` it has.
 

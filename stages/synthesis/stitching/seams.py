@@ -45,7 +45,8 @@ class SeamCosts:
         """of each axis and pixel"""
         last = self.shape[0] - 1
         for band in bands(self.shape[0]) if gradients else ():
-            rows, wide = np.arange(self.shape[0])[band], np.pad(features[band], ((0, 0), (1, 1), (0, 0)), mode="edge")
+            rows = np.arange(self.shape[0])[band]
+            wide = np.pad(features[band], ((0, 0), (1, 1), (0, 0)), mode="edge")
             down = features[np.minimum(rows + 1, last)] - features[np.maximum(rows - 1, 0)]
             for slopes, difference in zip(self.slopes, (down, wide[:, 2:] - wide[:, :-2]), strict=True):
                 slopes.reshape(self.shape)[band] = np.linalg.norm(difference, axis=2) / 2
