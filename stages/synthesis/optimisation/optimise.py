@@ -411,7 +411,7 @@ def optimise(
             CellCompletion(lab, found, params.patch_size, allowed).complete(match, wrap)
         elif phase is not None and len(phase.origin) == 2:
             complete_cells(match, lab, params.patch_size, margin, wrap, generators, phase, allowed)
-        del lab
+        del lab, found  # large, as the exemplar may be
 
     made = optimisation.picture(match, scales[-1], margin)
     source = correspondence.to_pixels(match, params.patch_size, wrap, margin)
