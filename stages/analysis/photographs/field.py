@@ -117,7 +117,7 @@ def _joined(parts: list[Coverage], shape: tuple[int, int]) -> tuple[Jacobian, Ma
     """Jacobians of units of texture, extrapolated everywhere; and the pixels that patches cover."""
     field, covered = np.empty((*shape, 4), np.float32), np.empty(shape, np.bool_)
     for band in bands(shape[0]):
-        total, count = np.zeros((*field[band].shape,)), np.zeros(covered[band].shape, np.int32)
+        total, count = np.zeros(field[band].shape), np.zeros(covered[band].shape, np.int32)
         for part in parts:
             (row, column), (height, width) = part.corner, part.count.shape
             first, last = max(row, band.start), min(row + height, band.stop)
@@ -136,10 +136,12 @@ def _joined(parts: list[Coverage], shape: tuple[int, int]) -> tuple[Jacobian, Ma
     # Areas are extrapolated separately, since means of different directions are too short.
     planes = np.concatenate([field, log(np.where(covered, area, np.float32(1)))[..., None]], axis=2)
     planes = pull_push(planes, covered.astype(np.float32))
-    field, target = planes[..., :4], exp(planes[..., 4])
-    current = field[..., 0] * field[..., 3] - field[..., 1] * field[..., 2]
-    factor = np.sqrt(target / np.maximum(current, 1e-3 * target))
-    return np.asarray(np.where(covered[..., None], field, field * factor[..., None]), np.float32), covered
+    for band in bands(shape[0]):
+        own, target = planes[band, :, :4], exp(planes[band, :, 4])
+        current = own[..., 0] * own[..., 3] - own[..., 1] * own[..., 2]
+        factor = np.sqrt(target / np.maximum(current, 1e-3 * target))
+        field[band] = np.where(covered[band][..., None], own, own * factor[..., None])
+    return field, covered
 
 
 def _min_stretch(field: Jacobian) -> ScalarMap:

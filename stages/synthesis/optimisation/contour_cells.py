@@ -110,9 +110,7 @@ def boxes_of(label: np.ndarray, present: np.ndarray, count: int) -> Int64[np.nda
     return boxes
 
 
-def _basins(
-    values: Float32[np.ndarray, "h w"], order: Int64[np.ndarray, "hw"], depth: np.float32
-) -> Int64[np.ndarray, "h w"]:
+def _basins(values: Float32[np.ndarray, "h w"], order: np.ndarray, depth: np.float32) -> Int64[np.ndarray, "h w"]:
     """Basin of each pixel, numbered in the order of the pixels that name them; ``order``: by rising value."""
     from texloom.stages.kernels.cells.basins import flood
 
@@ -125,7 +123,7 @@ def _basins(
 def _quantiles(
     label: Int64[np.ndarray, "h w"],
     values: Float32[np.ndarray, "h w"],
-    order: Int64[np.ndarray, "hw"],
+    order: np.ndarray,
     counted: Bool[np.ndarray, "h w"],
     share: float,
     count: int,

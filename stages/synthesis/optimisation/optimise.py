@@ -290,7 +290,7 @@ class _Optimisation:
         return best_start(exemplar, [self.picture(match, scale) for match in matches], records)
 
 
-@stage(version=2, check=check_patches, in_bands=True, exemplar_bytes=90, seconds=(0.7, 9))
+@stage(version=2, check=check_patches, in_bands=True, exemplar_bytes=90, seconds=(0.5, 9))
 def optimise(
     image: Image,
     start: Correspondence,
