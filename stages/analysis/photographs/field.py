@@ -117,14 +117,7 @@ def _joined(parts: list[Coverage], shape: tuple[int, int]) -> tuple[Jacobian, Ma
     """Jacobians of units of texture, extrapolated everywhere; and the pixels that patches cover."""
     field, covered = np.empty((*shape, 4), np.float32), np.empty(shape, np.bool_)
     for band in bands(shape[0]):
-        total, count = np.zeros(field[band].shape), np.zeros(covered[band].shape, np.int32)
-        for part in parts:
-            (row, column), (height, width) = part.corner, part.count.shape
-            first, last = max(row, band.start), min(row + height, band.stop)
-            if first < last:
-                place = np.s_[first - band.start : last - band.start, column : column + width]
-                total[place] += part.total[first - row : last - row]
-                count[place] += part.count[first - row : last - row]
+        total, count = _summed(parts, band, shape[1])
         covered[band] = count > 0
         field[band] = total / np.maximum(count, 1)[..., None]
     parts.clear()  # of double precision
@@ -142,6 +135,22 @@ def _joined(parts: list[Coverage], shape: tuple[int, int]) -> tuple[Jacobian, Ma
         factor = np.sqrt(target / np.maximum(current, 1e-3 * target))
         field[band] = np.where(covered[band][..., None], own, own * factor[..., None])
     return field, covered
+
+
+def _summed(parts: list[Coverage], rows: slice, across: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of the totals and counts of all patches in some rows."""
+    total, count = (
+        np.zeros((rows.stop - rows.start, across, 4)),
+        np.zeros((rows.stop - rows.start, across), np.int32),
+    )
+    for part in parts:
+        (row, column), (height, width) = part.corner, part.count.shape
+        first, last = max(row, rows.start), min(row + height, rows.stop)
+        if first < last:
+            place = np.s_[first - rows.start : last - rows.start, column : column + width]
+            total[place] += part.total[first - row : last - row]
+            count[place] += part.count[first - row : last - row]
+    return total, count
 
 
 def _min_stretch(field: Jacobian) -> ScalarMap:
