@@ -20,6 +20,7 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, Outline
 
 _MAX_KEPT = 2**28  # bytes of results in memory for each scope
+_LARGE = 2**26  # bytes of one that is not copied for its last two uses, but read again
 
 _OPENERS: Mapping[str, Callable[[str, str, Store], Source]] = {
     "picture": lambda name, given, _: open_source(name, given),
@@ -195,8 +196,15 @@ class Scope:
     def decoded(self, source: Source) -> SourceValue:
         """A decoded source, kept if it is one of this scope or of the shared one."""
         if self.sources.get(source.name) == source:
-            return self.values()[source.name]
+            value = self.values().get(source.name)
+            return source.value() if value is None else value
         return source.value() if self.shared is None else self.shared.decoded(source)
+
+    def forget_value(self, name: str) -> None:
+        """Release the memory of a decoded source, which is decoded again if it is asked for."""
+        with self._lock:
+            if self._values is not None:
+                self._values = {kept: value for kept, value in self._values.items() if kept != name}
 
     def forget_values(self) -> None:
         """Release the memory of the decoded sources."""
@@ -210,7 +218,7 @@ class ScopeInputs(Inputs):
     """
 
     def __init__(self, store: Store, scope: Scope, uses: Iterable[Reference]):
-        """``uses``: what is taken, once for each time that it is taken."""
+        """``uses``: what is taken, once for each time that it is taken; sources that others take too left out."""
         super().__init__(store)
         self.scope = scope
         self._uses = Counter(uses)
@@ -226,6 +234,8 @@ class ScopeInputs(Inputs):
         reference = given.reference
         with self._lock:
             is_kept, is_last = reference in self._values, self._uses[reference] <= 1
+            if is_kept and self._uses[reference] == 2 and _size(self._values[reference]) > _LARGE:
+                return self._values.pop(reference)
             value = self._values.pop(reference) if is_kept and is_last else self._values.get(reference)
         if not is_kept:
             value = super().output(given)
@@ -252,9 +262,13 @@ class ScopeInputs(Inputs):
         """Count uses that are over, and drop what is not needed any more."""
         with self._lock:
             for reference in references:
+                if reference.output is None and reference not in self._uses:
+                    continue
                 self._uses[reference] -= 1
                 if self._uses[reference] <= 0:
                     self._values.pop(reference, None)
+                    if reference.output is None and reference.name in self.scope.sources:
+                        self.scope.forget_value(reference.name)
 
 
 def _size(value: Any) -> int:

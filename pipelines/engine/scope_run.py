@@ -23,7 +23,9 @@ class ScopeRun:
         uses = [reference for step in self._waiting.values() for reference in step.inputs.values()]
         if kind != "shared" or not run.items:  # shared exports of a set are written after all items
             uses += run.exports_of(kind).values()
-        self.inputs = ScopeInputs(run.store, scope, (given for given in uses if given.output is not None))
+        else:
+            uses = [given for given in uses if given.output is not None]
+        self.inputs = ScopeInputs(run.store, scope, uses)
 
     def next(self) -> Step | None:
         """A step that can be computed now."""

@@ -16,7 +16,7 @@ A result's folder holds
     every `Page` and `Spreadsheet`.
 ``<output>.png``
     a preview of every array with two sides of at least 4 px, unless it has more than four planes; of one with more
-    than 4096 x 4096 px every second, third ... row and column.
+    than 2048 x 2048 px every second, third ... row and column.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from texloom.pipelines.store.atomic import atomic_path, file_digest, write_atomi
 from texloom.pipelines.store.capture import capture_output
 from texloom.pipelines.store.outputs import Array, Layout, outputs_of, prepared
 from texloom.pipelines.store.page import with_run
-from texloom.pipelines.store.png_file import LARGE, png, write_png
+from texloom.pipelines.store.png_file import png, write_png
 from texloom.pipelines.store.preview import picture
 from texloom.pipelines.store.types import Hint, hints_of
 from texloom.stages.kernels.core.threads import run_all
@@ -58,6 +58,7 @@ TABLES = "tables.json"
 _NO_ARRAYS = "texloom"
 _CHUNK = 2**24  # bytes of an array that are hashed at a time
 _MIN_SIDE = 4  # px of a preview
+_MOST_OF_PREVIEW = 2**22  # px of one: to look at; more of a large exemplar takes longer than many steps
 _MAX_PIXELS = 2**28  # of a file from elsewhere
 _MAX_LABEL = 100  # characters of a layer's name in a file's
 
@@ -121,7 +122,7 @@ def write(result: Any, folder: Path, provenance: Mapping[str, Any], previews: bo
         files |= {f"{name}.{hints[name].text}": text.encode() for name, text in texts.items()}
         for name, array in arrays.items() if previews else ():
             sides = array.layout.sides
-            step = math.ceil(math.sqrt(math.prod(sides) / LARGE))
+            step = math.ceil(math.sqrt(math.prod(sides) / _MOST_OF_PREVIEW))
             levels = array.picture(step) if len(sides) == 2 and min(sides) >= _MIN_SIDE else None
             if levels is not None:
                 files[f"{name}.png"] = png(levels)

@@ -12,7 +12,7 @@ from texloom.stages.vocabulary.masks import EXCLUSION_CHANNELS
 from texloom.stages.vocabulary.scratch import release
 
 _MAX_PLANES = 4  # side by side in a picture
-_STRIP = 2**20  # pixels converted at once
+_STRIP = 2**18  # pixels converted at once
 _SIDE = 512  # px, of a small picture
 
 

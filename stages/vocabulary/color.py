@@ -52,8 +52,14 @@ def linear_from_srgb(encoded: np.ndarray) -> np.ndarray:
 
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
     """SRGB values of linear light, which is clipped to 0..1."""
-    clipped = np.clip(linear, 0, 1)
-    return np.asarray(np.where(clipped <= 0.0031308, clipped * 12.92, 1.055 * power(clipped, 1 / 2.4) - 0.055))
+    lines = np.atleast_1d(linear)
+    encoded = np.empty(lines.shape, np.result_type(linear, np.float32))
+    rows = max(1, 3 * _CACHED // max(1, lines[:1].size))
+    for top in range(0, len(lines), rows):
+        clipped = np.clip(lines[top : top + rows], 0, 1)
+        curved = 1.055 * power(clipped, 1 / 2.4) - 0.055
+        encoded[top : top + rows] = np.where(clipped <= 0.0031308, clipped * 12.92, curved)
+    return encoded.reshape(np.shape(linear))
 
 
 def linear_from_codes(codes: np.ndarray, data_planes: int = 0) -> Float32[np.ndarray, "h w c"]:

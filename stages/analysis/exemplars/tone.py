@@ -94,7 +94,7 @@ def outlines(params: ToneParams, known: Mapping[str, Any]) -> dict[str, Outline]
     return {} if image is None else {"image": Outline(image.height, image.width, image.channels)}
 
 
-@stage(version=2, check=check_image, outlines=outlines, seconds=(0.7, 0))
+@stage(version=2, check=check_image, outlines=outlines, seconds=(0.25, 0))
 def tone(image: Image, params: ToneParams) -> Tone:
     """Separate the drift of an exemplar's tone from its detail, so that distant parts fit together.
 

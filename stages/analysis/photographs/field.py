@@ -11,6 +11,7 @@ from texloom.stages.analysis.photographs.pull_push import pull_push
 from texloom.stages.kernels.core.elementary_functions import exp, log, log2
 from texloom.stages.vocabulary.arrays import Jacobian, Mask, ScalarMap
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.scratch import bands
 from texloom.stages.vocabulary.sizes import format_size
 
 _CELLS = 16  # a side: parts of a patch in which its pixels are searched
@@ -65,8 +66,11 @@ def coverage(patch: Patch, shape: tuple[int, int]) -> Coverage:
     rows, columns = (np.flatnonzero(count.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         raise InputError(f"{patch.name}: is outside the photograph of {format_size(shape)}")
+    del place
     box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    return Coverage((int(rows[0]), int(columns[0])), total[box].copy(), count[box].copy())
+    if count[box].size < count.size:
+        total, count = total[box].copy(), count[box].copy()
+    return Coverage((int(rows[0]), int(columns[0])), total, count)
 
 
 def distortion(
@@ -89,7 +93,7 @@ def distortion(
     InputError
         overlapping patches have opposite directions, or the region is too small.
     """
-    field, covered = _joined(parts, shape)
+    field, covered = _joined(list(parts), shape)
     inside = covered if geometry.region is None else pixels_inside(geometry.region, shape)
     hole = pixels_inside(geometry.hole, shape)
     inside = inside & ~pixels_inside(geometry.without, shape) & ~hole
@@ -109,34 +113,52 @@ def check_count(region: Mask, name: str) -> None:
         raise InputError(f"{name}: {np.count_nonzero(region)} px remain, fewer than {_MIN_REGION}")
 
 
-def _joined(parts: Iterable[Coverage], shape: tuple[int, int]) -> tuple[Jacobian, Mask]:
+def _joined(parts: list[Coverage], shape: tuple[int, int]) -> tuple[Jacobian, Mask]:
     """Jacobians of units of texture, extrapolated everywhere; and the pixels that patches cover."""
-    total, count = np.zeros((*shape, 4)), np.zeros(shape, np.int32)
-    for part in parts:
-        (row, column), (height, width) = part.corner, part.count.shape
-        total[row : row + height, column : column + width] += part.total
-        count[row : row + height, column : column + width] += part.count
-    covered = count > 0
-    total /= np.maximum(count, 1)[..., None]
-    field = total.astype(np.float32)
-    del total
+    field, covered = np.empty((*shape, 4), np.float32), np.empty(shape, np.bool_)
+    for band in bands(shape[0]):
+        total, count = _summed(parts, band, shape[1])
+        covered[band] = count > 0
+        field[band] = total / np.maximum(count, 1)[..., None]
+    parts.clear()  # of double precision
     area = field[..., 0] * field[..., 3] - field[..., 1] * field[..., 2]
     if not (area[covered] > 0).all():
         raise InputError("patches: two overlapping patches have opposite directions of texture")
     if covered.all():  # as of a frontal photograph, which may be large
         return field, covered
     # Areas are extrapolated separately, since means of different directions are too short.
-    planes = np.concatenate([field, log(np.where(covered, area, 1))[..., None]], axis=2).astype(np.float32)
+    planes = np.concatenate([field, log(np.where(covered, area, np.float32(1)))[..., None]], axis=2)
     planes = pull_push(planes, covered.astype(np.float32))
-    field, target = planes[..., :4], exp(planes[..., 4])
-    current = field[..., 0] * field[..., 3] - field[..., 1] * field[..., 2]
-    factor = np.sqrt(target / np.maximum(current, 1e-3 * target))
-    return np.asarray(np.where(covered[..., None], field, field * factor[..., None]), np.float32), covered
+    for band in bands(shape[0]):
+        own, target = planes[band, :, :4], exp(planes[band, :, 4])
+        current = own[..., 0] * own[..., 3] - own[..., 1] * own[..., 2]
+        factor = np.sqrt(target / np.maximum(current, 1e-3 * target))
+        field[band] = np.where(covered[band][..., None], own, own * factor[..., None])
+    return field, covered
+
+
+def _summed(parts: list[Coverage], rows: slice, across: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of the totals and counts of all patches in some rows."""
+    total, count = (
+        np.zeros((rows.stop - rows.start, across, 4)),
+        np.zeros((rows.stop - rows.start, across), np.int32),
+    )
+    for part in parts:
+        (row, column), (height, width) = part.corner, part.count.shape
+        first, last = max(row, rows.start), min(row + height, rows.stop)
+        if first < last:
+            place = np.s_[first - rows.start : last - rows.start, column : column + width]
+            total[place] += part.total[first - row : last - row]
+            count[place] += part.count[first - row : last - row]
+    return total, count
 
 
 def _min_stretch(field: Jacobian) -> ScalarMap:
     """The smaller singular value: px per unit of texture in the most foreshortened direction."""
-    a, b, c, d = np.moveaxis(field.astype(np.float64), 2, 0)
-    half = (a * a + b * b + c * c + d * d) / 2
-    square = half - np.sqrt(np.maximum(half**2 - (a * d - b * c) ** 2, 0))
-    return np.asarray(np.sqrt(np.maximum(square, 0)), np.float32)
+    stretch = np.empty(field.shape[:2], np.float32)
+    for band in bands(len(field)):
+        a, b, c, d = np.moveaxis(field[band].astype(np.float64), 2, 0)
+        half = (a * a + b * b + c * c + d * d) / 2
+        square = half - np.sqrt(np.maximum(half**2 - (a * d - b * c) ** 2, 0))
+        stretch[band] = np.sqrt(np.maximum(square, 0))
+    return stretch

@@ -117,7 +117,7 @@ def jacobian_field(
         geometry = geometry_of_planes(planes, shape)
     if region is not None:
         geometry = dataclasses.replace(geometry, region=region.color.max(axis=2) >= 0.5)
-    parts = [coverage(patch, shape) for patch in geometry.patches]
+    parts = (coverage(patch, shape) for patch in geometry.patches)
     result = distortion(geometry, parts, shape, params.detail, params.magnify, scale)
     pictures = _grid(image, geometry, result.region), _streamlines(image, result.jacobian)
     controls, spaces, sizes = (

@@ -10,6 +10,7 @@ from texloom.stages.analysis.photographs.line_segments import Frame, Segments, l
 from texloom.stages.analysis.photographs.vanishing import deviations, vanishing_points
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import Document, Params, stage
+from texloom.stages.vocabulary.scratch import bands
 
 _LOG = logging.getLogger(__name__)
 
@@ -106,8 +107,12 @@ def straightened(image: Image, distortion: float) -> Image:
     from texloom.stages.kernels.core.resample import sampled
 
     frame = Frame((image.height, image.width))
-    places = frame.places(np.moveaxis(np.indices(frame.size), 0, 2).astype(np.float64))
-    places *= min(1.0, 1 / (1 + distortion))  # so that all is shown by the photograph
-    squares = np.square(places).sum(axis=2, keepdims=True)
-    places *= 2 / (1 + np.sqrt(1 - 4 * distortion * squares))
-    return image.elsewhere(sampled(image.pixels, frame.pixels(places)))
+    pixels = np.empty_like(image.pixels)
+    for band in bands(image.height):
+        rows = np.meshgrid(np.arange(image.height)[band], np.arange(image.width), indexing="ij")
+        places = frame.places(np.stack(rows, axis=2).astype(np.float64))
+        places *= min(1.0, 1 / (1 + distortion))  # so that all is shown by the photograph
+        squares = np.square(places).sum(axis=2, keepdims=True)
+        places *= 2 / (1 + np.sqrt(1 - 4 * distortion * squares))
+        pixels[band] = sampled(image.pixels, frame.pixels(places))
+    return image.elsewhere(pixels)

@@ -8,11 +8,12 @@ import numpy as np
 from pydantic import Field
 
 from texloom.stages.analysis.photographs.depth_cues import depth_cues
-from texloom.stages.analysis.photographs.line_segments import line_segments
+from texloom.stages.analysis.photographs.line_segments import Frame, line_segments
 from texloom.stages.analysis.photographs.plane_candidates import Cells, plane_candidates
 from texloom.stages.analysis.photographs.plane_extent import extended
 from texloom.stages.analysis.photographs.plane_ranking import RankedPlane, as_frontal, measured, ranked
 from texloom.stages.analysis.photographs.vanishing import vanishing_points
+from texloom.stages.common.grids.pyramid import reduced
 from texloom.stages.vocabulary.arrays import Image, Quads
 from texloom.stages.vocabulary.declare import Document, InputError, Params, stage
 
@@ -21,6 +22,7 @@ _LOG = logging.getLogger(__name__)
 _FAMILIES = 6  # vanishing points
 _MOST = 8  # planes that are numbered
 _SAME = 0.5  # shared area, as a share of that of both planes: they are one
+_SHOWN_SIDE = 2048  # px of the picture, at most
 _AS_EVEN = 0.95  # of the evenness of a rectangle, that it must have when it is extended
 _COLORS = ((1.0, 0.1, 0.1), (0.1, 1.0, 0.1))  # of segments down and across
 _CHOSEN, _OTHER = (1.0, 0.8, 0.0), (0.3, 0.6, 1.0)  # of rectangles
@@ -48,8 +50,8 @@ class PlaneProposal:
     """a rectangle on the plane that is taken, around its line segments and what goes on beyond them; none where the
     photograph counts as frontal"""
     picture: Image
-    """the photograph with the rectangles, numbered from the best on; that taken is yellow, with its segments, red
-    down and green across"""
+    """the photograph, at up to 2048 px, with the rectangles, numbered from the best on; that taken is yellow, with
+    its segments, red down and green across"""
     table: dict[str, Any]
     """``taken``: number, 0 for none; ``why``: a sentence; ``extended``: how many times as large as the rectangle
     around its lines the one that is taken is, from the front; ``planes``: ``confidence``, ``repetition``,
@@ -203,12 +205,13 @@ def _described(planes: list[RankedPlane], taken: int) -> str:
 def _drawn(image: Image, planes: list[RankedPlane], taken: int) -> Image:
     import cv2
 
-    canvas = np.ascontiguousarray(0.6 * np.clip(image.color, 0, 1), np.float32)
+    shown = reduced(image.color, _SHOWN_SIDE)
+    canvas = np.ascontiguousarray(0.6 * np.clip(shown, 0, 1), np.float32)
     thickness = max(1, round(min(canvas.shape[:2]) / 384))
-    cells = Cells((image.height, image.width))
+    cells, frame = Cells((image.height, image.width)), Frame((canvas.shape[0], canvas.shape[1]))
 
     def draw(places: np.ndarray, closed: bool, color: tuple[float, float, float]) -> None:
-        fixed = np.rint(np.clip(cells.pixels(places)[..., ::-1], -1e5, 1e5) * 16).astype(np.int32)
+        fixed = np.rint(np.clip(frame.pixels(places)[..., ::-1], -1e5, 1e5) * 16).astype(np.int32)
         cv2.polylines(canvas, list(fixed), closed, color, thickness, cv2.LINE_AA, 4)
 
     # the best last, over the others
@@ -219,7 +222,7 @@ def _drawn(image: Image, planes: list[RankedPlane], taken: int) -> Image:
             for family, color in zip(candidate.families, _COLORS, strict=True):
                 draw(family.ends, False, color)
         draw(candidate.corners[None], True, outline)
-        row, column = cells.pixels(cells.centres()[candidate.area].mean(axis=0)).round().astype(int).tolist()
+        row, column = frame.pixels(cells.centres()[candidate.area].mean(axis=0)).round().astype(int).tolist()
         for width, shade in ((6 * thickness, (0.0, 0.0, 0.0)), (2 * thickness, outline)):
             ink = np.zeros(canvas.shape[:2], np.uint8)  # text is drawn in 8 bits alone
             cv2.putText(ink, str(number), (column, row), cv2.FONT_HERSHEY_SIMPLEX, thickness, 255, width)

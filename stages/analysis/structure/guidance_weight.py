@@ -101,13 +101,12 @@ def guidance_weight(image: Image, distance: ScalarMap, params: GuidanceWeightPar
     ----------
     [Kaspar2015]_ section 3.1, Figure 3.
     """
-    near = (distance > 0) & (distance <= max(1.0, params.vicinity * image.width))
-    valid = valid_pixels(image)
-    if valid is not None:
-        near &= valid
-    densities = np.zeros((3, _BINS, _BINS), np.float32)
     every = reduction(image.height, image.width)
-    colors, near = image.color[::every, ::every], near[::every, ::every]
+    colors, distance, valid = image.color[::every, ::every], distance[::every, ::every], valid_pixels(image)
+    near = (distance > 0) & (distance <= max(1.0, params.vicinity * image.width))
+    if valid is not None:
+        near &= valid[::every, ::every]
+    densities = np.zeros((3, _BINS, _BINS), np.float32)
     if not near.any():
         return GuidanceWeight(WEAK_WEIGHT, densities, 0.0, 0)
     lab = lab_from_linear(colors[near][:, None])[:, 0]

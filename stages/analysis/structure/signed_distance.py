@@ -35,13 +35,15 @@ def signed_distance(structure: Mask) -> SignedDistance:
 
     pixels = np.zeros(structure.shape, np.float32)
     if structure.any() and not structure.all():
-        inside = structure.astype(np.uint8)
-        for sign, zeros in ((1, 1 - inside), (-1, inside)):
+        for sign in (1, -1):
+            zeros = (structure if sign < 0 else ~structure).view(np.uint8)
             distance = cv2.distanceTransform(zeros, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
             # OpenCV's last bit depends on the array's alignment; squared distances are integers.
             for band in bands(len(distance)):
                 exact = np.sqrt(np.rint(np.square(distance[band], dtype=np.float64)))
                 pixels[band] += sign * exact.astype(np.float32)
+            del distance
     span = float(np.ptp(pixels))
-    field = (pixels - pixels.min()) * np.float32(100 / span) if span else np.zeros_like(pixels)
+    field = pixels - pixels.min() if span else np.zeros_like(pixels)
+    field *= np.float32(100 / span) if span else np.float32(1)
     return SignedDistance(np.clip(field, 0, 100, out=field), pixels)

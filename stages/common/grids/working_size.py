@@ -68,6 +68,8 @@ class Halvings:
 
     def resized(self, height: int, width: int) -> Float32[np.ndarray, "H W c"]:
         """See `resize`."""
+        if self._levels[0].shape[:2] == (height, width):
+            del self._levels[1:]  # the finest scale comes last
         level = 0
         while self._is_large and (np.array(self._levels[level].shape[:2]) >= (4 * height, 4 * width)).all():
             level += 1

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float32
 
+from texloom.stages.common.grids.working_size import reduction
 from texloom.stages.common.similarity.patch_distance import Places
 from texloom.stages.common.source_maps.source_joints import worst_of_cells
 from texloom.stages.evaluation._measures.pictures import (
@@ -18,6 +19,8 @@ from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
 _SIDE = 9  # px of the squares on both sides of a joint
 _REACH = _SIDE // 2 + 1  # px from a joint to the middle of the square beyond it
+_INSIDE = np.s_[_SIDE - _REACH : _REACH - _SIDE, _SIDE - _REACH : _REACH - _SIDE]
+_STRIP = 256  # rows of a large exemplar
 _VISIBLE = 2.3  # CIELAB units; a just noticeable difference
 _SLACK = 5  # px about a source within which the exemplar may show the step, as results are bent and blended
 _MOST = 1 << 18  # joints along an axis that are measured
@@ -27,18 +30,36 @@ _BAD = 0.1  # share of the cells with such a step; blocks joined at random have 
 
 def _squares(picture: Picture, wraps: Wraps) -> tuple[Float32[np.ndarray, "H W c"], Float32[np.ndarray, "H W"]]:
     """Mean colours of the squares about the pixels and `_REACH` px around, and the deviations within them."""
-    import cv2
+    values = _padded(picture.compared, wraps)
+    means, squares = _means(values), _means(values * values)
+    deviation = np.sqrt(np.maximum(squares - means * means, 0).sum(axis=2))
+    return means[_INSIDE], deviation[_INSIDE]
 
-    values = picture.compared
+
+def _padded(values: Float32[np.ndarray, "h w c"], wraps: Wraps) -> Float32[np.ndarray, "H W c"]:
     for axis, wrap in enumerate(wraps):
         margin = [(_SIDE if one == axis else 0,) * 2 for one in range(3)]
         values = np.pad(values, margin, mode="wrap" if wrap else "edge")
-    means, squares = (
-        cv2.boxFilter(part, -1, (_SIDE, _SIDE)).reshape(values.shape) for part in (values, values * values)
-    )
-    deviation = np.sqrt(np.maximum(squares - means * means, 0).sum(axis=2))
-    inside = np.s_[_SIDE - _REACH : _REACH - _SIDE, _SIDE - _REACH : _REACH - _SIDE]
-    return means[inside], deviation[inside]
+    return values
+
+
+def _means(values: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w c"]:
+    import cv2
+
+    return cv2.boxFilter(values, -1, (_SIDE, _SIDE)).reshape(values.shape)
+
+
+def _known_steps(picture: Picture) -> list[Float32[np.ndarray, "h w"]]:
+    """`_steps_along` both axes of an exemplar; of a large one in strips, as means take the picture's memory."""
+    height, width = picture.tone.shape
+    rows = _STRIP if reduction(height, width) > 1 else height
+    known = [np.empty((height, width), np.float32) for _ in range(2)]
+    for top in range(0, height, rows):
+        first = max(0, top - _SIDE)
+        means = _means(_padded(picture.compared[first : top + rows + _SIDE], NOWHERE))[_INSIDE]
+        for axis, steps in enumerate(known):
+            steps[top : top + rows] = _steps_along(means, axis)[top - first :][:rows]
+    return known
 
 
 def _steps_along(means: Float32[np.ndarray, "H W c"], axis: int) -> Float32[np.ndarray, "h w"]:
@@ -75,7 +96,7 @@ def step_map(task: Task) -> ScalarMap:
 
     match = task.source_map()
     steps = np.full(match.shape[:2], -1, np.float32)
-    (means, deviation), (known_means, _) = _squares(task.result, task.wraps), _squares(task.exemplar, NOWHERE)
+    (means, deviation), of_exemplar = _squares(task.result, task.wraps), _known_steps(task.exemplar)
     for axis in (0, 1):
         places = joints_along(match, axis, task.wraps[axis])
         if task.result.counted is not None:
@@ -84,7 +105,7 @@ def step_map(task: Task) -> ScalarMap:
         at = tuple(places.T)
         shown = _steps_along(means, axis)[at]
         masking = (_beside(deviation, axis, 1 - _REACH)[at] + _beside(deviation, axis, _REACH)[at]) / 2
-        known = cv2.dilate(_steps_along(known_means, axis), np.ones((_SLACK, _SLACK), np.uint8))
+        known = cv2.dilate(of_exemplar.pop(0), np.ones((_SLACK, _SLACK), np.uint8))
         ahead = np.eye(2, dtype=np.int64)[axis]
         beside = match[tuple(((places + ahead) % match.shape[:2]).T)].astype(np.int64) - ahead
         of_sources = (known[tuple(match[at].T)], known[tuple(np.maximum(beside, 0).T)])

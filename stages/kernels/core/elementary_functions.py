@@ -7,6 +7,8 @@ Cephes library.
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -33,6 +35,7 @@ _ATAN = (
      4.853903996359136964868e2, 1.945506571482613964425e2),
 )  # fmt: skip
 _LN2 = (6.93145751953125e-1, 1.42860682030941723212e-6)  # ln 2 in two parts
+_STRIP = 2**18  # values of a large array that are computed at once, as each step needs memory of their size
 _QUARTER_PI = (7.85398125648498535156e-1, 3.77489470793079817668e-8, 2.69515142907905952645e-15)
 
 
@@ -52,6 +55,24 @@ def _like(value: np.ndarray, *given: ArrayLike) -> Any:
         return value.astype(np.float32 if kind == np.float32 else np.float64, copy=False)[()]
 
 
+def _in_strips(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function of one value, which large arrays are given to in strips."""
+
+    @functools.wraps(function)
+    def stripped(x: ArrayLike, *others: Any) -> Any:
+        if not isinstance(x, np.ndarray) or x.size <= _STRIP or not x.flags.c_contiguous:
+            return function(x, *others)
+        given, found = x.reshape(-1), np.empty(0)
+        for first in range(0, x.size, _STRIP):
+            strip = function(given[first : first + _STRIP], *others)
+            found = found if first else np.empty(x.size, strip.dtype)
+            found[first : first + _STRIP] = strip
+        return found.reshape(x.shape)
+
+    return stripped
+
+
+@_in_strips
 def exp(x: ArrayLike) -> Any:
     """e to the power of ``x``; 0 below -708, infinity above 709."""
     given = np.asarray(x, np.float64)
@@ -65,6 +86,7 @@ def exp(x: ArrayLike) -> Any:
     return _like(np.where(np.isnan(given), np.nan, found), x)
 
 
+@_in_strips
 def log(x: ArrayLike) -> Any:
     """Natural logarithm; minus infinity of 0, NaN of negative numbers."""
     given = np.asarray(x, np.float64)
@@ -81,6 +103,7 @@ def log(x: ArrayLike) -> Any:
     return _like(np.where(regular, found, other), x)
 
 
+@_in_strips
 def log2(x: ArrayLike) -> Any:
     """Logarithm to base 2, exact for powers of 2."""
     given = np.asarray(x, np.float64)
@@ -89,12 +112,14 @@ def log2(x: ArrayLike) -> Any:
     return _like(found, x)
 
 
+@_in_strips
 def power(x: ArrayLike, exponent: float) -> Any:
     """``x``, 0 or more, to the power of a number above 0; ``x`` itself where it is less."""
     given = np.asarray(x, np.float64)
     return _like(np.where(given > 0, exp(exponent * log(np.where(given > 0, given, 1.0))), given), x)
 
 
+@_in_strips
 def cbrt(x: ArrayLike) -> Any:
     """Cubic root."""
     given = np.asarray(x, np.float64)
@@ -122,16 +147,19 @@ def _sin_cos(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
+@_in_strips
 def sin(x: ArrayLike) -> Any:
     """Sine of an angle up to some millions."""
     return _like(_sin_cos(np.asarray(x, np.float64))[0], x)
 
 
+@_in_strips
 def cos(x: ArrayLike) -> Any:
     """Cosine of an angle up to some millions."""
     return _like(_sin_cos(np.asarray(x, np.float64))[1], x)
 
 
+@_in_strips
 def phasor(angle: ArrayLike) -> Any:
     """e to the power of i times ``angle``, complex of twice its bits."""
     sine, cosine = (_like(part, angle) for part in _sin_cos(np.asarray(angle, np.float64)))

@@ -64,7 +64,7 @@ class CellCompletion:
     ):
         self.lab, self.cells, self.middle = np.ascontiguousarray(lab), cells, patch_size // 2
         self.costs = SeamCosts(self.lab, gradients=True, squared=True, offset=_OFFSET)
-        self.slopes = np.stack([slope.reshape(lab.shape[:2]) for slope in self.costs.slopes]).astype(np.float32)
+        self.slopes = self.costs.slopes.reshape(2, *lab.shape[:2])
         self.places = np.zeros(lab.shape[:2], bool)
         inside = tuple(slice(self.middle, self.middle + side - patch_size + 1) for side in lab.shape[:2])
         self.places[inside] = True if allowed is None else allowed.places

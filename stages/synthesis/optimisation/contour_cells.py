@@ -3,8 +3,10 @@
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
+from texloom.stages.common.grids.working_size import reduction
 from texloom.stages.synthesis.optimisation.border import Border
 from texloom.stages.vocabulary.arrays import ScalarMap
+from texloom.stages.vocabulary.scratch import bands
 
 _DEPTH = 0.35  # of the strength of clear contours, of what lies between two cells
 _CLEAR = 0.9  # quantile of an exemplar's strength that is a clear contour's
@@ -18,6 +20,8 @@ _RIM = 2  # px beside a contour that are not the inside of a cell
 
 class ContourCells:
     """Basins of contour strength: which cell each pixel of an exemplar belongs to, and which pixels lie inside it.
+
+    Of a large exemplar, whose contours are found at reduced size (see `working_image`), basins are too.
 
     Parameters
     ----------
@@ -43,10 +47,14 @@ class ContourCells:
     def __init__(self, strength: ScalarMap, border: Border):
         import cv2
 
+        step, shape, around = reduction(*strength.shape), strength.shape, border
+        if step > 1:
+            strength, border = strength[step // 2 :: step, step // 2 :: step], Border(1)
         depth = np.float32(_DEPTH * float(np.quantile(strength, _CLEAR)))
         height, width = strength.shape
         values = border.around(strength).astype(np.float32)
-        self.label = _basins(values, depth)
+        order = np.argsort(values, axis=None, kind="stable")
+        self.label = _basins(values, order, depth)
         count = int(self.label.max()) + 1
         line = np.zeros(self.label.shape, bool)
         for axis in (0, 1):
@@ -65,13 +73,16 @@ class ContourCells:
         cut = np.bincount(self.label[~inside], minlength=count) > 0
         self.area = np.bincount(self.label[self.core], minlength=count)
         self.whole = small & ~cut & (self.area > 0)
-        strong = _quantiles(self.label[line], values[line], _WEAK, count)
-        weak = _quantiles(self.label[core], values[core], 0.5, count)
+        strong = _quantiles(self.label, values, order, line, _WEAK, count)
+        weak = _quantiles(self.label, values, order, core, 0.5, count)
         closed = self.whole & (strong - weak > depth)
         total = int(size[self.whole].sum())
         self.closed_share = float(size[closed].sum()) / total if total else 0.0
         self.cover = float(size[closed].sum()) / (height * width)
         self.boxes = boxes_of(self.label, self.core, count)
+        if step > 1:
+            self.area, self.boxes = self.area * step**2, self.boxes * step + around.before
+            self.label, self.core = (around.around(_enlarged(one, step, shape)) for one in (self.label, self.core))
 
     @property
     def clear(self) -> bool:
@@ -79,37 +90,52 @@ class ContourCells:
         return bool(self.whole.sum() >= _MIN_CELLS and self.closed_share >= _MIN_SHARE and self.cover >= _MIN_COVER)
 
 
+def _enlarged(plane: np.ndarray, step: int, shape: tuple[int, ...]) -> np.ndarray:
+    """A plane of which each pixel becomes a square, with rows and columns that are missing like those beside."""
+    whole = np.repeat(np.repeat(plane, step, axis=0), step, axis=1)[: shape[0], : shape[1]]
+    return np.pad(whole, [(0, side - own) for side, own in zip(shape, whole.shape, strict=True)], mode="edge")
+
+
 def boxes_of(label: np.ndarray, present: np.ndarray, count: int) -> Int64[np.ndarray, "n 4"]:
     """First row and column of the present pixels of each label, last ones + 1; of none, 0."""
     boxes = np.zeros((count, 4), np.int64)
-    rows, columns = np.nonzero(present)
-    own = label[rows, columns]
-    boxes[own, :2] = label.shape
-    for index, places in enumerate((rows, columns)):
-        np.minimum.at(boxes[:, index], own, places)
-        np.maximum.at(boxes[:, index + 2], own, places + 1)
+    boxes[:, :2] = label.shape
+    for band in bands(len(label)):
+        rows, columns = np.nonzero(present[band])
+        own = label[band][rows, columns]
+        for index, places in enumerate((rows + band.start, columns)):
+            np.minimum.at(boxes[:, index], own, places)
+            np.maximum.at(boxes[:, index + 2], own, places + 1)
+    boxes[boxes[:, 2] == 0] = 0
     return boxes
 
 
-def _basins(values: Float32[np.ndarray, "h w"], depth: np.float32) -> Int64[np.ndarray, "h w"]:
+def _basins(values: Float32[np.ndarray, "h w"], order: np.ndarray, depth: np.float32) -> Int64[np.ndarray, "h w"]:
+    """Basin of each pixel, numbered in the order of the pixels that name them; ``order``: by rising value."""
     from texloom.stages.kernels.cells.basins import flood
 
     basin = np.empty(values.size, np.int64)
-    flood(values, np.argsort(values, axis=None, kind="stable"), depth, basin)
-    return np.unique(basin, return_inverse=True)[1].reshape(values.shape).astype(np.int64)
+    flood(values, order, depth, basin)
+    number = np.cumsum(basin == np.arange(basin.size)) - 1
+    return np.asarray(number[basin].reshape(values.shape), np.int64)
 
 
 def _quantiles(
-    label: Int64[np.ndarray, "n"],  # type: ignore[name-defined]
-    value: Float32[np.ndarray, "n"],  # type: ignore[name-defined]
+    label: Int64[np.ndarray, "h w"],
+    values: Float32[np.ndarray, "h w"],
+    order: np.ndarray,
+    counted: Bool[np.ndarray, "h w"],
     share: float,
     count: int,
 ) -> Float64[np.ndarray, "k"]:  # type: ignore[name-defined]
-    """That quantile of each label's values; 0 of none."""
-    order = np.lexsort((value, label))
-    number = np.bincount(label, minlength=count)
+    """That quantile of each label's values that are counted; 0 of none. ``order``: pixels by rising value."""
+    rising = order[counted.ravel()[order]]
+    own = label.ravel()[rising].astype(np.min_scalar_type(count))  # short numbers are sorted faster
+    by_label = np.argsort(own, kind="stable")
+    number = np.bincount(own, minlength=count)
     first = np.cumsum(number) - number
     result = np.zeros(count)
     has = number > 0
-    result[has] = value[order][(first + ((number - 1) * share).astype(np.int64))[has]]
+    middle = by_label[(first + ((number - 1) * share).astype(np.int64))[has]]
+    result[has] = values.ravel()[rising[middle]]
     return result

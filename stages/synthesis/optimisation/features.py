@@ -97,23 +97,29 @@ class PatchFeatures:
         phased : whether the lattice is enforced at the scale.
         margin : px of the target at full size above and left of the result.
         """
-        planes = self._sizes.resized(*scale.exemplar) * self.factors
-        if self.guided:  # distance fills its range at every scale
-            distance = np.ascontiguousarray(planes[..., self.colors])
-            nearest, farthest = distance.min(), distance.max()
-            span = max(float(farthest - nearest), 1e-6)
-            planes[..., self.colors] = (distance - nearest) * (_FARTHEST * self.factors[self.colors] / span)
+        planes = self._sizes.resized(*scale.exemplar)
+        if self.guided:
+            bounds = [bound * self.factors[self.colors] for bound in _range(planes[..., self.colors])]
         sides = (scale.patches[0] + self.patch_size - 1, scale.patches[1] + self.patch_size - 1)
         phase, radius = self.phase if phased else None, np.float32(self.regularity)
-        own = [planes]
+        here = None
         there: Float32[np.ndarray, "H W k"] = np.zeros((*sides, 0), np.float32)
         if self.guides is not None:
             here, there = self.guides.at(scale, sides, margin)
-            own.append(here)
-        if phase is not None:
-            own.append(radius * phase.of_exemplar(*scale.exemplar, scale.factor))
-        exemplar = fixed_point(own[0] if len(own) == 1 else np.concatenate(own, axis=2))
-        count = exemplar.shape[1] // scale.exemplar[1] - planes.shape[2]
+        count = (0 if here is None else here.shape[2]) + (0 if phase is None else 2 * len(phase.origin))
+        height, width = scale.exemplar
+        exemplar = np.empty((height, width * (planes.shape[2] + count)), np.int16)
+        for band in bands(height):  # all features of a large exemplar in single precision take twice the memory
+            own = [planes[band] * self.factors]
+            if self.guided:  # distance fills its range at every scale
+                span = max(float(bounds[1] - bounds[0]), 1e-6)
+                distance = own[0][..., self.colors] - bounds[0]
+                own[0][..., self.colors] = distance * (_FARTHEST * self.factors[self.colors] / span)
+            if here is not None:
+                own.append(here[band])
+            if phase is not None:
+                own.append(radius * phase.of_exemplar(height, width, scale.factor, band))
+            exemplar[band] = fixed_point(own[0] if len(own) == 1 else np.concatenate(own, axis=2))
         if not count:
             return exemplar, None, None
         given = empty((*sides, count), np.int16)
@@ -126,6 +132,12 @@ class PatchFeatures:
             asked[band] = ~np.isnan(values)
             given[band] = fixed_point(np.where(asked[band], values, np.float32(0))).reshape(values.shape)
         return exemplar, given, None if asked.all() else asked
+
+    def release(self) -> None:
+        """Free the planes of a large exemplar, after the last call of `at`: they take the memory of the votes."""
+        if reduction(*self.planes.shape[:2]) > 1:
+            self.planes = np.empty((0, 0, self.planes.shape[2]), np.float32)
+            del self._sizes
 
     def of_given(self, given: Image, channels: int) -> tuple[Float32[np.ndarray, "H W c"], Bool[np.ndarray, "c"]]:  # type: ignore[name-defined]
         """Features of the image that was given, 0 where it has none, and which of ``channels`` it has.
@@ -154,6 +166,10 @@ class PatchFeatures:
         circles = np.full(channels - lows.size, self.regularity)
         lows, highs = np.concatenate([lows, -circles]), np.concatenate([highs, circles])
         return lows.astype(np.float32), highs.astype(np.float32)
+
+
+def _range(plane: Float32[np.ndarray, "h w"]) -> tuple[np.float32, np.float32]:
+    return plane.min(), plane.max()
 
 
 def _is_grey(lab: Float32[np.ndarray, "h w 3"]) -> bool:

@@ -493,7 +493,6 @@ def initialise(
     if params.method == "pixels":
         match = rng.integers(0, shape, (*size, 2), dtype=np.int64).astype(np.uint32)
     else:
-        colors = lab_from_linear(fill_excluded(image).color)
         contours = np.zeros(shape, np.float32) if structure is None else structure.astype(np.float32) * 100
         lattice = np.zeros((0, 2), np.float32)
         if generators is not None and params.method == "lattice":
@@ -502,7 +501,8 @@ def initialise(
         if exemplar_guide is not None and target_guide is not None:
             guides = exemplar_guide, resize_target(target_guide, *size)
         sides = _block_sides(shape, lattice, params, guides is not None)
-        features = np.concatenate([colors, contours[..., None]], axis=2)
+        features = np.concatenate([lab_from_linear(fill_excluded(image).color), contours[..., None]], axis=2)
+        del contours
         match = _Blocks(features, lattice, sides, size, params, rng, usable, guides).run()
     nearest = None if usable is None else nearest_valid(usable)
     image = without_usable(image)

@@ -65,9 +65,12 @@ class LatticePhase:
             phasor(2 * np.pi * (matrix_product(sources, self.exemplar) - matrix_product(own, self.target)))
         )
 
-    def of_exemplar(self, height: int, width: int, factor: float) -> Float32[np.ndarray, "h w k"]:
-        """Phases of an exemplar's pixels at the scale of ``factor``."""
-        return _circles(range(height), width, factor, (0, 0), self.exemplar, np.zeros(self.exemplar.shape[1]))
+    def of_exemplar(
+        self, height: int, width: int, factor: float, rows: slice = slice(None)
+    ) -> Float32[np.ndarray, "h w k"]:
+        """Phases of an exemplar's pixels at the scale of ``factor``, of some rows."""
+        origin = np.zeros(self.exemplar.shape[1])
+        return _circles(range(height)[rows], width, factor, (0, 0), self.exemplar, origin)
 
     def of_target(
         self, rows: range, width: int, factor: float, margin: tuple[int, int]

@@ -228,8 +228,12 @@ def occurrence_map(
         count_matches(match[0, band], match[1, band], uses)
     for down in (0, patch_size):
         for across in (0, patch_size):
-            sign = 1 if down == across else -1
-            steps[down : down + places[0], across : across + places[1]] += sign * uses
-    covered = steps.cumsum(axis=0).cumsum(axis=1)[:-1, :-1]
+            part = steps[down : down + places[0], across : across + places[1]]
+            (np.add if down == across else np.subtract)(part, uses, out=part)
+    for axis in (0, 1):
+        np.cumsum(steps, axis=axis, out=steps)
     even = match[0].size * patch_size**2 / (usable or shape[0] * shape[1])
-    return (covered / even).astype(np.float32)
+    relative = np.empty(shape, np.float32)
+    for band in bands(shape[0]):
+        relative[band] = steps[:-1, :-1][band] / even
+    return relative

@@ -197,7 +197,7 @@ class _Optimisation:
     @property
     def lab(self) -> Float32[np.ndarray, "h w 3"]:
         """CIELAB of the exemplar."""
-        if self.compared.colors == 3:
+        if self.compared.colors == 3 and len(self.compared.planes):
             return np.ascontiguousarray(self.compared.planes[..., :3])
         return lab_from_linear(self.image.color)
 
@@ -213,7 +213,10 @@ class _Optimisation:
     def rounds(self, match: Patches, scale: PatchScale, random: np.random.Generator) -> Rounds:
         """Improve ``match`` in place at one scale, iteration by iteration."""
         phased = self.compared.phase is not None and (scale.level == 1 or scale.within(_PHASE_SHARE))
-        return self._rounds(match, scale, self.compared.at(scale, phased, self.params.beyond), random)
+        features = self.compared.at(scale, phased, self.params.beyond)
+        if scale.level == scale.count:
+            self.compared.release()
+        return self._rounds(match, scale, features, random)
 
     def _rounds(
         self, match: Patches, scale: PatchScale, features: FeaturesOfScale, random: np.random.Generator
@@ -287,7 +290,7 @@ class _Optimisation:
         return best_start(exemplar, [self.picture(match, scale) for match in matches], records)
 
 
-@stage(version=2, check=check_patches, in_bands=True, exemplar_bytes=90, seconds=(0.7, 9))
+@stage(version=2, check=check_patches, in_bands=True, exemplar_bytes=90, seconds=(0.5, 9))
 def optimise(
     image: Image,
     start: Correspondence,
@@ -380,7 +383,6 @@ def optimise(
     guides = _guides(image, start, exemplar_guide, target_guide, border)
     sides = image.height, image.width
     image, start = border.around_image(image), border.moved(start)
-    guidance = None if guidance is None else border.around(guidance)
     phase, regularity = None, params.regularity
     if generators is not None and len(generators) and regularity > 0:
         if len(generators) == 1 and (2 * np.abs(generators[0]) >= sides).any():
@@ -392,7 +394,9 @@ def optimise(
     if generators is not None and phase is not None:
         cells = math.ceil(_MIN_CELL * min(image.height, image.width) / min_spacing(generators))
     scales = patch_scales(image, start, params, params.occurrence > 0, cells)
-    optimisation = _Optimisation(image, start, guidance, weight, guides, phase, regularity, fixed, params)
+    distance = None if guidance is None else border.around(guidance)
+    optimisation = _Optimisation(image, start, distance, weight, guides, phase, regularity, fixed, params)
+    del distance
     randoms, tried = rng.spawn(len(scales)), min(_TRIED_SCALES, len(scales) - 1)
     others = [] if keep is not None or not tried else [rng.spawn(tried) for _ in range(params.starts - 1)]
     match, done = coarse_to_fine(
@@ -400,12 +404,14 @@ def optimise(
     )
 
     if params.whole_cells and keep is None and guides is None:
+        lab, allowed = optimisation.lab, scales[-1].allowed
+        del optimisation.compared
         found = None if contours is None else ContourCells(contours, border)
         if found is not None and found.clear:
-            CellCompletion(optimisation.lab, found, params.patch_size, scales[-1].allowed).complete(match, wrap)
+            CellCompletion(lab, found, params.patch_size, allowed).complete(match, wrap)
         elif phase is not None and len(phase.origin) == 2:
-            lab, allowed = optimisation.lab, scales[-1].allowed
             complete_cells(match, lab, params.patch_size, margin, wrap, generators, phase, allowed)
+        del lab, found  # large, as the exemplar may be
 
     made = optimisation.picture(match, scales[-1], margin)
     source = correspondence.to_pixels(match, params.patch_size, wrap, margin)

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Int8, Int32, Int64
 
 from texloom.stages.kernels.core.loading import loaded
+from texloom.stages.vocabulary.scratch import bands
 
 UNIT = 512
 """fixed-point steps of a seam's cost: capacities are integers, so that sums are exact"""
@@ -40,11 +41,15 @@ class SeamCosts:
         self.squared, self.offset = squared, offset
         self.shape = features.shape[:2]
         self.pixels = features.reshape(-1, features.shape[2])
-        self.slopes: list[np.ndarray] = []
-        for axis in (0, 1) if gradients else ():
-            wide = np.pad(features, [(int(a == axis), int(a == axis)) for a in (0, 1)] + [(0, 0)], mode="edge")
-            before, after = (np.take(wide, np.arange(self.shape[axis]) + k, axis=axis) for k in (0, 2))
-            self.slopes.append(np.linalg.norm(after - before, axis=2).ravel() / 2)
+        self.slopes = np.empty((2 * gradients, len(self.pixels)), features.dtype)
+        """of each axis and pixel"""
+        last = self.shape[0] - 1
+        for band in bands(self.shape[0]) if gradients else ():
+            rows = np.arange(self.shape[0])[band]
+            wide = np.pad(features[band], ((0, 0), (1, 1), (0, 0)), mode="edge")
+            down = features[np.minimum(rows + 1, last)] - features[np.maximum(rows - 1, 0)]
+            for slopes, difference in zip(self.slopes, (down, wide[:, 2:] - wide[:, :-2]), strict=True):
+                slopes.reshape(self.shape)[band] = np.linalg.norm(difference, axis=2) / 2
 
     def between(
         self, axis: int, one: Int32[np.ndarray, "n 2"], other: Int32[np.ndarray, "n 2"]
@@ -57,7 +62,7 @@ class SeamCosts:
         first, second, third, fourth = (self.pixels.take(at, axis=0) for at in places)
         squares = [((a - b) ** 2).sum(axis=1) for a, b in ((first, third), (second, fourth))]
         value = sum(squares if self.squared else [np.sqrt(square) for square in squares])
-        if self.slopes:
+        if len(self.slopes):
             value = value / (sum(self.slopes[axis].take(at) for at in places) + np.float32(self.offset))
         cost[seam] = np.minimum(np.rint(value * np.float32(UNIT)), MAX_COST).astype(np.int64)
         return cost
