@@ -26,7 +26,7 @@ _MIN_ERRORS = 8.0  # standard errors of a change that counts
 _MAX_REST = 0.15  # standard deviation of what a quadratic leaves, of the natural logarithm: even texture
 _CURVED = 0.2  # change of the logarithm from the middle to the longer border, by the square
 _TILTED = 0.35  # the same, linear
-_MAYBE = 0.6  # share of both from which they are told: a trunk that turns away little
+_MAYBE = 0.4  # share of both from which they are told: a trunk that turns away little
 
 
 @dataclass(frozen=True)
