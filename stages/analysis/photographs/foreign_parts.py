@@ -13,7 +13,7 @@ from pydantic import Field
 
 from texloom.stages.analysis.exemplars.exclusion_mask import ExclusionMaskParams, exclusion_mask
 from texloom.stages.analysis.photographs.evenness import picture_evenness
-from texloom.stages.analysis.photographs.foreign_outlines import outlined
+from texloom.stages.analysis.photographs.foreign_outlines import likewise, outlined
 from texloom.stages.analysis.photographs.unlikeness import unlikeness
 from texloom.stages.analysis.regularity.mean_cell import mean_cell
 from texloom.stages.common.grids.pyramid import reduced, resize
@@ -85,7 +85,8 @@ def foreign_parts(
     """Propose a mask of what does not belong to the surface: what the rest does not explain.
 
     Parts are compared by their looks in windows of two sizes, see `unlikeness`; where some are found, once more:
-    these explain no others then, and lesser ones count. Where a lattice has a mean cell that explains the
+    these explain no others then, and lesser ones count; then parts whose pixels look more like them than like the
+    rest. Where a lattice has a mean cell that explains the
     picture, only what differs from this too is foreign: windows of a facade are not. Holes in what is foreign are
     filled, and small parts of either kind are given to the other.
 
@@ -204,6 +205,7 @@ def _searched(
             break
     planes = lab if cell is None else cell[1]
     found = outlined(planes, small, found, unlike >= _CERTAIN * threshold)  # windows blur outlines
+    found = found | likewise(planes, small, found, _LEAST * float(small.sum()))
     foreign = _closed(found, small, _MARGIN)
     both = resize(np.stack([foreign, unlike], axis=2).astype(np.float32), image.height, image.width, bilinear=True)
     return np.ascontiguousarray(both[..., 1]), both[..., 0] > 0.5, cell is not None
