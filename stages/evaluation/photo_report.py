@@ -47,6 +47,7 @@ def photo_report(
     params: PhotoReportParams,
     foreign: dict[str, Any] | None = None,
     masked: Image | None = None,
+    whole: dict[str, Any] | None = None,
     light: dict[str, Any] | None = None,
     provenance: Sequence[Mapping[str, Any]] = (),
 ) -> PhotoReport:
@@ -61,6 +62,7 @@ def photo_report(
     image : the texture.
     table : its scores, see `metrics`.
     foreign, masked : table and picture of `foreign_parts`, where these were searched.
+    whole : table of `between_joints`, where whole periods were searched.
     light : what was found of the light, see `delight`.
     provenance : the steps upstream.
 
@@ -94,6 +96,8 @@ def photo_report(
         rows.insert(
             3, ("foreign parts", why, "--source mask=foreign.png, edited, or --set unlike=1000 to keep all")
         )
+    if whole is not None and whole["why"]:
+        rows.insert(-3, ("whole periods", whole["why"].partition(" (--set")[0], "--set whole=false to keep all"))
     decisions = [dict(zip(("what", "decided", "change"), row, strict=True)) for row in rows]
     shown = {
         name: page.shown(picture, params.largest, params.quality)

@@ -44,6 +44,7 @@ DROPS = {
     "analysis.patch_atlas",
     "analysis.lens_distortion", "analysis.photometric_stereo",
     "analysis.delight", "analysis.tone",  # unless it changes nothing: drift ends differently on opposite sides
+    "analysis.between_joints",
     "analysis.control_direction", "analysis.deformed_lattice", "analysis.dog_mask", "analysis.feature_distance",
     "analysis.gaussian_stack", "analysis.jacobian_field", "analysis.orientation_field", "analysis.plane_proposal",
     "analysis.surface_charts", "analysis.surface_control",

@@ -26,6 +26,7 @@ _MIN_ERRORS = 8.0  # standard errors of a change that counts
 _MAX_REST = 0.15  # standard deviation of what a quadratic leaves, of the natural logarithm: even texture
 _CURVED = 0.2  # change of the logarithm from the middle to the longer border, by the square
 _TILTED = 0.35  # the same, linear
+_MAYBE = 0.4  # share of both from which they are told: a trunk that turns away little
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,8 @@ class DepthCues:
     """the texture becomes finer to one side"""
     curved: bool
     """the texture becomes finer from the middle to both sides"""
+    hint: str = ""
+    """a weaker sign, in words, where there is none of these; else empty"""
 
     @property
     def reason(self) -> str:
@@ -71,8 +74,12 @@ def depth_cues(image: Image, segments: Segments, points: list[Float64[np.ndarray
         share = float(own.lengths.sum()) / total
         if share >= _MIN_SHARE and len(own.ends) >= _MIN_LINES and _spread(own) >= _CONVERGING:
             converging = max(converging, share)
-    tilted, curved = _texture_changes(image)
-    return DepthCues(converging, tilted, curved)
+    tilt, curve = _texture_changes(image)
+    hint = ""
+    if tilt >= _MAYBE * _TILTED or curve >= _MAYBE * _CURVED:
+        to = "one side" if tilt / _TILTED >= curve / _CURVED else "both sides"
+        hint = f"the texture becomes a little finer to {to}, so that it may be tilted or curved"
+    return DepthCues(converging, tilt > _TILTED, curve > _CURVED, hint)
 
 
 def _spread(segments: Segments) -> float:
@@ -87,20 +94,20 @@ def _spread(segments: Segments) -> float:
     return float(high - low)
 
 
-def _texture_changes(image: Image) -> tuple[bool, bool]:
-    """Whether an even texture becomes finer to one side, and to both sides."""
+def _texture_changes(image: Image) -> tuple[float, float]:
+    """By how much an even texture clearly becomes finer to one side, and to both; 0 where that is not clear."""
     lightness = lab_from_linear(reduced(image.color, _SIDE))[..., 0].astype(np.float64)
     fine = gaussian_blur(lightness, _FINEST)
     cell = max(fine.shape) / _CELLS
     counts = [int(side / cell) for side in fine.shape]
     if min(counts) < 4:
-        return False, False
+        return 0.0, 0.0
     rows, columns = (((np.arange(count) + 0.5) * cell).astype(int) for count in counts)
     at = np.ix_(rows, columns)
     variance = gaussian_blur(np.square(fine - gaussian_blur(fine, cell / 2)), cell / 2)[at]
     textured = variance >= _MIN_VARIANCE
     if textured.mean() < _MIN_TEXTURED:
-        return False, False
+        return 0.0, 0.0
     y, x = (
         (np.array(places, float) - side / 2) / (max(fine.shape) / 2)
         for places, side in zip(np.meshgrid(rows, columns, indexing="ij"), fine.shape, strict=True)
@@ -108,7 +115,7 @@ def _texture_changes(image: Image) -> tuple[bool, bool]:
     y, x = y[textured], x[textured]
     terms = np.stack([y, x, y * y, x * x, x * y, np.ones_like(x)], axis=1)
     errors = np.sqrt(np.diag(solve(matrix_product(terms.T, terms), np.eye(6))))
-    tilted = curved = False
+    tilt = curve = 0.0
     for axis, slope in enumerate(gradients(fine)):
         energy = gaussian_blur(np.square(slope / 32), cell / 2)[at]
         frequency = log(np.maximum(energy[textured], 1e-6) / variance[textured]) / 2
@@ -117,6 +124,8 @@ def _texture_changes(image: Image) -> tuple[bool, bool]:
         deviation = float(np.sqrt(np.square(rest).sum() / (len(rest) - 6)))
         clear = np.abs(fitted) > _MIN_ERRORS * deviation * errors
         if deviation < _MAX_REST:
-            curved |= bool(clear[2 + axis] and fitted[2 + axis] > _CURVED)
-        tilted |= bool((clear[:2] & (np.abs(fitted[:2]) > _TILTED)).any() and deviation < 2 * _MAX_REST)
-    return tilted, curved
+            curve = max(curve, float(fitted[2 + axis] * clear[2 + axis]))
+        changes = float(np.abs(fitted[:2])[clear[:2]].max(initial=0.0))
+        if deviation < (2 if changes > _TILTED else 1) * _MAX_REST:
+            tilt = max(tilt, changes)
+    return tilt, curve

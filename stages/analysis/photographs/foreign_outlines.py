@@ -16,7 +16,8 @@ _SURE = 3.0  # logarithm of odds that one pixel counts at most
 _NEARBY = 2.0  # deviation, px, over which the odds of pixels are averaged: less than the width of a pipe
 _BLUR = 1.5  # deviation, px, over which steepness is averaged
 _LEAST = 0.1  # share of a part that its pixels must tell apart; the part is kept whole where they do not
-_STAIN = 0.6  # overlap of distributions: stains and drifts have .65 or more, parts of few colours .4 or less
+_STAIN = 0.6  # overlap of distributions: stains and drifts had .66 to .90, objects .38 at most
+_LIKELY = 0.6  # mean logarithm of odds of another part: the windows of a wall had .9, its joints like a pipe less
 _PIECE = 0.02  # share of a part below which a piece of it is chance
 
 
@@ -46,9 +47,7 @@ def outlined(planes: Float32[np.ndarray, "h w c"], valid: Mask, found: Mask, sur
     rest = valid & ~found
     if not found.any() or not rest.any():
         return found
-    steep = np.sqrt(np.square(np.stack(gradients(planes[..., 0], (1, 2, 1)))).sum(axis=0))
-    cells = _cells(np.concatenate([planes, gaussian_blur(steep, _BLUR)[..., None]], axis=2), valid)
-    count = planes.shape[2] + 1
+    cells, count = _bins(planes, valid)
     usual = _density(cells[rest], count)
     _, labels = cv2.connectedComponents(found.astype(np.uint8), connectivity=4)
     made = np.zeros_like(found)
@@ -58,6 +57,39 @@ def outlined(planes: Float32[np.ndarray, "h w c"], valid: Mask, found: Mask, sur
         if (part & sure).any() or _shared(cells, inside, valid, count) < _STAIN:
             made |= inside
     return made
+
+
+def likewise(planes: Float32[np.ndarray, "h w c"], valid: Mask, found: Mask, least: float) -> Mask:
+    """Parts beyond ``found`` whose pixels look more like it than like the rest: the other windows of a wall.
+
+    Parameters
+    ----------
+    planes, valid : see `outlined`.
+    found : foreign parts, as they are outlined.
+    least : pixels of a part.
+    """
+    import cv2
+
+    rest = valid & ~found
+    if not found.any() or not rest.any():
+        return np.zeros_like(found)
+    cells, count = _bins(planes, valid)
+    odds = log(_density(cells[found & valid], count)) - log(_density(cells[rest], count))
+    each = np.where(valid, np.clip(odds, -_SURE, _SURE).astype(np.float32)[cells], np.float32(0))
+    near = gaussian_blur(each, 2 * _NEARBY)
+    of_part = ((near > 0) & rest).astype(np.uint8)
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(of_part, connectivity=4)
+    sums = np.bincount(labels.ravel(), near.ravel().astype(np.float64), count)
+    large = (boxes[:, cv2.CC_STAT_AREA] >= least) & (sums >= _LIKELY * boxes[:, cv2.CC_STAT_AREA])
+    large[0] = False
+    return np.asarray(large[labels])
+
+
+def _bins(planes: Float32[np.ndarray, "h w c"], valid: Mask) -> tuple[Int64[np.ndarray, "h w"], int]:
+    """The bin of each pixel by its colours and steepness, and the number of these."""
+    steep = np.sqrt(np.square(np.stack(gradients(planes[..., 0], (1, 2, 1)))).sum(axis=0))
+    features = np.concatenate([planes, gaussian_blur(steep, _BLUR)[..., None]], axis=2)
+    return _cells(features, valid), features.shape[2]
 
 
 def _of_part(cells: Int64[np.ndarray, "h w"], part: Mask, usual: Float64[np.ndarray, "n"], count: int) -> Mask:  # type: ignore[name-defined]

@@ -12,7 +12,8 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis.exemplars.exclusion_mask import ExclusionMaskParams, exclusion_mask
-from texloom.stages.analysis.photographs.foreign_outlines import outlined
+from texloom.stages.analysis.photographs.evenness import picture_evenness
+from texloom.stages.analysis.photographs.foreign_outlines import likewise, outlined
 from texloom.stages.analysis.photographs.unlikeness import unlikeness
 from texloom.stages.analysis.regularity.mean_cell import mean_cell
 from texloom.stages.common.grids.pyramid import reduced, resize
@@ -43,6 +44,7 @@ _NOTICED = 1.5  # CIELAB
 _TINT = np.array([25.0, 8.0, 8.0], np.float32)  # CIELAB by which light may change a cell
 _ALL = 1000.0  # times as far as usual, from which on nothing is foreign
 _FEW, _DOUBT = 0.5, 0.25  # of the picture: little, and too little for a surface
+_UNEVEN, _HARDLY_EVEN = 0.45, 0.66  # evenness below which what is left is several surfaces, and may be
 _SHADE = np.array([0.6, 0.0, 0.25], np.float32)
 
 
@@ -67,7 +69,8 @@ class ForeignParts:
     """how many times farther from what explains it a pixel is than is usual"""
     table: dict[str, Any]
     """``why``: a sentence; ``masked``: share of what was usable; ``left``: share of the picture; ``cells``: of the
-    lattice that are left, 0 without one; ``by``: `mask`, `lattice`, `looks` or `none`"""
+    lattice that are left, 0 without one; ``by``: `mask`, `lattice`, `looks` or `none`; ``evenness``: of what is
+    left, 0..1; ``doubt``: why it may be no single surface, else empty"""
 
 
 def check_mask(params: ForeignPartsParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
@@ -82,7 +85,8 @@ def foreign_parts(
     """Propose a mask of what does not belong to the surface: what the rest does not explain.
 
     Parts are compared by their looks in windows of two sizes, see `unlikeness`; where some are found, once more:
-    these explain no others then, and lesser ones count. Where a lattice has a mean cell that explains the
+    these explain no others then, and lesser ones count; then parts whose pixels look more like them than like the
+    rest. Where a lattice has a mean cell that explains the
     picture, only what differs from this too is foreign: windows of a facade are not. Holes in what is foreign are
     filled, and small parts of either kind are given to the other.
 
@@ -95,8 +99,9 @@ def foreign_parts(
     Raises
     ------
     InputError
-        a proposed mask leaves less than a quarter of what was usable, or not two cells of the lattice; or
-        ``mask`` has another size.
+        a proposed mask leaves less than a quarter of what was usable, or not two cells of the lattice; what is left
+        differs from part to part as several surfaces do, and no mean cell explains it; or ``mask`` has another
+        size.
 
     References
     ----------
@@ -106,7 +111,7 @@ def foreign_parts(
     before = np.ones((image.height, image.width), np.bool_) if known is None else known
     unlike = np.zeros(before.shape, np.float32)
     by = "mask" if mask is not None else "none"
-    usable = before
+    usable, explained = before, False
     if mask is not None:
         usable = exclusion_mask(image, ExclusionMaskParams(), mask=mask).valid
     elif min(before.shape) >= _MIN_SIDE and params.unlike < _ALL:
@@ -126,7 +131,22 @@ def foreign_parts(
                 f"image: {why}: no surface stands out; keep all (--set unlike=1000), crop, or give a mask"
             )
         _LOG.warning("%s", why)
-    table = {"why": why, "masked": round(masked, 4), "left": round(left, 4), "cells": round(cells, 1), "by": by}
+    even = picture_evenness(image, usable)
+    doubt = ""
+    if mask is None and params.unlike < _ALL and not explained and even < _HARDLY_EVEN:
+        doubt = _doubt(even)
+        if even < _UNEVEN:
+            raise InputError(f"image: {doubt}")
+        _LOG.warning("%s", doubt)
+    table = {
+        "why": why,
+        "masked": round(masked, 4),
+        "left": round(left, 4),
+        "cells": round(cells, 1),
+        "by": by,
+        "evenness": round(even, 3),
+        "doubt": doubt,
+    }
     white = np.repeat(usable.astype(np.float32)[..., None], 3, axis=2)
     tinted = np.where(usable[..., None], image.color, 0.3 * image.color + _SHADE)
     return ForeignParts(
@@ -135,6 +155,15 @@ def foreign_parts(
         picture=Image(np.asarray(tinted, np.float32), ("R", "G", "B")),
         unlike=unlike,
         table=table,
+    )
+
+
+def _doubt(even: float) -> str:
+    does = "do" if even < _UNEVEN else "may"
+    return (
+        f"parts of the surface differ as several surfaces {does} (evenness {even:.2f}), and no cell repeats: take "
+        "another plane (--set plane=2, by planes.png), give corners or control points (--set geometry=my.yaml), or "
+        "a mask of what belongs to it; --set unlike=1000 takes all as one surface"
     )
 
 
@@ -176,6 +205,7 @@ def _searched(
             break
     planes = lab if cell is None else cell[1]
     found = outlined(planes, small, found, unlike >= _CERTAIN * threshold)  # windows blur outlines
+    found = found | likewise(planes, small, found, _LEAST * float(small.sum()))
     foreign = _closed(found, small, _MARGIN)
     both = resize(np.stack([foreign, unlike], axis=2).astype(np.float32), image.height, image.width, bilinear=True)
     return np.ascontiguousarray(both[..., 1]), both[..., 0] > 0.5, cell is not None

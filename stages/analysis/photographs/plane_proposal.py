@@ -53,7 +53,8 @@ class PlaneProposal:
     """the photograph, at up to 2048 px, with the rectangles, numbered from the best on; that taken is yellow, with
     its segments, red down and green across"""
     table: dict[str, Any]
-    """``taken``: number, 0 for none; ``why``: a sentence; ``extended``: how many times as large as the rectangle
+    """``taken``: number, 0 for none; ``why``: a sentence; ``doubt``: why it may be no flat surface, else empty;
+    ``extended``: how many times as large as the rectangle
     around its lines the one that is taken is, from the front; ``planes``: ``confidence``, ``repetition``,
     ``evenness``, ``straightness``, each 0..1, and ``area``, a share of the photograph, of each"""
 
@@ -88,7 +89,13 @@ def plane_proposal(image: Image, params: PlaneProposalParams) -> PlaneProposal:
     their ranking, are ours.
     """
     if params.geometry is not None:
-        table = {"taken": 0, "why": "the geometry file says where surfaces lie", "extended": 1.0, "planes": []}
+        table = {
+            "taken": 0,
+            "why": "the geometry file says where surfaces lie",
+            "extended": 1.0,
+            "doubt": "",
+            "planes": [],
+        }
         return PlaneProposal(np.empty((0, 4, 2), np.float32), _drawn(image, [], 0), table)
     found = find_planes(image, params.support)
     planes, taken = found.planes, found.best if params.plane is None else params.plane
@@ -109,6 +116,9 @@ def plane_proposal(image: Image, params: PlaneProposalParams) -> PlaneProposal:
     if not taken and params.plane is None:
         held = bool(planes) and planes[0].holds
         why += ": its lines are as straight" if held else ": no plane is evident from its lines"
+    hint = found.hint if params.plane is None and not taken else ""
+    if hint:
+        why += f"; {hint}: control points (--set geometry=my.yaml) tell how, --set plane=0 says that it is flat"
     others = [number + 1 for number in range(len(planes)) if number + 1 != taken]
     why += f"; another: --set plane={others[0]}, see planes.png" if others else ""
     _LOG.warning("%s", why)
@@ -116,6 +126,7 @@ def plane_proposal(image: Image, params: PlaneProposalParams) -> PlaneProposal:
         "taken": taken,
         "why": why,
         "extended": round(share, 3),
+        "doubt": hint,
         "planes": [_measures(plane) for plane in planes],
     }
     cells = Cells((image.height, image.width))
@@ -133,6 +144,8 @@ class FoundPlanes:
     """number of the one to take; 0 where the photograph has more merit as a frontal plane, or none holds"""
     doubt: str
     """why it can be no frontal plane, where none holds; else empty"""
+    hint: str = ""
+    """why it may be none, where it counts as one; else empty"""
 
     def corners(self, most: int) -> Quads:
         """Of up to ``most`` planes that hold and do not overlap, half diagonals from the photograph's middle."""
@@ -156,10 +169,14 @@ def find_planes(image: Image, support: float = PlaneProposalParams().support) ->
     if planes and planes[0].holds:
         prefers_frontal = frontal is not None and frontal.is_surface and frontal.merit[1] > planes[0].merit[1]
         return FoundPlanes(planes, int(not prefers_frontal), "")
-    doubt = depth_cues(image, segments, points).reason
-    if not doubt and frontal is not None and not frontal.is_surface:
-        doubt = "its parts differ as several surfaces do"
-    return FoundPlanes(planes, 0, doubt)
+    cues = depth_cues(image, segments, points)
+    doubt, hint = cues.reason, cues.hint
+    if not doubt and frontal is not None:
+        if not frontal.is_surface:
+            doubt = "its parts differ as several surfaces do"
+        elif not frontal.is_clear:
+            hint = hint or f"its parts differ (evenness {frontal.evenness:.2f}), so that it may be curved"
+    return FoundPlanes(planes, 0, doubt, hint)
 
 
 def _extended(image: Image, plane: RankedPlane) -> tuple[RankedPlane, float]:

@@ -3,30 +3,27 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32
 
 from texloom.stages.analysis.photographs import bezier
+from texloom.stages.analysis.photographs.evenness import evenness
 from texloom.stages.analysis.photographs.geometry import patch_of_plane
 from texloom.stages.analysis.photographs.line_segments import Segments
 from texloom.stages.analysis.photographs.plane_candidates import Cells, PlaneCandidate
 from texloom.stages.analysis.regularity.lattice import detail, gradient_magnitude, self_correlation
-from texloom.stages.kernels.core.elementary_functions import arctan2, cbrt, exp, log
-from texloom.stages.numerics.filters import gradients
+from texloom.stages.kernels.core.elementary_functions import arctan2, cbrt
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear
 
 _HOLDS = 0.45  # confidence from which a plane is taken
 _MIN_AREA = 0.05  # share of the photograph, of such a plane
-_EVEN = 0.55  # of a frontal surface that has no lines
+_EVEN, _CLEARLY_EVEN = 0.55, 0.66  # of a frontal surface that has no lines; clean exemplars have .73 or more
 _REPEATS = 0.3  # repetition times evenness, of one that is less even
 _SIDE = 192  # px of the longer side of a plane seen from the front
 _MIN_SIDE = 12  # px of its shorter side
 _STRAIGHT, _NEARLY = np.radians(2.0), np.radians(12.0)  # of an axis: straight lines, and lines that should be
-_BLOCKS = 4  # along each side, which are compared with each other
-_MIN_SHOWN = 0.5  # share of a block that the photograph shows
+_MIN_SHOWN = 0.5  # share of a plane, and of a block of it, that the photograph shows
 _NEAR, _FAR = 0.05, 0.4  # offsets of repetitions, shares of the longer and of each side
-_NOISE = 0.3  # CIELAB for a px, added to mean gradients
 
 
 @dataclass(frozen=True)
@@ -61,6 +58,11 @@ class RankedPlane:
     def is_surface(self) -> bool:
         """Whether it looks like one surface, with lines or without."""
         return self.evenness >= _EVEN or self.repetition * self.evenness >= _REPEATS
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it looks like one surface without a doubt."""
+        return self.evenness >= _CLEARLY_EVEN or self.repetition * self.evenness >= _REPEATS
 
     @property
     def merit(self) -> tuple[bool, float]:
@@ -111,7 +113,7 @@ def measured(image: Image, candidate: PlaneCandidate, segments: Segments, cells:
     return RankedPlane(
         candidate,
         _repetition(lightness, shown),
-        _evenness(lab, lightness, shown),
+        evenness(lab, shown, _MIN_SHOWN),
         _straightness(segments, corners, size, cells),
     )
 
@@ -130,24 +132,6 @@ def _repetition(lightness: ScalarMap, shown: Mask) -> float:
         peaks = correlation >= cv2.dilate(correlation, np.ones((3, 3), np.uint8))
         best = max(best, float(correlation[counts & peaks].max(initial=0.0)))
     return min(best, 1.0)
-
-
-def _evenness(lab: Float32[np.ndarray, "h w 3"], lightness: ScalarMap, shown: Mask) -> float:
-    """1 where all blocks have the same mean colour and the same mean gradients."""
-    slopes = [np.abs(slope) / 32 for slope in gradients(lightness)]
-    means = []
-    for rows in np.array_split(np.arange(len(shown)), _BLOCKS):
-        for columns in np.array_split(np.arange(shown.shape[1]), _BLOCKS):
-            block = np.ix_(rows, columns)
-            inside = shown[block]
-            if inside.mean() >= _MIN_SHOWN:
-                colors = lab[block][inside].mean(axis=0).tolist()
-                means.append([*colors, *(float(slope[block][inside].mean()) + _NOISE for slope in slopes)])
-    table = np.array(means)
-    if len(table) < _BLOCKS:
-        return 0.0
-    between = float(table[:, :3].var(axis=0).sum()) / max(float(lab[shown].var(axis=0).sum()), 1e-6)
-    return max(0.0, 1 - between) * float(exp(-log(table[:, 3:]).std(axis=0).mean()))
 
 
 def _straightness(segments: Segments, corners: np.ndarray, size: np.ndarray, cells: Cells) -> float:

@@ -85,7 +85,7 @@ class LatticeSelection:
     significance: float
     """of ``best``; 0 for courses"""
     chosen: str
-    """`features`, `autocorrelation`, `short offsets`, `gradients`, `courses`, `lines`, or `none`"""
+    """`features`, `autocorrelation`, `short offsets`, `gradients`, `courses`, `lines`, `known`, or `none`"""
     shown: float = 0.0
     """how often the exemplar shows its structure: the number of periods, in the direction of fewest, or without a
     lattice the number of elements, within a factor of two; 1 for a single symmetric ornament"""
@@ -97,7 +97,9 @@ Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "c
 
 
 @stage(version=3)
-def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelectionParams) -> LatticeSelection:
+def lattice_selection(
+    image: Image, density: ScalarMap, params: LatticeSelectionParams, known: Vectors | None = None
+) -> LatticeSelection:
     """Detect the exemplar's lattice by matched features and by autocorrelation, and select the most confident.
 
     Features fail on large uniform parts and on fine weaves, autocorrelation where elements differ in colour. Of two
@@ -121,6 +123,7 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     ----------
     image : the exemplar.
     density : of the offsets between matching features, see `offset_statistics`.
+    known : generators that are known, px, as from `between_joints`, which are taken if there are any rows.
 
     Raises
     ------
@@ -132,6 +135,11 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     [Kaspar2015]_ section 3.3 and [Liu2004]_ each detect a lattice; selecting between them, short offsets and
     gradients are ours.
     """
+    if known is not None and len(known):
+        shown = periods(known, (image.height, image.width))
+        selected = LatticeSelection(known, known, 1.0, 0.0, "known", shown=shown, cells=shown)
+        _warn_if_few(selected, "periods")
+        return selected
     small, step = working_image(image)
     with part(0.0, 1.0 if step == 1 else 0.7):
         selected = _selected(small, density, params.model_copy(update={"min_length": params.min_length / step}))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from texloom.stages.analysis.photographs.foreign_outlines import outlined
+from texloom.stages.analysis.photographs.foreign_outlines import likewise, outlined
 
 SIDE = 96
 ALL = np.ones((SIDE, SIDE), np.bool_)
@@ -49,3 +49,16 @@ def test_excluded_pixels_have_no_influence() -> None:
 def test_nothing_found_and_everything_found_stay() -> None:
     np.testing.assert_array_equal(outlined(surface(), ALL, NONE, NONE), NONE)
     np.testing.assert_array_equal(outlined(surface(), ALL, ALL, NONE), ALL)
+
+
+def test_another_part_of_the_same_look_is_found_and_smaller_ones_are_not() -> None:
+    lab, first = surface(), wide(0)
+    second = np.zeros_like(first)
+    second[4:24, 4:28] = True
+    lab[first | second] += (0, 30, 0)
+    found = likewise(lab, ALL, first, 200.0)
+    assert (found & second).sum() > 0.8 * second.sum()
+    assert not (found & first).any()
+    assert (found & ~second).sum() < 0.25 * second.sum()
+    assert not likewise(lab, ALL, first, 900.0).any()
+    assert not likewise(lab, ALL, NONE, 1.0).any()

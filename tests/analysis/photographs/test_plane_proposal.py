@@ -212,3 +212,15 @@ def test_a_plane_straightens_to_two_degrees(rng: np.random.Generator) -> None:
     sides = np.roll(flat, -1, axis=0) - flat
     off = np.degrees(np.arctan2(np.abs(sides).min(axis=1), np.abs(sides).max(axis=1)))
     assert off.max() < 2
+
+
+def test_a_trunk_that_turns_away_little_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    """Stones that become finer to one side, less than what is refused."""
+    rows, columns = np.indices((400, 400)).astype(float)
+    image = gravel_on(0.8 * rows, 240 * (np.exp(columns / 400) - 1))
+    with caplog.at_level(logging.WARNING):
+        table = plane_proposal(image, PlaneProposalParams()).table
+    assert "a little finer to one side" in table["doubt"]
+    assert "--set geometry=my.yaml" in caplog.text
+    assert plane_proposal(image, PlaneProposalParams(plane=0)).table["doubt"] == ""
+    assert plane_proposal(gravel_on(rows, columns), PlaneProposalParams()).table["doubt"] == ""

@@ -335,3 +335,14 @@ def test_the_search_reports_its_progress(monkeypatch: pytest.MonkeyPatch, rng: n
     assert len(done) > 5
     assert done == sorted(done)
     assert done[-1] == 1.0
+
+
+def test_a_period_that_is_known_is_taken(rng: np.random.Generator, caplog: pytest.LogCaptureFixture) -> None:
+    image = picture(smooth_noise((100, 120), 2, rng))
+    density = np.zeros((100, 120), np.float32)
+    known = np.array([[50, 0]], np.float32)
+    selected = lattice_selection(image, density, LatticeSelectionParams(), known=known)
+    np.testing.assert_array_equal(selected.generators, known)
+    assert (selected.chosen, selected.shown) == ("known", pytest.approx(2))
+    assert "about 2.0 periods, fewer than four" in caplog.text
+    assert not len(lattice_selection(image, density, LatticeSelectionParams(), known=known[:0]).generators)

@@ -1,0 +1,57 @@
+"""How alike the parts of a surface are: many periods of one texture, or several surfaces."""
+
+import numpy as np
+from jaxtyping import Float32
+
+from texloom.stages.common.grids.pyramid import reduced
+from texloom.stages.kernels.core.elementary_functions import exp, log
+from texloom.stages.numerics.filters import gradients
+from texloom.stages.vocabulary.arrays import Image, Mask
+from texloom.stages.vocabulary.color import lab_from_linear
+
+_SIDE = 192  # px of the longer side, at which a picture is judged
+_BLOCKS = 4  # along each side, which are compared with each other
+_NOISE = 0.3  # CIELAB for a px, added to mean gradients
+_SLIGHT = 3.0  # deviation of colours, CIELAB, below which parts do not differ: plain plaster
+
+
+def evenness(lab: Float32[np.ndarray, "h w 3"], shown: Mask, least: float, slight: float = 1e-3) -> float:
+    """How alike blocks are in their mean colours and mean gradients: 1 where all are equal, 0 where nothing tells.
+
+    Parameters
+    ----------
+    least : share of a block that has to be shown for it to count.
+    slight : deviation of all colours, CIELAB, that counts at least.
+    """
+    import cv2
+
+    lightness = np.where(shown, lab[..., 0], lab[shown][:, 0].mean())
+    slopes = [np.abs(slope) / 32 for slope in gradients(lightness)]
+    # A slope at the border of what is shown is none of the surface's.
+    inner = cv2.erode(shown.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1) > 0
+    means = []
+    for rows in np.array_split(np.arange(len(shown)), _BLOCKS):
+        for columns in np.array_split(np.arange(shown.shape[1]), _BLOCKS):
+            block = np.ix_(rows, columns)
+            inside = inner[block]
+            if inside.any() and shown[block].mean() >= least:
+                colors = lab[block][inside].mean(axis=0).tolist()
+                means.append([*colors, *(float(slope[block][inside].mean()) + _NOISE for slope in slopes)])
+    table = np.array(means)
+    if len(table) < _BLOCKS:
+        return 0.0
+    total = max(float(lab[shown].var(axis=0).sum()), slight**2)
+    between = float(table[:, :3].var(axis=0).sum()) / total
+    return max(0.0, 1 - between) * float(exp(-log(table[:, 3:]).std(axis=0).mean()))
+
+
+def picture_evenness(image: Image, usable: Mask, least: float = 0.3) -> float:
+    """The `evenness` of what is usable of a picture; see there."""
+    counted = usable.astype(np.float32)[..., None]
+    color = image.color if image.color.shape[2] == 3 else np.repeat(image.color, 3, axis=2)
+    both = reduced(np.ascontiguousarray(np.concatenate([color * counted, counted], axis=2), np.float32), _SIDE)
+    shown = both[..., 3] > 0.5
+    if not shown.any():
+        return 0.0
+    mean = both[..., :3] / np.maximum(both[..., 3:], np.float32(1e-6))
+    return evenness(lab_from_linear(mean.astype(np.float32)), shown, least, _SLIGHT)
