@@ -96,7 +96,7 @@ class LatticeSelection:
 Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "courses", "lines"]
 
 
-@stage(version=3)
+@stage(version=4)
 def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelectionParams) -> LatticeSelection:
     """Detect the exemplar's lattice by matched features and by autocorrelation, and select the most confident.
 
