@@ -263,7 +263,7 @@ def _profiles(
 
 
 def _shared(
-    index: Int64[np.ndarray, "pixels"],
+    index: Int64[np.ndarray, "pixels"],  # type: ignore[name-defined]
     values: ScalarMap,
     later: Float64[np.ndarray, "rows columns"],
     shape: tuple[int, int, int],
