@@ -109,7 +109,7 @@ def lattice_selection(image: Image, density: ScalarMap, params: LatticeSelection
     Where neither is accepted, two more are tried: by the autocorrelation at offsets of up to a quarter of the
     exemplar's sides, for fine lattices that drift across the exemplar; and by the autocorrelation of the gradient
     magnitude, for elements of different colours, whose lightness does not repeat while their contours do. These
-    have to be significant and half as confident. Of any of these lattices, the coarser one by which lightness or its
+    have to be significant and half as confident. Of any of these, the coarser lattice by which lightness or its
     gradient repeats clearly better is selected, if there is one: squares of a checkerboard repeat nearly, pairs of
     them exactly. Where all fail, courses may have an even spacing and a free phase along them, or lines an uneven
     one (see ``lines``).
