@@ -4,7 +4,7 @@ import dataclasses
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64
+from jaxtyping import Bool, Float32, Float64, Int64
 from pydantic import Field
 
 from texloom.stages.analysis.regularity.lattice import detail, gradient_magnitude, valid_lightness
@@ -20,6 +20,7 @@ _MIN_COURSES = 4  # of an exemplar
 _SEGMENTS = 4  # of a course, compared one by one
 _MAX_BINS = 48  # of a profile across a course
 _MIN_COVERAGE = 0.8  # of a segment's area inside the exemplar
+_MIN_WEIGHT = 1e-9  # of a bin that is not empty
 _MIN_PERIOD = 3.0  # px at which candidates are compared
 _CANDIDATES = 8  # peaks of the spectrum
 _MULTIPLES = (1, 2, 3)  # of the period of a peak; a profile's harmonics may exceed its fundamental
@@ -65,7 +66,7 @@ class Courses:
     """``confidence`` of the best rows in a clearly different direction; 0 where ``confidence`` is too low"""
 
 
-@stage(version=1)
+@stage(version=2)
 def courses(image: Image, params: CoursesParams) -> Courses:
     """Find evenly spaced parallel rows, whatever their elements' phase along them.
 
@@ -242,17 +243,32 @@ def _profiles(
     along = rows[:, None] * (-period[1] / length) + columns[None, :] * (period[0] / length)
     across -= np.floor(across.min())
     along -= along.min()
-    course = across.astype(np.int64)
     segment = np.minimum((along * (_SEGMENTS / (along.max() + 1e-9))).astype(np.int64), _SEGMENTS - 1)
-    bin_ = np.minimum(((across - course) * bins).astype(np.int64), bins - 1)
-    count = int(course.max()) + 1
-    index = ((course * _SEGMENTS + segment) * bins + bin_).ravel()
-    shape = (count, _SEGMENTS, bins)
-    number = np.bincount(index, minlength=count * _SEGMENTS * bins).reshape(shape)
-    total = np.bincount(index, plane.ravel(), minlength=count * _SEGMENTS * bins).reshape(shape)
+    place = across * bins
+    slot = place.astype(np.int64)
+    # Shared by the bin before and the one after, else those of a course with fewer pixels across would be empty.
+    share = place - slot
+    count = int(across.max()) + 2
+    index = (segment * (count * bins) + slot).ravel()
+    number, total = (
+        np.moveaxis(_shared(index, values, share * values, (_SEGMENTS, count, bins)), 0, 1)
+        for values in (np.ones_like(plane), plane)
+    )
     area = length * float(along.max()) / _SEGMENTS
-    known = (number.sum(axis=2) >= _MIN_COVERAGE * area) & (number > 0).all(axis=2)
-    profiles = total / np.maximum(number, 1)
+    known = (number.sum(axis=2) >= _MIN_COVERAGE * area) & (number > _MIN_WEIGHT).all(axis=2)
+    profiles = total / np.maximum(number, _MIN_WEIGHT)
     profiles -= profiles.mean(axis=2, keepdims=True)
     norm = np.linalg.norm(profiles, axis=2, keepdims=True)
     return np.divide(profiles, norm, out=np.zeros_like(profiles), where=norm > 1e-9), known
+
+
+def _shared(
+    index: Int64[np.ndarray, "pixels"],  # type: ignore[name-defined]
+    values: ScalarMap,
+    later: Float64[np.ndarray, "rows columns"],
+    shape: tuple[int, int, int],
+) -> Float64[np.ndarray, "segments courses bins"]:
+    """Sums over bins, where ``later`` of each value goes to the bin after; the last one is empty."""
+    size = shape[0] * shape[1] * shape[2]
+    whole, after = (np.bincount(index, part.ravel(), size) for part in (values, later))
+    return np.asarray(whole - after + np.roll(after, 1)).reshape(shape)

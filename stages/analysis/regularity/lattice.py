@@ -23,15 +23,14 @@ _MAX_CANDIDATES = 200  # peaks of the density
 _PENALTY = 3.0  # for a lattice point without offsets, in units of the mean density
 _MIN_KEPT_CONFIDENCE = 0.8  # share of the confidence that a finer lattice must keep
 _MIN_RISE = 0.5  # of the correlation towards a point of a finer lattice, as a share of that to known points
-_SEARCH_RADIUS = 2  # px around a lattice point in which the largest correlation is used
+SEARCH_RADIUS = 2
+"""px around a lattice point in which the largest correlation is used"""
 _MIN_DENSITY = 1e-3  # smaller densities count as 0
 _MAX_SHIFT = 0.45  # of the image's sides; images shifted further overlap too little
 _CELL_SHIFTS = np.arange(-4, 4) / 8  # of the generators; a lattice is compared with itself shifted by these
 _MIN_CELL_SHIFT = 0.2  # smaller shifts are not compared
-_MIN_POINTS = 4  # for a significance
-_MAX_COARSENING = 6  # cells of a lattice in one of a coarser lattice
-_MIN_CONTRAST = 4.0  # standard errors by which a coarser lattice has to stand out
-_MIN_CONTRAST_DIFFERENCE = 0.2  # of correlations
+MIN_POINTS = 4
+"""of a lattice that differ from others significantly"""
 _GRADIENT_SIGMA = 1.0  # px of the blur before gradients are taken
 _GRADIENT_REACH = 4  # px around a pixel that its gradient depends on
 
@@ -205,7 +204,7 @@ def _at(correlation: ScalarMap, offset: np.ndarray) -> float | None:
     row, column = np.rint(offset).astype(int) + np.array(correlation.shape) // 2
     if not (0 <= row < correlation.shape[0] and 0 <= column < correlation.shape[1]):
         return None
-    radius = _SEARCH_RADIUS
+    radius = SEARCH_RADIUS
     window = correlation[max(0, row - radius) : row + radius + 1, max(0, column - radius) : column + radius + 1]
     return float(window.max())
 
@@ -217,7 +216,7 @@ def mean_around(correlation: ScalarMap, generators: np.ndarray) -> float:
     return float(np.mean([value for value in values if value is not None] or [-1.0]))
 
 
-def _steps_in_range(correlation: ScalarMap, frame: np.ndarray) -> np.ndarray:
+def steps_in_range(correlation: ScalarMap, frame: np.ndarray) -> np.ndarray:
     """The steps (n, 2) of a lattice in a half plane at which images shifted by them overlap enough."""
     reach = np.floor(_MAX_SHIFT * 2 * (np.array(correlation.shape) // 2)).astype(int)
     limit = np.ceil(np.abs(matrix_product(reach, np.abs(inverse_of(frame))))).astype(int)
@@ -237,10 +236,10 @@ def significance(correlation: ScalarMap, generators: np.ndarray) -> float:
 
     middle = np.array(correlation.shape) // 2
     frame = reduced(generators)
-    steps = _steps_in_range(correlation, frame)
-    if len(steps) < _MIN_POINTS or rank(steps) < 2:
+    steps = steps_in_range(correlation, frame)
+    if len(steps) < MIN_POINTS or rank(steps) < 2:
         return -1.0
-    near = cv2.dilate(correlation, np.ones((2 * _SEARCH_RADIUS + 1, 2 * _SEARCH_RADIUS + 1), np.uint8))
+    near = cv2.dilate(correlation, np.ones((2 * SEARCH_RADIUS + 1, 2 * SEARCH_RADIUS + 1), np.uint8))
 
     def mean(shift: np.ndarray) -> float | None:
         offsets = np.rint(matrix_product(steps + shift, frame)).astype(int)
@@ -273,7 +272,7 @@ def _are_separate_peaks(correlation: ScalarMap, generators: np.ndarray, level: f
             continue
         length = np.hypot(*offset)
         # Up to the window that `_at` searches.
-        steps = np.arange(max(1, length - _SEARCH_RADIUS))[:, None] / length * offset
+        steps = np.arange(max(1, length - SEARCH_RADIUS))[:, None] / length * offset
         rows, columns = (np.rint(steps).astype(int) + np.array(correlation.shape) // 2).T
         lowest = float(correlation[rows, columns].min())
         if value - lowest <= max(0.0, _MIN_RISE * (level - lowest)):
@@ -319,40 +318,6 @@ def _densest(generators: np.ndarray, correlation: ScalarMap, min_length: float) 
         if worst < _MIN_KEPT_CONFIDENCE * level:
             return generators
         generators = pair
-
-
-def coarsened(generators: np.ndarray, correlation: ScalarMap) -> np.ndarray:
-    """The coarser lattice, of at most six cells, at whose points ``correlation`` stands out most; else the same.
-
-    Contours may repeat in every cell and colours in every third row.
-
-    Parameters
-    ----------
-    correlation : of another property than that by which the lattice was detected.
-    """
-    import cv2
-
-    frame = reduced(generators)
-    steps = _steps_in_range(correlation, frame)
-    if not len(steps):
-        return frame
-    near = cv2.dilate(correlation, np.ones((2 * _SEARCH_RADIUS + 1, 2 * _SEARCH_RADIUS + 1), np.uint8))
-    row, column = (np.rint(matrix_product(steps, frame)).astype(int) + np.array(correlation.shape) // 2).T
-    values = near[row, column].astype(np.float64)
-    best, highest = frame, _MIN_CONTRAST * float(values.std())
-    for count in range(2, _MAX_COARSENING + 1):
-        for i in (i for i in range(1, count + 1) if count % i == 0):
-            for k in range(count // i):
-                change = np.array([[i, k], [0, count // i]])
-                whole = matrix_product(steps, inverse_of(change))
-                on = (np.abs(whole - np.rint(whole)) < 1e-6).all(axis=1)
-                if on.sum() < _MIN_POINTS or on.all() or rank(steps[on]) < 2:
-                    continue
-                difference = float(values[on].mean() - values[~on].mean())
-                contrast = difference / np.sqrt(1 / on.sum() + 1 / (~on).sum())
-                if difference > _MIN_CONTRAST_DIFFERENCE and contrast > highest:
-                    best, highest = matrix_product(change, frame), contrast
-    return reduced(best)
 
 
 @stage(version=2)

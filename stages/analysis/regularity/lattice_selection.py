@@ -14,7 +14,6 @@ from texloom.stages.analysis.regularity.full_resolution import refined_in_full
 from texloom.stages.analysis.regularity.lattice import (
     Lattice,
     LatticeParams,
-    coarsened,
     detail,
     gradient_magnitude,
     lattice_of,
@@ -26,6 +25,7 @@ from texloom.stages.analysis.regularity.lattice import (
 from texloom.stages.analysis.regularity.lines import line_period, refined_period
 from texloom.stages.analysis.regularity.pattern_search import autocorrelation_splines, refined_generators
 from texloom.stages.analysis.regularity.shown import elements, mirror_symmetry, periods
+from texloom.stages.analysis.regularity.superlattice import superlattice
 from texloom.stages.common.grids.working_size import working_image
 from texloom.stages.common.regularity.lattice_cells import reduced
 from texloom.stages.numerics.matrices import determinant
@@ -49,6 +49,8 @@ _FURTHER_CONFIDENCE = (
 )
 _FIRST_STEP = 0.05  # of the refinement of generators, as a share of the shorter one
 _MAX_REFINEMENT = 0.1  # the same, of their change; larger ones lead to other peaks
+_HALVED = 512  # px of a shorter side from which gradients are compared at half the size
+_MIN_HALVED = 24.0  # px of a generator for that
 _BETA = 3.0  # of `lattice`: the autocorrelation has few peaks, so recall counts more
 
 
@@ -96,7 +98,7 @@ class LatticeSelection:
 Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "courses", "lines"]
 
 
-@stage(version=3)
+@stage(version=4)
 def lattice_selection(
     image: Image, density: ScalarMap, params: LatticeSelectionParams, known: Vectors | None = None
 ) -> LatticeSelection:
@@ -108,10 +110,11 @@ def lattice_selection(
 
     Where neither is accepted, two more are tried: by the autocorrelation at offsets of up to a quarter of the
     exemplar's sides, for fine lattices that drift across the exemplar; and by the autocorrelation of the gradient
-    magnitude, for elements of different colours, whose lightness does not repeat while their contours do; of such
-    a lattice, the coarser one at which lightness repeats is selected, if there is one. These have to be significant
-    and half as confident. Where these fail too, courses may have an even spacing and a free phase along them, or
-    lines an uneven one (see ``lines``).
+    magnitude, for elements of different colours, whose lightness does not repeat while their contours do. These
+    have to be significant and half as confident. Of any of these, the coarser lattice by which lightness or its
+    gradient repeats clearly better is selected, if there is one: squares of a checkerboard repeat nearly, pairs of
+    them exactly. Where all fail, courses may have an even spacing and a free phase along them, or lines an uneven
+    one (see ``lines``).
 
     Of an exemplar of more than 1.5 million pixels, its `working_image` is searched, and generators of two
     dimensions and periods of lines are refined in the exemplar itself.
@@ -174,10 +177,9 @@ def _selected(image: Image, density: ScalarMap, params: LatticeSelectionParams) 
         shown = elements(gradients)
     report(Progress(0.8))
     if len(selected.generators) == 2:
-        plane = lightness
-        if selected.chosen == "gradients":
-            plane = gradient_magnitude(lightness, valid)
-        best = _refined(selected.generators, plane, valid)
+        gradients = gradient_magnitude(lightness, valid)
+        plane = gradients if selected.chosen == "gradients" else lightness
+        best = _refined(_whole(selected.generators, correlation, gradients), plane, valid)
         selected = dataclasses.replace(selected, generators=best, best=best)
     cells = shown
     if len(selected.generators) and selected.chosen != "lines":
@@ -236,6 +238,25 @@ def _warn_if_few(selected: LatticeSelection, what: str) -> None:
         )
 
 
+def _whole(generators: Vectors, correlation: ScalarMap, gradients: ScalarMap) -> Vectors:
+    """The lattice, or a coarser one by which lightness or gradients repeat clearly better; see `superlattice`.
+
+    Parameters
+    ----------
+    correlation : of lightness.
+    """
+    import cv2
+
+    best = superlattice(generators.astype(np.float64), correlation)
+    step = 2 if min(gradients.shape) >= _HALVED and np.hypot(*best[0]) >= _MIN_HALVED else 1
+    height, width = (side // step for side in gradients.shape)
+    halved = gradients[: height * step, : width * step]
+    if step > 1:  # `detail` leaves no more of it
+        halved = cv2.resize(halved, (width, height), interpolation=cv2.INTER_AREA)
+    best = superlattice(best / step, self_correlation(detail(halved))) * step
+    return best.astype(np.float32)
+
+
 def _rows(planes: tuple[ScalarMap, ScalarMap], params: LatticeSelectionParams) -> LatticeSelection | None:
     """The courses, or else the lines, if there are any and they are wanted."""
     if params.courses:
@@ -273,7 +294,7 @@ def _further_lattice(
     of_gradients = self_correlation(fine_gradients)
     candidate = _detected(gradients, of_gradients, of_gradients, params)
     if candidate is not None:
-        return _selection(coarsened(candidate.best, correlation), of_gradients, "gradients")
+        return _selection(candidate.best, of_gradients, "gradients")
     return None
 
 
