@@ -27,7 +27,11 @@ class Comparable(NamedTuple):
 
 
 def comparable(
-    own: Float32[np.ndarray, "h w k"], wanted: Float32[np.ndarray, "H W k"], strength: float, toroidal: bool
+    own: Float32[np.ndarray, "h w k"],
+    wanted: Float32[np.ndarray, "H W k"],
+    strength: float,
+    toroidal: bool,
+    guided: bool = False,
 ) -> Comparable:
     """Control as pixels are compared by.
 
@@ -35,9 +39,12 @@ def comparable(
     ----------
     own, wanted : control of the exemplar and of the target, 0 to ``strength``.
     toroidal : the exemplar wraps around.
+    guided : colours are asked for too, so that pixels of one value of control need not serve all of the target's.
     """
     smooth = as_smooth_as(own, wanted, toroidal)
     blurred = smooth is not own
+    if guided:
+        return Comparable(smooth, blurred, wanted, 0.0)
     alike, moved = evenly_demanded(smooth, wanted, np.inf if blurred else _FARTHEST * strength)
     moved, _ = extrapolated(alike, moved, strength)
     changed = np.linalg.norm(moved - wanted, axis=2) > _NOTABLE * strength

@@ -18,6 +18,7 @@ from texloom.stages.common.features.control import (
 )
 from texloom.stages.common.features.principal_planes import COLOR_PLANES, CONTROL_PLANES
 from texloom.stages.numerics.filters import gaussian_blur
+from texloom.stages.synthesis.control_maps.coarse_level import Guide
 from texloom.stages.synthesis.control_maps.correlation import correlation
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
@@ -39,6 +40,8 @@ class ControlFeaturesParams(Params):
     contrast: float = Field(0.0, ge=0, le=10)
     """weight of the strength of detail a few pixels large: 3 preserves blotches and shading, at the cost of one
     more plane; 0 omits it"""
+    coarse: float = Field(0.75, ge=0, le=10)
+    """weight of the colours of a coarse level relative to colour; so a compaction has what it asks for"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,8 +49,8 @@ class ControlFeatures:
     """The feature planes."""
 
     planes: Float32[np.ndarray, "h w c"]
-    """CIELAB, the texture's further maps, control at the texture's size, and the strengths of fine and of coarse
-    detail, in CIELAB units; of a frame stack the principal planes of all frames"""
+    """CIELAB, the texture's further maps, control at the texture's size, the strengths of fine and of coarse
+    detail, and the guide, in CIELAB units; of a frame stack the principal planes of all frames"""
     explained: float
     """share of the texture's variance that control explains beyond chance, 0..1; 0 without control"""
     control: Image | None
@@ -80,6 +83,7 @@ def outlines(params: ControlFeaturesParams, known: Mapping[str, Any]) -> dict[st
         f"control.{name}" for name in controls[: CONTROL_PLANES if frame_count(controls or "Y") > 1 else None]
     ]
     names += [name for name in ("detail", "contrast") if getattr(params, name)]
+    names += [f"coarse.{name}" for name in "Lab"] if known.get("guide") is not None and params.coarse else []
     found = {"planes": Outline(texture.height, texture.width, tuple(names))}
     if control is not None:
         found["control"] = Outline(texture.height, texture.width, control.channels)
@@ -88,7 +92,7 @@ def outlines(params: ControlFeaturesParams, known: Mapping[str, Any]) -> dict[st
 
 @stage(version=3, check=check_pair, outlines=outlines)
 def control_features(
-    texture: Image, params: ControlFeaturesParams, control: Image | None = None
+    texture: Image, params: ControlFeaturesParams, control: Image | None = None, guide: Guide | None = None
 ) -> ControlFeatures:
     """Combine texture and control in planes of one size and one unit.
 
@@ -97,6 +101,7 @@ def control_features(
     texture : any number of channels: colour, and maps after it; or a frame stack, whose frames count alike.
     control : any number of channels, or a frame stack; coarser or finer than the texture, of the same aspect
         ratio. None for a stationary texture.
+    guide : colours of a coarse level at the texture's size; see `coarse_level`.
 
     Raises
     ------
@@ -117,6 +122,8 @@ def control_features(
     for weight, (blur, window) in ((params.detail, _DETAIL), (params.contrast, _CONTRAST)):
         if weight:
             planes.append(weight * _strength(colors, blur, window))
+    if guide is not None and params.coarse:
+        planes.append(np.float32(params.coarse) * guide)
     return ControlFeatures(np.ascontiguousarray(np.concatenate(planes, axis=2), np.float32), explained, resized)
 
 

@@ -14,6 +14,7 @@ from texloom.stages.analysis.similarity.tsvq import Leaf, Nodes, TsvqParams
 from texloom.stages.common.grids.pyramid import halved_size, resize
 from texloom.stages.common.grids.size_checks import check_row_length
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, inside_at, inside_of
+from texloom.stages.synthesis.control_maps.coarse_level import Guide
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
 from texloom.stages.synthesis.inverse.start import QUICK, crop, starts
@@ -42,8 +43,8 @@ class CompactParams(Params):
 
     size: Annotated[tuple[_Side, _Side] | Annotated[float, Field(gt=0, lt=1)] | Literal["auto"], SIDES] = "auto"
     """size of the compaction, px, as 128 or 256x128 (width x height); a number below 1: that share of the texture's
-    pixels, in a square; `auto`: a quarter as many pixels as the texture's neighbourhoods have clusters, in the
-    texture's aspect ratio, square for an atlas"""
+    pixels, together with those of its coarse level, in a square; `auto`: a quarter as many pixels as the texture's
+    neighbourhoods have clusters, in the texture's aspect ratio, square for an atlas"""
     solver: Literal["improved", "basic"] = "improved"
     """`improved`: pixels are copied, matches found by k-coherence and clusters; `basic`, for comparison: pixels are
     means, matches found by exhaustive search; the image is then copied from the best matches"""
@@ -102,6 +103,8 @@ class Compacted(Copied):
 
     origin: Origin | None
     """for an atlas, the texture and its pixel that each pixel is copied from; else none"""
+    guide: Guide | None
+    """colours of the coarse level at each pixel, CIELAB; none without"""
     use: ScalarMap
     """how many of the texture's neighbourhoods are matched with those around each pixel, relative to the mean"""
     sides: list[int]
@@ -123,6 +126,8 @@ def compact(
     rng: np.random.Generator,
     control: Image | None = None,
     rectangles: Rectangles | None = None,
+    coarse: Image | None = None,
+    guide: Guide | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Compacted:
     """Summarise a texture in a small compaction that contains all of its neighbourhoods and no others.
@@ -140,6 +145,8 @@ def compact(
     candidates : see `k_coherence`.
     control : control map copied with the texture; of any size of the same aspect ratio.
     rectangles : of the textures, where ``texture`` is an atlas; pixels between them are ignored. See `atlas`.
+    coarse, guide : a coarse level of the texture that is kept beside the compaction, and its colours at the
+        texture's size, which are copied with it; see `coarse_level`.
 
     Raises
     ------
@@ -168,12 +175,14 @@ def compact(
             f"do not belong to a texture of {format_size(shape)}"
         )
     check_row_length("compact", features.shape[2], neighbourhood)
-    compactor = _Compactor(texture, features, Tree(nodes, leaf, candidates), rectangles, params)
+    beside = 0 if coarse is None else coarse.height * coarse.width
+    compactor = _Compactor(texture, features, Tree(nodes, leaf, candidates), rectangles, beside, params)
     source, use, energy = compactor.run(rng, checkpoints)
     copied = Copied.of(texture, control, np.moveaxis(source, 0, 2), params.tileable)
     return Compacted(
         **vars(copied),
         origin=None if rectangles is None else _origin(source, rectangles),
+        guide=None if guide is None else guide[source[0], source[1]],
         use=use,
         sides=list(source.shape[1:]),
         energy=energy,
@@ -189,13 +198,14 @@ class _Compactor:
         features: Float32[np.ndarray, "h w c"],
         tree: Tree,
         rectangles: Rectangles | None,
+        beside: int,
         params: CompactParams,
     ):
         self.texture, self.features, self.tree, self.params = texture, features, tree, params
         self.shape = (texture.height, texture.width)
         self.inside = inside_of(rectangles, *self.shape)
         self.neighbourhood = self.shape[0] - tree.leaf.shape[0] + 1
-        self.size = self._size(None if rectangles is None else min(self.shape))
+        self.size = self._size(None if rectangles is None else min(self.shape), beside)
         smallest = self.shape
         if rectangles is not None:
             smallest = (int(rectangles[:, 2].min()), int(rectangles[:, 3].min()))
@@ -209,8 +219,11 @@ class _Compactor:
         self.seams = 0.0 if params.solver == "basic" else params.seams
         self.alpha = {"both": params.alpha, "forward": 1.0, "inverse": 0.0}[params.terms]
 
-    def _size(self, atlas_side: int | None) -> tuple[int, int]:
-        """Height and width of the compaction, px; that of an atlas fits in a square of ``atlas_side``."""
+    def _size(self, atlas_side: int | None, beside: int) -> tuple[int, int]:
+        """Height and width of the compaction, px; that of an atlas fits in a square of ``atlas_side``.
+
+        A share of the texture includes the pixels of a coarse level ``beside`` it.
+        """
         largest = self.shape if atlas_side is None else (atlas_side, atlas_side)
         size = self.params.size
         if size == "auto":
@@ -220,7 +233,7 @@ class _Compactor:
             height, width = (max(1, round(side * min(1.0, factor))) for side in largest)
             size = (height, width)
         elif isinstance(size, float):
-            size = square_of_share(size, int(self.inside.sum()), largest)
+            size = square_of_share(size, int(self.inside.sum()), largest, beside)
         if min(size) < self.neighbourhood:
             raise InputError(
                 f"compact: size: {format_size(size)} does not hold a neighbourhood of {self.neighbourhood} px"

@@ -20,6 +20,7 @@ from texloom.stages.common.features.control import (
 )
 from texloom.stages.common.grids.pyramid import MAX_ROW_VALUES, scale_sizes, scaled
 from texloom.stages.common.grids.size_checks import check_patch
+from texloom.stages.synthesis.control_maps.coarse_level import Guide, TargetGuide
 from texloom.stages.synthesis.control_maps.correlation import correlation
 from texloom.stages.synthesis.control_maps.known_control import notes_on_target
 from texloom.stages.synthesis.optimisation.coarse_to_fine import ScaleMethod, coarse_to_fine, coarsest_side
@@ -27,6 +28,7 @@ from texloom.stages.synthesis.optimisation.match_search import Effort
 from texloom.stages.synthesis.optimisation.presets import with_preset
 from texloom.stages.synthesis.optimisation.scale import Rounds, Scale
 from texloom.stages.synthesis.reconstruction.solvers import (
+    Guides,
     Inputs,
     Match,
     OrientedSolver,
@@ -209,6 +211,8 @@ def reconstruct(
     use: ScalarMap | None = None,
     generators: Vectors | None = None,
     source: UInt32[np.ndarray, "h w 2"] | None = None,
+    exemplar_guide: Guide | None = None,
+    target_guide: TargetGuide | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Reconstructed:
     """Synthesise a texture that resembles the exemplar wherever the target's control resembles the exemplar's.
@@ -239,6 +243,9 @@ def reconstruct(
     generators : the two displacements by which a regular texture repeats, px, so that its pieces are in step under
         control; see `lattice_selection`.
     source : for a compaction, where its pixels come from in the texture that repeats by ``generators``.
+    exemplar_guide, target_guide : colours of a coarse level at the exemplar's pixels, and in the result, at any
+        size; see `coarse_level`. Places are then also compared by them, and values of the target are not moved
+        towards those that the exemplar has more of.
 
     Raises
     ------
@@ -265,14 +272,16 @@ def reconstruct(
     repetition = None
     if generators is not None and len(generators) == 2 and control is not None and target_jacobian is None:
         repetition = Repetition(generators, source, params.tileable)
-    if scale.planes * params.patch_size > MAX_ROW_VALUES:
+    planes = scale.planes + (0 if exemplar_guide is None else exemplar_guide.shape[2])
+    if planes * params.patch_size > MAX_ROW_VALUES:
         raise InputError(
-            f"image and control: {scale.planes} channels do not fit patches of {params.patch_size} px; "
+            f"image and control: {planes} channels do not fit patches of {params.patch_size} px; "
             f"at most {MAX_ROW_VALUES // params.patch_size} do"
         )
+    guides = _guides(shape, exemplar_guide, target_guide)
     if use is not None and use.shape != shape:
         raise ValueError(f"use of shape {use.shape} for an exemplar of {shape}")
-    inputs = Inputs.of(image, control, target, scale, size, use, image.wraps.both, repetition)
+    inputs = Inputs.of(image, control, target, scale, size, use, image.wraps.both, repetition, guides)
     share = 0.0
     notes: list[str] = []
     if control is not None and target is not None:
@@ -353,6 +362,16 @@ def _solvers(
     if jacobian is not None:
         pixels = OrientedSolver(*shared, params.random_tries, scales, jacobian)
     return [pixels if scale.places == scale.exemplar else patches for scale in scales]
+
+
+def _guides(shape: tuple[int, int], exemplar: Guide | None, target: TargetGuide | None) -> Guides | None:
+    if exemplar is None or target is None:
+        if exemplar is not target:
+            raise ValueError("exemplar_guide and target_guide go together")
+        return None
+    if exemplar.shape[:2] != shape:
+        raise ValueError(f"exemplar_guide of shape {exemplar.shape} for an exemplar of {shape}")
+    return Guides(exemplar, target)
 
 
 def _size(params: ReconstructParams, target: Image | None, jacobian: np.ndarray | None) -> tuple[int, int]:

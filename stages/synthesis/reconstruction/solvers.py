@@ -12,6 +12,7 @@ from texloom.stages.common.features.control import ControlScale
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.common.regularity.phase_planes import phase_planes
 from texloom.stages.common.similarity.neighbourhoods import fixed_point
+from texloom.stages.synthesis.control_maps.coarse_level import Guide, TargetGuide
 from texloom.stages.synthesis.control_maps.comparable_control import comparable
 from texloom.stages.synthesis.optimisation import correspondence
 from texloom.stages.synthesis.optimisation.correspondence import Patches
@@ -50,6 +51,15 @@ class Repetition(NamedTuple):
     wrap: Wraps
 
 
+class Guides(NamedTuple):
+    """Colours that a result is to have in the mean, CIELAB, beside what control asks for."""
+
+    exemplar: Guide
+    """of each pixel of the exemplar"""
+    target: TargetGuide
+    """of the result, at any size"""
+
+
 @dataclass(frozen=True)
 class Inputs:
     """An exemplar, its control, and the control that the result is to have: planes in CIELAB units, full size."""
@@ -78,6 +88,7 @@ class Inputs:
         use: Float32[np.ndarray, "h w"] | None = None,
         toroidal: bool = False,
         repetition: Repetition | None = None,
+        guides: Guides | None = None,
     ) -> "Inputs":
         """The planes for a result of height and width ``size``; no planes of control where there is none."""
 
@@ -86,10 +97,13 @@ class Inputs:
 
         own = planes(control, (image.height, image.width))
         wanted = planes(target, size)
-        own, blurred, wanted, rare = comparable(own, wanted, scale.strength, toroidal)
+        own, blurred, wanted, rare = comparable(own, wanted, scale.strength, toroidal, guides is not None)
         phases = None if repetition is None else phase_planes(*repetition[:2], own, wanted, repetition.wrap)
         if phases is not None:
             own, wanted = phases.after(own, wanted)
+        if guides is not None:
+            own = np.concatenate([own, guides.exemplar], axis=2)
+            wanted = np.concatenate([wanted, resize(guides.target, *size, bilinear=True)], axis=2)
         margin = min(image.height, image.width) // _MARGIN if toroidal else 0
 
         def padded(planes: np.ndarray) -> np.ndarray:

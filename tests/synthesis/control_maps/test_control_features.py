@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.synthetic import picture
+from texloom.stages.synthesis.control_maps.coarse_level import CoarseLevelParams, coarse_level
 from texloom.stages.synthesis.control_maps.control_features import ControlFeaturesParams, control_features
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -37,6 +38,18 @@ def test_weights_are_factors_and_zero_omits_the_plane() -> None:
     assert one.shape[2] == double.shape[2] == 4
     np.testing.assert_allclose(double[..., 3], 2 * one[..., 3])
     np.testing.assert_array_equal(one[..., :3], none)
+
+
+def test_colours_of_a_coarse_level_follow_detail() -> None:
+    image = stripes(8)
+    level = coarse_level(image, CoarseLevelParams())
+    plain, guided, without = (
+        control_features(image, ControlFeaturesParams(coarse=weight), guide=guide).planes
+        for weight, guide in ((2, None), (2, level.guide), (0, level.guide))
+    )
+    np.testing.assert_array_equal(guided[..., :-3], plain)
+    np.testing.assert_array_equal(guided[..., -3:], 2 * level.guide)
+    np.testing.assert_array_equal(without, plain)
 
 
 def test_what_control_explains(rng: np.random.Generator) -> None:

@@ -13,6 +13,7 @@ from tests.synthetic import jump, picture, smooth_noise
 from texloom.stages.analysis.similarity.k_coherence import KCoherenceParams, k_coherence
 from texloom.stages.analysis.similarity.tsvq import Tsvq, TsvqParams, tsvq
 from texloom.stages.common.features.control import resize_control
+from texloom.stages.synthesis.control_maps.coarse_level import CoarseLevelParams, coarse_level
 from texloom.stages.synthesis.control_maps.control_features import ControlFeaturesParams, control_features
 from texloom.stages.synthesis.inverse.best_crop import BestCropParams, best_crop
 from texloom.stages.synthesis.inverse.compact import Compacted, CompactLevel, CompactParams, compact
@@ -50,6 +51,7 @@ def prepared(texture: Image, control: Image | None, error: float = 0.05) -> tupl
 def run(texture: Image, control: Image | None, seed: int = 5, checkpoints: Any = None, **params: Any) -> Compacted:
     features, tree, candidates = prepared(texture, control, params.pop("error", 0.05))
     more = {} if checkpoints is None else {"checkpoints": checkpoints}
+    more |= {name: params.pop(name) for name in ("coarse", "guide") if name in params}
     return compact(
         texture, features, tree.nodes, tree.leaf, candidates, CompactParams(**{"size": SIZE, **params}),
         np.random.default_rng(seed), control, **more,
@@ -227,6 +229,16 @@ def test_size_as_a_share_of_the_pixels(texture: Image) -> None:
     told = outlines(CompactParams(size=0.15), {"texture": texture})["image"]
     assert (told.height, told.width, told.channels) == (40, 40, result.image.channels)
     assert run(texture, None, size=0.99, iterations=1).sides == [90, 90]
+
+
+def test_a_coarse_level_counts_in_the_share_and_its_colours_are_copied(texture: Image) -> None:
+    level = coarse_level(texture, CoarseLevelParams(coarser=4))
+    made = run(texture, None, size=0.15, iterations=1, coarse=level.image, guide=level.guide)
+    assert made.sides == [32, 32]  # sqrt(0.15 * 90 * 120 - 22 * 30) is 31
+    told = outlines(CompactParams(size=0.15), {"texture": texture, "coarse": level.image})["image"]
+    assert (told.height, told.width) == (32, 32)
+    assert made.guide is not None
+    np.testing.assert_array_equal(made.guide, level.guide[made.source[..., 0], made.source[..., 1]])
 
 
 @pytest.mark.parametrize(

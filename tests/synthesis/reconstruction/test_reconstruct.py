@@ -26,7 +26,7 @@ from texloom.stages.synthesis.reconstruction.reconstruct import (
     reconstruct,
 )
 from texloom.stages.vocabulary.arrays import Image
-from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.color import lab_from_linear, srgb_from_linear
 from texloom.stages.vocabulary.declare import InputError
 
 SHAPE = (72, 80)
@@ -330,6 +330,24 @@ def test_the_little_that_control_asks_for_is_not_copied_side_by_side() -> None:
         near = [(down, across) for down in range(7) for across in range(-6, 7) if (down, across) > (0, 0)]
         copies.append(sum((np.roll(number, step, (0, 1)) == number)[6:, 6:-6].mean() for step in near))
     assert np.mean(copies) < 0.1
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_guides_decide_what_control_leaves_open(solver: str, control: Image, texture: Image) -> None:
+    """Two colours for each value of control, of which the guides say where each lies."""
+    bright = (np.indices(SHAPE)[1] < 40)[..., None]
+    exemplar = picture(np.where(bright, texture.color + 0.25, texture.color))
+    guide = lab_from_linear(picture(np.where(bright, 0.3, 0.05) + 0 * texture.color).color)
+    turned = np.ascontiguousarray(guide[:, ::-1])
+    made = run(
+        exemplar, control, control, solver=solver, exemplar_guide=guide, target_guide=turned[::2, ::2].copy()
+    )
+    light = lab_from_linear(made.image.color)[..., 0]
+    assert light[:, 50:].mean() > light[:, :30].mean() + 15
+    with pytest.raises(ValueError, match="go together"):
+        run(exemplar, control, control, exemplar_guide=guide)
+    with pytest.raises(ValueError, match="for an exemplar of"):
+        run(exemplar, control, control, exemplar_guide=guide[1:], target_guide=guide)
 
 
 def test_use_is_even_among_pixels_of_equal_control(rng: np.random.Generator) -> None:
