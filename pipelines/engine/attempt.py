@@ -227,6 +227,7 @@ class Attempt:
         except BrokenArtifactError as error:
             self.listener(Note(f"{scope.label(step)}: the stored result is broken ({error}); computing it again"))
         if artifact is not None:
+            self._warn_again(scope.label(step), artifact)
             self._end_step(scope_run, step, parts, artifact, "cached", 0.0)
             return None
         return InFlight(run.task(step, parts, scope), step.stage, scope_run.inputs, wanted=[(scope_run, step)])
@@ -277,9 +278,16 @@ class Attempt:
             self.run.store.drop_checkpoints(result.stage, result.key)
         state: State = "failed" if isinstance(result, Exception) else "cached" if outcome.seconds is None else "ran"
         seconds = outcome.seconds or 0.0
+        if state == "cached" and isinstance(result, Artifact):
+            self._warn_again(task.spec.label, result)
         for scope_run, step in task.wanted:
             self._end_step(scope_run, step, task.spec.parts, result, state, seconds)
             state, seconds = "failed" if state == "failed" else "cached", 0.0  # for those that waited for it
+
+    def _warn_again(self, label: str, artifact: Artifact) -> None:
+        """Tell what a step warned of when it was computed, which holds for its result whenever it is used."""
+        for text in artifact.warnings:
+            self.listener(Note(f"{label}: {text}", is_warning=True))
 
     def _result(self, task: InFlight, outcome: Outcome) -> Artifact | Exception:
         """The artifact, or why there is none; `BrokenArtifactError` if it or what the task takes is broken."""

@@ -143,15 +143,22 @@ def run_task(
     listener : receives notes and progress.
     """
     began = time.perf_counter()
+    warnings: list[str] = []
+
+    def warn(text: str) -> None:
+        warnings.append(text)
+        listener(Note(f"{spec.label}: {text}", is_warning=True))
+
     with sharing(threads) if threads is not None else contextlib.nullcontext():
         with (
             listening(_ProgressReports(spec, listener)),
-            logging_to(stage.module, lambda text: listener(Note(f"{spec.label}: {text}", is_warning=True))),
+            logging_to(stage.module, warn),
             inputs.store.scratch(),
         ):
             outputs = call_stage(stage, _arguments(spec, stage, inputs, listener))
         labels = {name: given.label for name, given in spec.inputs.items()}
         provenance = {**spec.parts.as_dict(), "flow": spec.flow, "step": spec.step, "from": labels}
+        provenance |= {"warnings": warnings} if warnings else {}
         artifact = inputs.store.save(stage, spec.parts.key, outputs, provenance, time.perf_counter() - began)
     inputs.keep(spec.step, outputs)
     return artifact.record

@@ -55,7 +55,8 @@ class History:
         if folder is None or folder != known["folder"] or used not in (self._last, self.now):
             return None
         self.used[step] = artifact.key
-        return Artifact(artifact.stage, artifact.key, artifact.place, known["outputs"], known["manifest"])
+        warnings = tuple(known.get("warnings", ()))
+        return Artifact(artifact.stage, artifact.key, artifact.place, known["outputs"], known["manifest"], warnings)
 
     def add(self, step: str, parts: Mapping[str, Any], artifact: Artifact, is_new: bool) -> None:
         """Note that this run uses a result; one that is not new may be in use by a run that began later."""
@@ -65,6 +66,7 @@ class History:
             return
         self.used[step] = artifact.key
         result = {"key": artifact.key, "outputs": dict(artifact.outputs), "manifest": artifact.manifest}
+        result |= {"warnings": list(artifact.warnings)} if artifact.warnings else {}
         known = {**parts, **result, "folder": file_state(artifact.place)}
         if known != self.steps.get(step):
             self.steps[step], self._is_new = known, True
@@ -116,6 +118,8 @@ def _is_result(entry: Any) -> bool:
         and _KEY.fullmatch(entry["key"]) is not None
         and all(isinstance(entry.get(name, {}), dict) for name in ("params", "inputs", "outputs"))
         and all(isinstance(digest, str) for digest in entry.get("outputs", {}).values())
+        and isinstance(entry.get("warnings", []), list)
+        and all(isinstance(text, str) for text in entry.get("warnings", []))
         and entry.keys() >= {"outputs", "folder"}
     )
 

@@ -79,6 +79,8 @@ class Artifact:
     """output name to content digest"""
     manifest: str = ""
     """SHA-256 of its manifest, 64 hexadecimal digits; empty where only its location is used"""
+    warnings: tuple[str, ...] = ()
+    """what its stage warned of when it was computed"""
 
     @property
     def folder(self) -> Path:
@@ -266,7 +268,7 @@ class Store:
         except NOT_AS_EXPECTED:
             raise BrokenArtifactError("its record cannot be read") from None
         check_files(place, manifest["files"], thorough=False)
-        return Artifact(stage, key, place, outputs, digest)
+        return Artifact(stage, key, place, outputs, digest, tuple(map(str, manifest.get("warnings", ()))))
 
     def save(
         self, stage: Stage, key: str, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0

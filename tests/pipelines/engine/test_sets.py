@@ -21,6 +21,16 @@ from texloom.pipelines.store.history import History
 from texloom.pipelines.store.store import Store
 from texloom.stages.vocabulary.declare import InputError
 
+GUESSED = """
+flow: guessed
+sources:
+  picture: {each: pictures/*.png}
+steps:
+  height: {stage: analysis.height_from_colour, inputs: {image: picture}}
+exports:
+  height.exr: height.image
+"""
+
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
@@ -57,6 +67,21 @@ def ran(folder: Path, **overrides: str) -> set[str]:
     """The steps that another run computes."""
     _, listener, _ = run(folder, **overrides)
     return {label for label, state in listener.states.items() if state == "ran"}
+
+
+@pytest.mark.parametrize("many", [3, 100])
+def test_what_a_step_warned_of_is_told_again_where_it_is_cached(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, many: int
+) -> None:
+    monkeypatch.setattr("texloom.pipelines.engine.run._MANY", many)
+    folder = write_set(tmp_path, GUESSED).parent
+    told = []
+    for state in ("ran", "cached", "cached"):
+        _, listener, _ = run(folder)
+        assert set(listener.states.values()) == {state}
+        told.append(sorted(listener.notes))
+    assert [text.partition(":")[0] for text in told[0]] == ["a/height", "b/height", "c/height"]
+    assert told[0] == told[1] == told[2]
 
 
 def results(folder: Path, item: str, step: str) -> tuple[Path, Path]:
