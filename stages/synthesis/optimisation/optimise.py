@@ -214,7 +214,7 @@ class _Optimisation:
         """Improve ``match`` in place at one scale, iteration by iteration."""
         phased = self.compared.phase is not None and (scale.level == 1 or scale.within(_PHASE_SHARE))
         features = self.compared.at(scale, phased, self.params.beyond)
-        if scale.level == scale.count:
+        if scale.level == scale.count and self.fixed is None:  # else fixed pixels look at the planes once more
             self.compared.release()
         return self._rounds(match, scale, features, random)
 

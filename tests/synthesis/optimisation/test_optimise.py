@@ -31,7 +31,7 @@ from texloom.stages.vocabulary.sizes import format_size
 SHAPE, LARGE, SIZE = (56, 64), (96, 104), (72, 80)
 """an exemplar, a large one and a result, px"""
 
-INPUTS = ("guidance", "weight", "generators", "keep", "guiding", "checkpoints")
+INPUTS = ("guidance", "weight", "generators", "keep", "given", "guiding", "checkpoints")
 """optional arguments of the stage"""
 
 QUICK = {"first_iterations": 6, "last_iterations": 2}
@@ -572,6 +572,16 @@ def test_kept_pixels_are_bit_identical(large: Image, keep: np.ndarray, preset: s
     np.testing.assert_array_equal(result.image.pixels[keep], image.pixels[keep])
     np.testing.assert_array_equal(result.match[keep], identity(LARGE)[keep])
     assert usable[tuple(result.match[~keep].T)].all()
+
+
+def test_what_is_given_is_kept_under_a_large_exemplar(
+    large: Image, keep: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whose planes are released before its last iterations, where nothing looks at them any more."""
+    monkeypatch.setattr("texloom.stages.common.grids.working_size.MOST_PIXELS", 1000)
+    given = large.with_pixels(np.ascontiguousarray(large.pixels[::-1]))
+    result = run(large, identity(LARGE), preset="fast", keep=keep, given=given)
+    np.testing.assert_array_equal(result.image.pixels[keep], given.pixels[keep])
 
 
 @pytest.mark.parametrize("tileable", [False, True])
