@@ -8,10 +8,9 @@ import numpy as np
 from jaxtyping import Float64
 from pydantic import Field
 
-from texloom.stages.common.grids.pyramid import reduced
+from texloom.stages.analysis.photographs.reduced_surface import reduced_surface
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.vocabulary.arrays import Image, Vectors
-from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.masks import valid_pixels
 
@@ -83,7 +82,10 @@ def between_joints(image: Image, generators: Vectors, params: BetweenJointsParam
     """
     box, numbers, known = [(0, image.height), (0, image.width)], [0, 0], np.zeros((0, 2), np.float32)
     if params.whole and len(generators):
-        lab, shown, factor = _small(image)
+        valid = valid_pixels(image)
+        usable = np.ones((image.height, image.width), np.bool_) if valid is None else valid
+        lab, shown = reduced_surface(image, usable, _SIDE)
+        factor = max(shown.shape) / max(image.height, image.width)
         for axis in (0, 1):
             period = _along(generators, axis) * factor
             joints = _joints(*_profile(lab, shown, axis), period) if period >= _MIN_PX else None
@@ -114,20 +116,6 @@ def _along(generators: Vectors, axis: int) -> float:
     """Length of the generator that runs along a side; 0 without one."""
     lengths = [abs(float(row[axis])) for row in generators if abs(row[1 - axis]) <= _UPRIGHT * abs(row[axis])]
     return min(lengths, default=0.0)
-
-
-def _small(image: Image) -> tuple[np.ndarray, np.ndarray, float]:
-    """CIELAB, reduced; what of it is usable; and by how much it is reduced."""
-    valid = valid_pixels(image)
-    counted = (
-        np.ones((image.height, image.width, 1), np.float32)
-        if valid is None
-        else valid[..., None].astype(np.float32)
-    )
-    color = np.broadcast_to(image.color, (image.height, image.width, 3)) * counted
-    both = reduced(np.ascontiguousarray(np.concatenate([color, counted], axis=2), np.float32), _SIDE)
-    mean = both[..., :3] / np.maximum(both[..., 3:], np.float32(1e-6))
-    return lab_from_linear(mean), both[..., 3] > 0.5, max(both.shape[:2]) / max(image.height, image.width)
 
 
 def _profile(lab: np.ndarray, shown: np.ndarray, axis: int) -> tuple[Float64[np.ndarray, "n 3"], np.ndarray]:

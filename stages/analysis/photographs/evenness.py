@@ -3,11 +3,10 @@
 import numpy as np
 from jaxtyping import Float32
 
-from texloom.stages.common.grids.pyramid import reduced
+from texloom.stages.analysis.photographs.reduced_surface import reduced_surface
 from texloom.stages.kernels.core.elementary_functions import exp, log
 from texloom.stages.numerics.filters import gradients
 from texloom.stages.vocabulary.arrays import Image, Mask
-from texloom.stages.vocabulary.color import lab_from_linear
 
 _SIDE = 192  # px of the longer side, at which a picture is judged
 _BLOCKS = 4  # along each side, which are compared with each other
@@ -47,11 +46,5 @@ def evenness(lab: Float32[np.ndarray, "h w 3"], shown: Mask, least: float, sligh
 
 def picture_evenness(image: Image, usable: Mask, least: float = 0.3) -> float:
     """The `evenness` of what is usable of a picture; see there."""
-    counted = usable.astype(np.float32)[..., None]
-    color = image.color if image.color.shape[2] == 3 else np.repeat(image.color, 3, axis=2)
-    both = reduced(np.ascontiguousarray(np.concatenate([color * counted, counted], axis=2), np.float32), _SIDE)
-    shown = both[..., 3] > 0.5
-    if not shown.any():
-        return 0.0
-    mean = both[..., :3] / np.maximum(both[..., 3:], np.float32(1e-6))
-    return evenness(lab_from_linear(mean.astype(np.float32)), shown, least, _SLIGHT)
+    lab, shown = reduced_surface(image, usable, _SIDE)
+    return evenness(lab, shown, least, _SLIGHT) if shown.any() else 0.0

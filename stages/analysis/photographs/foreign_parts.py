@@ -185,10 +185,7 @@ def _searched(
     image: Image, valid: Mask, generators: Vectors | None, threshold: float
 ) -> tuple[ScalarMap, Mask, bool]:
     """How unlike each pixel is, whether it is foreign, and whether a mean cell explains the picture."""
-    colors = fill_excluded(image).color
-    if colors.shape[2] == 1:
-        colors = np.repeat(colors, 3, axis=2)
-    lab = lab_from_linear(reduced(np.ascontiguousarray(colors, np.float32), _SIDE))
+    lab = lab_from_linear(reduced(np.ascontiguousarray(fill_excluded(image).color), _SIDE))
     small = reduced(valid[..., None].astype(np.float32), _SIDE)[..., 0] > 0.5
     cell = None
     if generators is not None and len(generators) == 2:
