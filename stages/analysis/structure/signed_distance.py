@@ -44,6 +44,7 @@ def signed_distance(structure: Mask) -> SignedDistance:
                 pixels[band] += sign * exact.astype(np.float32)
             del distance
     span = float(np.ptp(pixels))
-    field = pixels - pixels.min() if span else np.zeros_like(pixels)
-    field *= np.float32(100 / span) if span else np.float32(1)
+    field = pixels - pixels.min()
+    if span:
+        field *= np.float32(100 / span)
     return SignedDistance(np.clip(field, 0, 100, out=field), pixels)

@@ -72,6 +72,19 @@ def check_aspect(control: Sized, name: str, size: tuple[int, int], of: str) -> N
         raise InputError(f"{name}: {format_size(control)} has another aspect ratio than {of}, {format_size(size)}")
 
 
+def check_pair(params: Any, known: Mapping[str, Any]) -> None:  # noqa: ARG001
+    """The control map must have the texture's aspect ratio; neither may be constant."""
+    texture, control = known.get("texture"), known.get("control")
+    if isinstance(texture, Image):
+        check_finite(texture, "texture")
+        if (np.ptp(texture.pixels, axis=(0, 1)) == 0).all():
+            raise InputError("texture: every channel is constant, so there is nothing to summarise")
+    if isinstance(control, Image):
+        check_control(control, "control")
+    if texture is not None and control is not None:
+        check_aspect(control, "control", (texture.height, texture.width), "texture")
+
+
 def _matching_channels(target: Sized, control: Sized) -> list[str]:
     """The channels of ``target`` that correspond to those of ``control``, see `match_channels`.
 

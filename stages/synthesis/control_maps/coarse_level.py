@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
-from texloom.stages.common.features.control import CONTROL_WEIGHT, check_maps, fit_scale
+from texloom.stages.common.features.control import CONTROL_WEIGHT, check_pair, fit_scale
 from texloom.stages.common.grids.pyramid import resize, scaled
 from texloom.stages.synthesis.control_maps.joint_upsampling import along_control
 from texloom.stages.vocabulary.arrays import Channels, Image
@@ -50,11 +50,6 @@ def outlines(params: CoarseLevelParams, known: Mapping[str, Any]) -> dict[str, O
     }
 
 
-def check_pair(params: CoarseLevelParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
-    """Control must fit the texture."""
-    check_maps({"image": known.get("texture"), "control": known.get("control")})
-
-
 @stage(version=1, check=check_pair, outlines=outlines)
 def coarse_level(texture: Image, params: CoarseLevelParams, control: Image | None = None) -> CoarseLevel:
     """Reduce the colours of a texture, and enlarge them again along the borders of its control map.
@@ -70,7 +65,7 @@ def coarse_level(texture: Image, params: CoarseLevelParams, control: Image | Non
     Raises
     ------
     InputError
-        control does not fit the texture, or is constant; a value is not finite.
+        control does not fit the texture; it or the texture is constant; a value is not finite.
 
     References
     ----------
@@ -79,17 +74,10 @@ def coarse_level(texture: Image, params: CoarseLevelParams, control: Image | Non
     names = _colour(texture)
     pixels = np.ascontiguousarray(texture.pixels[..., : len(names)])
     small = Image(resize(pixels, *_size(texture, params), bilinear=True), names)
-    return CoarseLevel(small, guide_of(small, texture, control, control, (texture.height, texture.width)))
-
-
-def guide_of(
-    coarse: Image, texture: Image, control: Image | None, target: Image | None, size: tuple[int, int]
-) -> Guide:
-    """Colours of a coarse level at ``size``, along the borders of ``target``, of the same kind as ``control``."""
-    wanted = np.zeros((*size, 0), np.float32)
-    if target is not None:
-        wanted = fit_scale(texture, control, CONTROL_WEIGHT).of_control(target, *size)
-    return along_control(lab_from_linear(coarse.color), wanted)
+    wanted = np.zeros((texture.height, texture.width, 0), np.float32)
+    if control is not None:
+        wanted = fit_scale(texture, control, CONTROL_WEIGHT).of_control(control, texture.height, texture.width)
+    return CoarseLevel(small, along_control(lab_from_linear(small.color), wanted))
 
 
 def _colour(texture: Any) -> tuple[str, ...]:

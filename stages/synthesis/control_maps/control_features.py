@@ -10,9 +10,7 @@ from pydantic import Field
 
 from texloom.stages.common.features.control import (
     CONTROL_WEIGHT,
-    check_aspect,
-    check_control,
-    check_finite,
+    check_pair,
     fit_scale,
     resize_control,
 )
@@ -21,7 +19,7 @@ from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.synthesis.control_maps.coarse_level import Guide
 from texloom.stages.synthesis.control_maps.correlation import correlation
 from texloom.stages.vocabulary.arrays import Image
-from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
+from texloom.stages.vocabulary.declare import Outline, Params, stage
 from texloom.stages.vocabulary.frame_stacks import frame_count
 
 _DETAIL = 1.5, 2.0  # px, standard deviations of the blur that defines detail, and of the window of its strength
@@ -55,19 +53,6 @@ class ControlFeatures:
     """share of the texture's variance that control explains beyond chance, 0..1; 0 without control"""
     control: Image | None
     """the control map at the texture's size, from which a texture of that size can be made again"""
-
-
-def check_pair(params: Any, known: Mapping[str, Any]) -> None:  # noqa: ARG001
-    """The control map must have the texture's aspect ratio; neither may be constant."""
-    texture, control = known.get("texture"), known.get("control")
-    if isinstance(texture, Image):
-        check_finite(texture, "texture")
-        if (np.ptp(texture.pixels, axis=(0, 1)) == 0).all():
-            raise InputError("texture: every channel is constant, so there is nothing to summarise")
-    if isinstance(control, Image):
-        check_control(control, "control")
-    if texture is not None and control is not None:
-        check_aspect(control, "control", (texture.height, texture.width), "texture")
 
 
 def outlines(params: ControlFeaturesParams, known: Mapping[str, Any]) -> dict[str, Outline]:

@@ -175,8 +175,7 @@ def compact(
             f"do not belong to a texture of {format_size(shape)}"
         )
     check_row_length("compact", features.shape[2], neighbourhood)
-    beside = 0 if coarse is None else coarse.height * coarse.width
-    compactor = _Compactor(texture, features, Tree(nodes, leaf, candidates), rectangles, beside, params)
+    compactor = _Compactor(texture, features, Tree(nodes, leaf, candidates), rectangles, coarse, params)
     source, use, energy = compactor.run(rng, checkpoints)
     copied = Copied.of(texture, control, np.moveaxis(source, 0, 2), params.tileable)
     return Compacted(
@@ -198,14 +197,14 @@ class _Compactor:
         features: Float32[np.ndarray, "h w c"],
         tree: Tree,
         rectangles: Rectangles | None,
-        beside: int,
+        coarse: Image | None,
         params: CompactParams,
     ):
         self.texture, self.features, self.tree, self.params = texture, features, tree, params
         self.shape = (texture.height, texture.width)
         self.inside = inside_of(rectangles, *self.shape)
         self.neighbourhood = self.shape[0] - tree.leaf.shape[0] + 1
-        self.size = self._size(None if rectangles is None else min(self.shape), beside)
+        self.size = self._size(None if rectangles is None else min(self.shape), coarse)
         smallest = self.shape
         if rectangles is not None:
             smallest = (int(rectangles[:, 2].min()), int(rectangles[:, 3].min()))
@@ -219,10 +218,10 @@ class _Compactor:
         self.seams = 0.0 if params.solver == "basic" else params.seams
         self.alpha = {"both": params.alpha, "forward": 1.0, "inverse": 0.0}[params.terms]
 
-    def _size(self, atlas_side: int | None, beside: int) -> tuple[int, int]:
+    def _size(self, atlas_side: int | None, coarse: Image | None) -> tuple[int, int]:
         """Height and width of the compaction, px; that of an atlas fits in a square of ``atlas_side``.
 
-        A share of the texture includes the pixels of a coarse level ``beside`` it.
+        A share of the texture includes the pixels of its ``coarse`` level.
         """
         largest = self.shape if atlas_side is None else (atlas_side, atlas_side)
         size = self.params.size
@@ -233,7 +232,7 @@ class _Compactor:
             height, width = (max(1, round(side * min(1.0, factor))) for side in largest)
             size = (height, width)
         elif isinstance(size, float):
-            size = square_of_share(size, int(self.inside.sum()), largest, beside)
+            size = square_of_share(size, int(self.inside.sum()), largest, coarse)
         if min(size) < self.neighbourhood:
             raise InputError(
                 f"compact: size: {format_size(size)} does not hold a neighbourhood of {self.neighbourhood} px"

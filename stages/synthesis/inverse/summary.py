@@ -45,9 +45,8 @@ def outlines(params: Any, known: Mapping[str, Any]) -> dict[str, Outline]:
     """The small image and its control map, where ``params.size`` is in px or a share of the texture's pixels."""
     size, texture = params.size, known.get("texture")
     if isinstance(size, float) and texture is not None:
-        coarse = known.get("coarse")
-        beside = 0 if coarse is None else coarse.height * coarse.width
-        size = square_of_share(size, texture.height * texture.width, (texture.height, texture.width), beside)
+        largest = texture.height, texture.width
+        size = square_of_share(size, math.prod(largest), largest, known.get("coarse"))
     if not isinstance(size, tuple):
         return {}
     height, width = size
@@ -55,11 +54,14 @@ def outlines(params: Any, known: Mapping[str, Any]) -> dict[str, Outline]:
     return {name: Outline(height, width, given.channels) for name, given in copied.items() if given is not None}
 
 
-def square_of_share(share: float, pixels: int, largest: tuple[int, int], beside: int = 0) -> tuple[int, int]:
-    """Height and width of a square with ``share`` of so many pixels, less those that are stored ``beside`` it.
+def square_of_share(
+    share: float, pixels: int, largest: tuple[int, int], coarse: Sized | None = None
+) -> tuple[int, int]:
+    """Height and width of a square with ``share`` of so many pixels, less those of a ``coarse`` level beside it.
 
     They are a multiple of 8 px, within ``largest``.
     """
+    beside = 0 if coarse is None else coarse.height * coarse.width
     side = min(max(8, 8 * round(math.sqrt(max(0.0, share * pixels - beside)) / 8)), *largest)
     return side, side
 

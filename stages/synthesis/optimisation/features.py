@@ -99,7 +99,9 @@ class PatchFeatures:
         """
         planes = self._sizes.resized(*scale.exemplar)
         if self.guided:
-            bounds = [bound * self.factors[self.colors] for bound in _range(planes[..., self.colors])]
+            distance, factor = planes[..., self.colors], self.factors[self.colors]
+            nearest, farthest = distance.min() * factor, distance.max() * factor
+            span = max(float(farthest - nearest), 1e-6)
         sides = (scale.patches[0] + self.patch_size - 1, scale.patches[1] + self.patch_size - 1)
         phase, radius = self.phase if phased else None, np.float32(self.regularity)
         here = None
@@ -112,9 +114,7 @@ class PatchFeatures:
         for band in bands(height):  # all features of a large exemplar in single precision take twice the memory
             own = [planes[band] * self.factors]
             if self.guided:  # distance fills its range at every scale
-                span = max(float(bounds[1] - bounds[0]), 1e-6)
-                distance = own[0][..., self.colors] - bounds[0]
-                own[0][..., self.colors] = distance * (_FARTHEST * self.factors[self.colors] / span)
+                own[0][..., self.colors] = (own[0][..., self.colors] - nearest) * (_FARTHEST * factor / span)
             if here is not None:
                 own.append(here[band])
             if phase is not None:
@@ -166,10 +166,6 @@ class PatchFeatures:
         circles = np.full(channels - lows.size, self.regularity)
         lows, highs = np.concatenate([lows, -circles]), np.concatenate([highs, circles])
         return lows.astype(np.float32), highs.astype(np.float32)
-
-
-def _range(plane: Float32[np.ndarray, "h w"]) -> tuple[np.float32, np.float32]:
-    return plane.min(), plane.max()
 
 
 def _is_grey(lab: Float32[np.ndarray, "h w 3"]) -> bool:

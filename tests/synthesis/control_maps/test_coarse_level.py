@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.common.features.control import check_pair
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.synthesis.control_maps.coarse_choice import coarse_choice
-from texloom.stages.synthesis.control_maps.coarse_level import CoarseLevelParams, check_pair, coarse_level
+from texloom.stages.synthesis.control_maps.coarse_level import CoarseLevelParams, coarse_level
 from texloom.stages.synthesis.control_maps.joint_upsampling import along_control
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import lab_from_linear
@@ -72,8 +73,11 @@ def test_a_grey_texture_has_a_grey_level() -> None:
 
 
 def test_control_that_does_not_fit_is_refused() -> None:
-    with pytest.raises(InputError, match="aspect ratio"):
-        check_pair(CoarseLevelParams(), {"texture": pair()[0], "control": picture(np.ones((20, 20, 3)))})
+    with pytest.raises(InputError, match="aspect ratio than texture"):
+        check_pair(
+            CoarseLevelParams(),
+            {"texture": pair()[0], "control": picture(smooth_noise((20, 20), 2, np.random.default_rng(1)))},
+        )
 
 
 def noisy(image: Image, strength: float) -> Image:
