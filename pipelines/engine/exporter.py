@@ -88,8 +88,9 @@ class Exporter:
         if reference.output is not None:
             hint = self.run.flow.steps[reference.name].stage.outputs[reference.output]
             known = self.run.store.provenance(found(scope.artifact(reference.name)))
-            # without times, so that equal results are equal files; inputs may have other names than then
-            left_out = ("created", "seconds", "from")
+            # without what differs between runs, so that equal results are equal files: times, names of inputs,
+            # and warnings, as Python tells some of them once only, or where a kernel is compiled
+            left_out = ("created", "seconds", "from", "warnings")
             provenance |= {key: value for key, value in known.items() if key not in left_out}
         self.run.store.hold()
         remove_abandoned(export.path.parent)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import os
 import shutil
 import time
@@ -16,12 +17,13 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.pipelines.flows import Events, files, open_run, paint, run_local, write_set
-from texloom.pipelines.engine import exports
+from tests.pipelines.flows import Events, files, open_run, paint, run_local, write_flow, write_set
+from texloom.pipelines.engine import exports, task
 from texloom.pipelines.engine.code_digest import imports
 from texloom.pipelines.engine.preflight import Preflight
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
+from texloom.pipelines.engine.stage_call import call_stage
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store import codec, exr, housekeeping
@@ -362,6 +364,21 @@ def test_a_cached_page_names_the_picture_and_the_command_of_its_run(
         assert f">{command}</code>" in page
     assert provenance(tmp_path / "out/strength.exr")["from"] == {"image": "exemplar: exemplar.png"}
     assert provenance(tmp_path / "other/strength.exr")["from"] == {"image": "exemplar: a<b.png"}
+
+
+def test_what_a_step_warned_of_is_not_in_its_exports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python tells some warnings once a process, Numba where it compiles; equal results are equal files."""
+
+    def warned(*arguments: Any) -> dict[str, Any]:
+        logging.getLogger("texloom").warning("as if Numba were")
+        return call_stage(*arguments)
+
+    for out in ("plain", "warned"):
+        monkeypatch.setattr(task, "call_stage", call_stage if out == "plain" else warned)
+        run = open_run(write_flow(tmp_path / out))
+        told = run_local(run, tmp_path / out / "out").notes
+        assert bool(told) == (out == "warned")
+    assert files(tmp_path / "plain/out") == files(tmp_path / "warned/out")
 
 
 def test_a_page_of_an_item_names_the_item(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
