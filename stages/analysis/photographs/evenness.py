@@ -6,11 +6,17 @@ from jaxtyping import Float32
 from texloom.stages.analysis.photographs.reduced_surface import reduced_surface
 from texloom.stages.kernels.core.elementary_functions import exp, log
 from texloom.stages.numerics.filters import gradients
+from texloom.stages.numerics.matrices import least_squares, matrix_product
 from texloom.stages.vocabulary.arrays import Image, Mask
 
 _SIDE = 192  # px of the longer side, at which a picture is judged
 _BLOCKS = 4  # along each side, which are compared with each other
 _NOISE = 0.3  # CIELAB for a px, added to mean gradients
+_DRIFT = (
+    10.0  # CIELAB, the range of a drift that light has on one flat surface; more is a fold, a turn or another one
+)
+_PASSES = 8  # of its robust fit
+_TERMS = 6  # of a quadratic
 _SLIGHT = 3.0  # deviation of colours, CIELAB, below which parts do not differ: plain plaster
 
 
@@ -44,7 +50,37 @@ def evenness(lab: Float32[np.ndarray, "h w 3"], shown: Mask, least: float, sligh
     return max(0.0, 1 - between) * float(exp(-log(table[:, 3:]).std(axis=0).mean()))
 
 
+def without_drift(lab: Float32[np.ndarray, "h w 3"], shown: Mask) -> Float32[np.ndarray, "h w 3"]:
+    """A surface without its slow drift of light, where that is slight; else as it is.
+
+    The drift is a quadratic in both coordinates, fitted robustly to each channel: light from the sky and from the
+    ground differ in colour. One of a wide range is none of light on a flat surface, and stays.
+
+    Parameters
+    ----------
+    shown : where it counts.
+    """
+    height, width = shown.shape
+    if shown.sum() < 4 * _TERMS:
+        return lab
+    y, x = np.meshgrid(np.linspace(-1, 1, height), np.linspace(-1, 1, width), indexing="ij")
+    terms = np.stack([np.ones_like(x), y, x, y * y, x * x, x * y], axis=2)
+    some, colors = terms[shown], lab[shown].astype(np.float64)
+    weights = np.ones((len(some), 1))
+    fitted = np.zeros((_TERMS, 3))
+    for _ in range(_PASSES):
+        fitted = np.stack([least_squares(some * weights, plane) for plane in (colors * weights).T], axis=1)
+        rest = np.sqrt(np.square(colors - matrix_product(some, fitted)).sum(axis=1, keepdims=True))
+        weights = 1 / np.sqrt(1 + np.square(rest / (2 * np.median(rest) + _NOISE)))
+    drift = matrix_product(some, fitted)
+    if float(np.ptp(drift, axis=0).max()) > _DRIFT:
+        return lab
+    even = lab.copy()
+    even[shown] -= (drift - np.median(drift, axis=0)).astype(np.float32)
+    return even
+
+
 def picture_evenness(image: Image, usable: Mask, least: float = 0.3) -> float:
-    """The `evenness` of what is usable of a picture; see there."""
+    """The `evenness` of what is usable of a picture, without slight drift of light; see there."""
     lab, shown = reduced_surface(image, usable, _SIDE)
-    return evenness(lab, shown, least, _SLIGHT) if shown.any() else 0.0
+    return evenness(without_drift(lab, shown), shown, least, _SLIGHT) if shown.any() else 0.0

@@ -14,6 +14,7 @@ from pydantic import Field
 from texloom.stages.analysis.exemplars.exclusion_mask import ExclusionMaskParams, exclusion_mask
 from texloom.stages.analysis.photographs.evenness import picture_evenness
 from texloom.stages.analysis.photographs.foreign_outlines import likewise, outlined
+from texloom.stages.analysis.photographs.one_off_bands import one_off_bands
 from texloom.stages.analysis.photographs.unlikeness import unlikeness
 from texloom.stages.analysis.regularity.mean_cell import mean_cell
 from texloom.stages.common.grids.pyramid import reduced, resize
@@ -88,7 +89,8 @@ def foreign_parts(
     these explain no others then, and lesser ones count; then parts whose pixels look more like them than like the
     rest. Where a lattice has a mean cell that explains the
     picture, only what differs from this too is foreign: windows of a facade are not. Holes in what is foreign are
-    filled, and small parts of either kind are given to the other.
+    filled, and small parts of either kind are given to the other. Where what is left is not even, but is without
+    bands across it that do not repeat (`one_off_bands`), such as a cornice, these are foreign too.
 
     Parameters
     ----------
@@ -119,21 +121,28 @@ def foreign_parts(
         usable = before & ~foreign
         if not usable.all() and (before & foreign).any():
             by = "lattice" if explained else "looks"
+    judged = mask is None and params.unlike < _ALL and not explained
+    even = picture_evenness(image, usable)
+    banded = False
+    if judged and even < _HARDLY_EVEN:
+        rest = usable & ~one_off_bands(image, usable)
+        after = picture_evenness(image, rest)
+        if after >= _HARDLY_EVEN and 0 < rest.sum() < usable.sum():
+            usable, even, by, banded = rest, after, "looks", True
     masked = 1 - float(usable.sum()) / float(before.sum())
     left = float(usable.mean())
     cells = 0.0
     if generators is not None and len(generators) == 2:
         cells = float(usable.sum()) / abs(float(determinant(generators.astype(np.float64))))
-    why = _why(by, masked, left, cells)
+    why = _why(by, masked, left, cells, banded)
     if by in ("lattice", "looks"):
         if left < _DOUBT * float(before.mean()) or 0 < cells < 2:
             raise InputError(
                 f"image: {why}: no surface stands out; keep all (--set unlike=1000), crop, or give a mask"
             )
         _LOG.warning("%s", why)
-    even = picture_evenness(image, usable)
     doubt = ""
-    if mask is None and params.unlike < _ALL and not explained and even < _HARDLY_EVEN:
+    if judged and even < _HARDLY_EVEN:
         doubt = _doubt(even)
         if even < _UNEVEN:
             raise InputError(f"image: {doubt}")
@@ -167,13 +176,14 @@ def _doubt(even: float) -> str:
     )
 
 
-def _why(by: str, masked: float, left: float, cells: float) -> str:
+def _why(by: str, masked: float, left: float, cells: float, banded: bool) -> str:
     if by == "none":
         return "nothing differs from the rest"
     if by == "mask":
         return f"a mask is given: {left:.0%} of the picture are left"
     how = "and its mean cell " if by == "lattice" else ""
     why = f"{masked:.1%} of the exemplar are masked: unlike the rest {how}by what is usual"
+    why += ", or in a band across it that does not repeat" if banded else ""
     if left < _FEW:
         why += f"; {left:.0%} of the picture are left"
         why += f", {cells:.1f} cells" if cells else ""

@@ -5,12 +5,14 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 import pytest
 
 from tests.synthetic import picture, smooth_noise
-from texloom.stages.analysis.photographs.evenness import picture_evenness
+from texloom.stages.analysis.photographs.evenness import picture_evenness, without_drift
 from texloom.stages.analysis.photographs.foreign_parts import ForeignPartsParams, foreign_parts
+from texloom.stages.analysis.photographs.one_off_bands import one_off_bands
 from texloom.stages.vocabulary.declare import InputError
 
 ALL = np.ones((200, 280), np.bool_)
@@ -48,9 +50,50 @@ def test_several_surfaces_are_refused_and_taken_when_asked(rng: np.random.Genera
 
 
 def test_a_surface_that_may_be_several_is_told(rng: np.random.Generator, caplog: pytest.LogCaptureFixture) -> None:
-    image = picture(patches(list(np.linspace(0.355, 0.445, 7)), rng))
+    image = picture(patches((0.369, 0.431, 0.369, 0.431), rng))
     with caplog.at_level(logging.WARNING):
         table = foreign_parts(image, ForeignPartsParams()).table
     assert 0.45 <= table["evenness"] < 0.66
     assert "as several surfaces may" in table["doubt"]
     assert table["doubt"] in caplog.text
+
+
+def test_a_slight_drift_of_light_is_removed_and_a_strong_one_is_kept(rng: np.random.Generator) -> None:
+    y, x = np.meshgrid(np.linspace(-1, 1, 60), np.linspace(-1, 1, 90), indexing="ij")
+    rough = smooth_noise(x.shape, 1, rng)
+    shown = np.ones(x.shape, np.bool_)
+    for reach, is_removed in ((6.0, True), (40.0, False)):
+        lightness = 60 + 0.5 * rough + reach * (0.4 * x + 0.1 * y * y)
+        lab = np.stack([lightness, 0 * x, 0.05 * reach * y], axis=2).astype(np.float32)
+        even = without_drift(lab, shown)
+        assert (np.ptp(cv2.GaussianBlur(even[..., 0], (0, 0), 8)) < 1.5) == is_removed
+        assert is_removed or np.array_equal(even, lab)
+
+
+def wall_with_a_band(rng: np.random.Generator, bands: Sequence[int]) -> np.ndarray:
+    """Plain plaster, darker to the right, with rows of a cornice."""
+    wall = np.broadcast_to(np.linspace(0.42, 0.36, 280), ALL.shape) + 0.004 * smooth_noise(ALL.shape, 1, rng)
+    for top in bands:
+        wall[top : top + 18] *= np.where(np.arange(18) % 6 < 3, 1.9, 0.7)[:, None]
+    return np.asarray(wall)
+
+
+def test_a_band_that_does_not_repeat_is_found_whole_and_many_are_the_surface(rng: np.random.Generator) -> None:
+    image = picture(wall_with_a_band(rng, [60]))
+    found = one_off_bands(image, ALL)
+    assert found[62:76].all()
+    assert not found[:56].any()
+    assert not found[84:].any()
+    assert not one_off_bands(picture(wall_with_a_band(rng, [10, 50, 90, 130, 170])), ALL).any()
+    assert not one_off_bands(picture(wall_with_a_band(rng, [])), ALL).any()
+
+
+def test_a_surface_is_kept_beside_its_cornice(rng: np.random.Generator, caplog: pytest.LogCaptureFixture) -> None:
+    image = picture(wall_with_a_band(rng, [20]))
+    with caplog.at_level(logging.WARNING):
+        made = foreign_parts(image, ForeignPartsParams())
+    assert made.table["by"] == "looks"
+    assert made.table["doubt"] == ""
+    assert not made.mask.color[22:36].any()
+    assert made.mask.color[60:].all()
+    assert "masked" in caplog.text
