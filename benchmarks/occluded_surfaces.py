@@ -2,8 +2,8 @@
 
     python -m benchmarks.occluded_surfaces
 
-Rendered are, with known truth: a tiled floor with a rug, a roof of shingles with a chimney, asphalt with a lane
-marking, a fence with gaps and shelves between two posts. Seen from the front; `foreign_parts` judges them.
+Drawn are, with known truth: a tiled floor with a rug, a roof of shingles with a chimney, asphalt with a lane
+marking, a fence with a gap, and shelves beside a post. All are seen from the front; `foreign_parts` judges them.
 """
 
 import logging
@@ -47,6 +47,7 @@ def _put(light: np.ndarray, what: np.ndarray, where: tuple[slice, slice]) -> Sce
 
 
 def floor_with_rug(random: np.random.Generator) -> Scene:
+    """Pale tiles, and a red rug with a weave."""
     rows, columns = np.indices(SHAPE)
     weave = 0.2 + 0.1 * ((rows // 6 + columns // 6) % 2)
     return _put(_tinted(_cells(random, 40, 40, 0.03), (1, 0.95, 0.85)), _tinted(weave, (1, 0.2, 0.2)),
@@ -54,18 +55,21 @@ def floor_with_rug(random: np.random.Generator) -> Scene:
 
 
 def roof_with_chimney(random: np.random.Generator) -> Scene:
+    """Shingles in a bond, and a chimney of smooth plaster."""
     return _put(_tinted(_cells(random, 20, 30, 0.05, 15), (1, 0.55, 0.4)),
                 _tinted(0.7 * (1 + 0.05 * _rough(random, 3)), (0.9, 0.95, 1)),
                 (slice(40, 150), slice(230, 300)))  # fmt: skip
 
 
 def asphalt_with_marking(random: np.random.Generator) -> Scene:
+    """Rough asphalt, and a white line along it."""
     grey = 0.1 * (1 + 0.25 * _rough(random, 1))
     return _put(_tinted(grey, (1, 1, 1.05)), _tinted(0.7 * (1 + 0.03 * _rough(random, 2)), (1, 1, 0.95)),
                 (slice(0, SHAPE[0]), slice(290, 325)))  # fmt: skip
 
 
-def fence_with_gaps(random: np.random.Generator) -> Scene:
+def fence_with_a_gap(random: np.random.Generator) -> Scene:
+    """Boards, of which one is missing, before leaves."""
     boards = np.arange(SHAPE[1]) % 50
     grain = 0.35 * (1 + 0.15 * _rough(random, 1)[:1] + 0.05 * _rough(random, 2))
     tones = random.normal(1, 0.06, SHAPE[1] // 50 + 1)[np.arange(SHAPE[1]) // 50]
@@ -74,7 +78,8 @@ def fence_with_gaps(random: np.random.Generator) -> Scene:
     return _put(wood, green, (slice(0, SHAPE[0]), slice(154, 200)))
 
 
-def shelves_between_posts(random: np.random.Generator) -> Scene:
+def shelves_beside_a_post(random: np.random.Generator) -> Scene:
+    """Jars on shelves, and a post at the side."""
     rows, columns = np.indices(SHAPE)
     jar = np.hypot((columns % 25 - 12) / 11, (rows % 50 - 28) / 18) < 1
     tones = random.uniform(0.2, 0.6, (SHAPE[0] // 50 + 1, SHAPE[1] // 25 + 1))[rows // 50, columns // 25]
@@ -86,7 +91,7 @@ def shelves_between_posts(random: np.random.Generator) -> Scene:
 def main() -> None:
     """Print the shares of each scene."""
     logging.getLogger("texloom").setLevel(logging.ERROR)
-    scenes = floor_with_rug, roof_with_chimney, asphalt_with_marking, fence_with_gaps, shelves_between_posts
+    scenes = floor_with_rug, roof_with_chimney, asphalt_with_marking, fence_with_a_gap, shelves_beside_a_post
     print(f"{'':26}{'foreign masked':>15}{'surface kept':>14}  evenness")
     for number, make in enumerate(scenes):
         random = np.random.default_rng(number)

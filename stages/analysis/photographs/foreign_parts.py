@@ -46,6 +46,10 @@ _TINT = np.array([25.0, 8.0, 8.0], np.float32)  # CIELAB by which light may chan
 _ALL = 1000.0  # times as far as usual, from which on nothing is foreign
 _FEW, _DOUBT = 0.5, 0.25  # of the picture: little, and too little for a surface
 _UNEVEN, _HARDLY_EVEN = 0.45, 0.66  # evenness below which what is left is several surfaces, and may be
+_BANDED = (
+    "a band across the surface that does not repeat is masked; it may be the border of another surface: look at "
+    "foreign.png, give another mask (--source mask=foreign.png), or take another plane (--set plane=2)"
+)
 _SHADE = np.array([0.6, 0.0, 0.25], np.float32)
 
 
@@ -141,11 +145,12 @@ def foreign_parts(
                 f"image: {why}: no surface stands out; keep all (--set unlike=1000), crop, or give a mask"
             )
         _LOG.warning("%s", why)
-    doubt = ""
+    doubt = _BANDED if banded else ""
     if judged and even < _HARDLY_EVEN:
         doubt = _doubt(even)
         if even < _UNEVEN:
             raise InputError(f"image: {doubt}")
+    if doubt:
         _LOG.warning("%s", doubt)
     table = {
         "why": why,

@@ -91,9 +91,9 @@ def test_a_band_that_does_not_repeat_is_found_whole_and_many_are_the_surface(rng
 def test_a_surface_is_kept_beside_its_cornice(rng: np.random.Generator, caplog: pytest.LogCaptureFixture) -> None:
     image = picture(wall_with_a_band(rng, [20]))
     with caplog.at_level(logging.WARNING):
-        made = foreign_parts(image, ForeignPartsParams())
+        made = foreign_parts(image, ForeignPartsParams(unlike=900))  # so that looks alone find nothing
     assert made.table["by"] == "looks"
-    assert made.table["doubt"] == ""
+    assert made.table["doubt"].startswith("a band")
     assert not made.mask.color[22:36].any()
     assert made.mask.color[60:].all()
     assert "masked" in caplog.text
