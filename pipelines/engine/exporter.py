@@ -75,6 +75,8 @@ class Exporter:
             if state is None:
                 self.told.append(f"{file}: not written, as there is no {reference} here")
                 continue
+            if not self._shows(export.path.name, reference):  # what shows a result, as a preview does, may clip
+                self.told += [f"{export.path.name}: {note}" for note in state.get("told", ())]
             self.states[place] = state
             written[prefix + file] = export.path
         return written
@@ -100,9 +102,7 @@ class Exporter:
             value = inputs.value(self.run.given(reference, scope))
             if value is None and Hint.of(hint).optional:
                 return None
-            state = export.write(self.run.store, value, hint, provenance, mesh)
-        shows = self._shows(export.path.name, reference)  # what shows a result, as a preview does, may clip
-        self.told += [] if shows else [f"{export.path.name}: {note}" for note in told]
+            state = export.write(self.run.store, value, hint, provenance, mesh, told)
         if export.path.is_relative_to(self.run.store.root):
             usage.add(self.run.store, export.path)
         return state
