@@ -12,7 +12,7 @@ from jaxtyping import Float32
 from texloom.pipelines.media import cicp, color_management, icc, picture_facts
 from texloom.pipelines.media.headers import Picture, Refusal, check_size
 from texloom.pipelines.media.pixel_values import decoded_by_opencv, decoding_of, floats
-from texloom.pipelines.store.png_file import PROVENANCE, facts_in
+from texloom.pipelines.store.png_file import PROVENANCE, facts_in, texel_size_in
 
 _ORIENTATION = 0x0112  # TIFF and EXIF tag
 _EXTRA = {"JPEG": 6, "WebP": 8, "JPEG 2000": 16, "AVIF": 12, "HEIC": 12}
@@ -101,7 +101,10 @@ def header_of(kind: str, file: BinaryIO, data: bool) -> Picture:
         "has several frames, of which the first is read" if kind != "TIFF" and _is_animated(image) else "",
         "is turned as its EXIF orientation says" if orientation > 1 else "",
     ]
-    return Picture(height, width, channels, bits, memory, decode, facts, "; ".join(filter(None, notes)))
+    return Picture(
+        *(height, width, channels, bits, memory, decode, facts, "; ".join(filter(None, notes))),
+        texel_size=texel_size_in(image.info.get(PROVENANCE), height, width),
+    )
 
 
 def _is_animated(image: Any) -> bool:
