@@ -47,13 +47,12 @@ def _tiff_page(file: BinaryIO, tags: Any, data: bool) -> Picture:
         return pillow_pictures.header_of("TIFF", file, data)
     names = {(1, 1): "Y", (3, 2): "RGB", (4, 2): "RGBA", (4, 5): "RGB"}.get((planes, tags.get(262)))
     is_cmyk = tags.get(262) == 5
-    is_lab = tags.get(262) in (_CIE_LAB, *_OTHER_LAB) and not data
-    if not is_lab and (names is None or (is_cmyk and (data or (kinds, bits) != ({1}, {16})))):
-        raise Refusal("is neither plain grey nor RGB nor RGBA; convert it")
     if tags.get(274, 1) != 1:
         raise Refusal("is turned by its orientation tag; save it upright")
-    if is_lab:
+    if tags.get(262) in (_CIE_LAB, *_OTHER_LAB) and not data:
         return _lab_header(file, tags)
+    if names is None or (is_cmyk and (data or (kinds, bits) != ({1}, {16}))):
+        raise Refusal("is neither plain grey nor RGB nor RGBA; convert it")
     by_opencv = (kinds, bits) in (({1}, {16}), ({3}, {32}))
     # OpenCV would read nonsense of planar ones, and sRGB of CMYK.
     if not by_opencv or is_cmyk or (planes > 1 and tags.get(284, 1) != 1):

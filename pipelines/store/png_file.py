@@ -124,7 +124,7 @@ def facts_in(text: Any, height: int, width: int) -> Facts:
 def length_of(known: Any) -> float | None:
     """The side of a pixel, m, in a provenance or in facts; None where there is no length."""
     length = known.get(TEXEL_SIZE) if isinstance(known, Mapping) else None
-    return float(length) if type(length) in (int, float) and 1e-9 <= length <= 1e3 else None
+    return float(length) if isinstance(length, int | float) and 1e-9 <= length <= 1e3 else None
 
 
 def texel_size_in(text: Any, height: int, width: int) -> float | None:
