@@ -31,13 +31,13 @@ def test_a_second_process_compiles_nothing(tmp_path: Path) -> None:
     assert [run(tmp_path).stdout.split() for _ in range(2)] == [["0", "1"], ["1", "0"]]
 
 
-def test_a_process_beside_another_has_a_copy(tmp_path: Path) -> None:
-    """Two processes must not add to one entry."""
-    run(tmp_path)
+def test_processes_beside_one_another_share_what_they_compile(tmp_path: Path) -> None:
+    """None adds to an entry of another."""
     beside = f"import subprocess, sys\nprint(subprocess.check_output([sys.executable, '-c', {RUN!r}], text=True))"
+    taking = "from texloom.stages.kernels.core.kernel_folder import taken_folder\ntaken_folder()\n"
+    assert run(tmp_path, before=taking + beside).stdout.split() == ["0", "1", "1", "0"]
+    assert {path.relative_to(tmp_path).parts[0] for path in tmp_path.rglob("*.nbi")} == {"beside-1"}
     assert run(tmp_path, after=beside).stdout.split() == ["1", "0"] * 2
-    names = {path.name for path in tmp_path.rglob("*.nbi")}
-    assert names == {path.name for path in (tmp_path / "beside-1").rglob("*.nbi")}
 
 
 def test_an_edit_of_any_kernel_compiles_all_again(tmp_path: Path) -> None:
