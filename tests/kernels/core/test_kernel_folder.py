@@ -9,12 +9,9 @@ from pathlib import Path
 
 RUN = """
 import numpy as np
-from texloom.stages.kernels.patchmatch import search
-pixels = np.zeros((6, 12), np.int16)
-match, found = np.zeros((3, 3), np.int32), np.zeros((3, 3), np.int64)
-target = search.Target(pixels, match, match, found, found > 0)
-search.match_distances(search.PatchShape.of(4, 2), target, pixels, 0, 3)
-print(len(search.match_distances.stats.cache_hits), len(search.match_distances.stats.cache_misses))
+from texloom.stages.kernels.patchmatch.search import count_moves
+count_moves(np.zeros((1, 2), np.int64), np.zeros((2, 2), np.int64))
+print(len(count_moves.stats.cache_hits), len(count_moves.stats.cache_misses))
 """
 
 
