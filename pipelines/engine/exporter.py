@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,16 @@ from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.command import command_of
 from texloom.pipelines.flow.feeding import feeding
 from texloom.pipelines.flow.model import Reference
-from texloom.pipelines.media.delivery import SAME
+from texloom.pipelines.media.delivery import SAME, Delivery
 from texloom.pipelines.store import usage
 from texloom.pipelines.store.atomic import remove_abandoned
 from texloom.pipelines.store.history import History
+from texloom.pipelines.store.png_file import TEXEL_SIZE
 from texloom.pipelines.store.types import Hint
 from texloom.stages.vocabulary.arrays import Image
+
+_OF_ONE_SCALE = ("exemplar", "picture", "texture", "material")
+"""sources whose pixels have the size of the result's, unlike those of photographs"""
 
 
 class Exporter:
@@ -55,14 +60,15 @@ class Exporter:
             if file.endswith("/") and self.run.flow.delivery.layout == SAME and (source is None or not source.maps):
                 raise refused("--layout: same needs an exemplar that is a folder or YAML file of maps")
             surface = self.run.flow.surfaces.get(file)
+            delivery = self._delivery(scope)
             export = Export(
                 path=self.run.ready_out(self.out, reference, scope) / (prefix + file),
                 is_folder=file.endswith("/"),
                 origin=self._origin(reference, scope),
                 about=self._about(file, reference, scope),
                 like=() if source is None else source.maps,
-                delivery=self.run.flow.delivery,
-                material=self._material(like, scope) if self.run.flow.delivery.layout else "",
+                delivery=delivery,
+                material=self._material(like, scope) if delivery.layout else "",
                 bits=self._bits(file, reference, scope),
                 mesh="" if surface is None else self._origin(surface, scope),
             )
@@ -75,6 +81,8 @@ class Exporter:
             if state is None:
                 self.told.append(f"{file}: not written, as there is no {reference} here")
                 continue
+            if not self._shows(export.path.name, reference):  # what shows a result, as a preview does, may clip
+                self.told += [f"{export.path.name}: {note}" for note in state.get("told", ())]
             self.states[place] = state
             written[prefix + file] = export.path
         return written
@@ -100,12 +108,18 @@ class Exporter:
             value = inputs.value(self.run.given(reference, scope))
             if value is None and Hint.of(hint).optional:
                 return None
-            state = export.write(self.run.store, value, hint, provenance, mesh)
-        shows = self._shows(export.path.name, reference)  # what shows a result, as a preview does, may clip
-        self.told += [] if shows else [f"{export.path.name}: {note}" for note in told]
+            state = export.write(self.run.store, value, hint, provenance, mesh, told)
         if export.path.is_relative_to(self.run.store.root):
             usage.add(self.run.store, export.path)
         return state
+
+    def _delivery(self, scope: Scope) -> Delivery:
+        """How exports are written, pixels of the exemplar's size where its header tells one and no option does."""
+        delivery = self.run.flow.delivery
+        if delivery.texel_size is not None or "mesh" in self.run.flow.sources:
+            return delivery
+        name = next((one for one in _OF_ONE_SCALE if scope.has_source(one)), None)
+        return delivery if name is None else dataclasses.replace(delivery, texel_size=scope.source(name).texel_size)
 
     def _material(self, like: str | None, scope: Scope) -> str:
         """The name of a material: that of the picture which it is like, or of the first one."""
@@ -142,6 +156,8 @@ class Exporter:
         if reference.output is not None:
             step = found(present(self.run.flow.steps[reference.name], scope, self.run.store))
             about["from"] = {name: self.run.given(given, scope).label for name, given in step.inputs.items()}
+        if (texel_size := self._delivery(scope).texel_size) is not None and not self._shows(file, reference):
+            about[TEXEL_SIZE] = texel_size
         if file.endswith((".exr", "/")):
             about["bits"] = self._bits(file, reference, scope)  # so that PNGs made from it one day have as many
         if file.endswith(".html"):

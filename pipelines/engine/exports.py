@@ -1,10 +1,11 @@
 """Exports: the files that a run leaves in its ``--out`` folder. Those that are there already are left as they are.
 
 The store keeps, under ``exports/``, a note of every export: from the key of what it was made of to the digests of
-its files. A file is compared by what it holds, not by its place or by times that programs set, as a user may edit
-it, replace it, move it or put an older copy back. So an export is neither read from the store nor written where the
-note, and every byte of its files, say that it would come out the same; in all other cases it is written. Files of a
-large set are not read again if they are still as a run left them, see `texloom.pipelines.store.history`.
+its files, and to what was told when they were written, which is told again wherever they are left. A file is
+compared by what it holds, not by its place or by times that programs set, as a user may edit it, replace it, move
+it or put an older copy back. So an export is neither read from the store nor written where the note, and every byte
+of its files, say that it would come out the same; in all other cases it is written. Files of a large set are not
+read again if they are still as a run left them, see `texloom.pipelines.store.history`.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import dataclasses
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,7 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.frame_stacks import frame_count
 
 States = dict[str, Any]
-"""the key of an export, and the `file_state` of each of its files"""
+"""the key of an export, the `file_state` of each of its files, and where there is some, what was told"""
 _FRAMES = "texloom.pipelines.media.frame_export"
 _MAPS = "texloom.pipelines.media.material_export"
 _SAME = "texloom.pipelines.media.writers.same"
@@ -133,18 +134,19 @@ class Export:
     def current(self, store: Store, known: States | None = None) -> States | None:
         """The states of its files, if they are there and would come out as they are; ``known``: the last run's."""
         note = f"{store.exports}/{self.key}"
-        states = None if known is None else self._states(known["files"])
+        states = None if known is None else self._states(known["files"], known.get("told", []))
         if states is None or states != known or not all(states["files"].values()):
             try:
-                files = json.loads(small_file(note))
-                states = self._states(files)  # before the files are read
+                noted = json.loads(small_file(note))
+                files = noted["files"]
+                states = self._states(files, list(map(str, noted["told"])))  # before the files are read
                 # isfile, as reading a pipe would wait for its writer
                 if not files or not all(
                     os.path.isfile(path) and file_digest(path) == digest  # noqa: PTH113
                     for path, digest in ((self._place(name), digest) for name, digest in files.items())
                 ):
                     return None
-            except (OSError, ValueError, TypeError, AttributeError, RecursionError):
+            except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
                 return None
         with contextlib.suppress(OSError), store.inside("exports") as folder:
             folder.touch(self.key)  # it was of use today
@@ -160,8 +162,9 @@ class Export:
             paths = {self._place(name).relative_to(folder).as_posix(): digest for name, digest in files.items()}
             written.add(store.root, run, paths)
 
-    def _states(self, names: Iterable[str]) -> States:
-        return {"key": self.key, "files": {name: file_state(self._place(name)) for name in names}}
+    def _states(self, names: Iterable[str], told: Sequence[str]) -> States:
+        states: States = {"key": self.key, "files": {name: file_state(self._place(name)) for name in names}}
+        return {**states, "told": [*told]} if told else states
 
     def _place(self, name: str) -> Path:
         """Where a file of the note is."""
@@ -169,10 +172,19 @@ class Export:
             return self.path
         return (self.path if self.is_folder else self.path.parent) / name
 
-    def write(self, store: Store, value: Any, hint: Any, provenance: Mapping[str, Any], mesh: Any = None) -> States:
+    def write(
+        self,
+        store: Store,
+        value: Any,
+        hint: Any,
+        provenance: Mapping[str, Any],
+        mesh: Any = None,
+        told: Sequence[str] = (),
+    ) -> States:
         """Write an output of the type ``hint``, on a mesh if given, and the note of it; the states of its files.
 
         The digest of a single file is noted under an empty name, as its own name does not change what it holds.
+        ``told``: a list to which what its writer tells is added meanwhile.
 
         Raises
         ------
@@ -205,10 +217,10 @@ class Export:
         # Without a note it is written again next time, no more. The temporary file is in a small folder, which the
         # end of each run looks through.
         with contextlib.suppress(OSError), store.inside() as root, root.child("exports", create=True) as folder:
-            folder.write(self.key, json.dumps(files).encode(), beside=root)
+            folder.write(self.key, json.dumps({"files": files, "told": [*told]}).encode(), beside=root)
             for digest in {*files.values()}:  # by which `is_noted` knows the files
                 folder.write(digest, b"{}", beside=root)
-        return self._states(files)
+        return self._states(files, told)
 
 
 def is_noted(store: Store, file: str | Path) -> bool:

@@ -23,7 +23,8 @@ PRIMARIES: Mapping[str, tuple[float, ...]] = {
 NO_COLOR = ("data", "unknown")
 """names of values that have no colour space"""
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
-_D50 = np.array([0.9642, 1.0, 0.8249])  # XYZ of the connection space of ICC profiles
+D50 = np.array([0.9642, 1.0, 0.8249])
+"""XYZ of the connection space of ICC profiles"""
 _TOLERANCE = 0.001  # of chromaticities; files round them differently
 
 
@@ -69,7 +70,7 @@ def _to_d50(chromaticities: Sequence[float]) -> np.ndarray:
     white = xyz[:, 3] / y[3]
     matrix = xyz[:, :3] * np.linalg.solve(xyz[:, :3], white)
     cones = _BRADFORD @ white
-    adaptation = np.linalg.inv(_BRADFORD) @ np.diag((_BRADFORD @ _D50) / cones) @ _BRADFORD
+    adaptation = np.linalg.inv(_BRADFORD) @ np.diag((_BRADFORD @ D50) / cones) @ _BRADFORD
     return np.asarray(adaptation @ matrix)
 
 

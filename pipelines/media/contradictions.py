@@ -23,7 +23,7 @@ from texloom.stages.vocabulary.color import linear_from_srgb, srgb_from_linear
 from texloom.stages.vocabulary.masks import HALF
 from texloom.stages.vocabulary.normals import NORMAL, rebuilt
 
-_VERSION = "3"  # raised when other lines are told of the same files
+_VERSION = "4"  # raised when other lines are told of the same files
 _EMPTY = 2 / 255  # largest difference in a channel that holds nothing
 _OFF = 0.1  # of unit length
 _MANY = 0.1  # share of pixels
@@ -126,6 +126,8 @@ def _ignored(maps: Sequence[Map]) -> Iterator[str]:
         used = {plane for one in held for plane in (one.plane or "RGBY")}
         used |= {"A"} if any(one.role == "albedo" for one in held) else set()
         left = [name for name in held[0].file_channels if name not in used]
+        if len(held[0].file_channels) == 1 and not held[0].plane:  # one of any name is the map
+            continue
         if not left:
             continue
         pixels = locate.decode(reference, held[0].digest, data=held[0].role not in COLORS).pixels

@@ -68,6 +68,14 @@ def kind_of(file: BinaryIO) -> str | None:
     return kind or ("TGA" if _is_tga(start) else None)
 
 
+def is_archive(file: BinaryIO) -> bool:
+    """Whether a file is a ZIP archive. Moves to the file's start."""
+    file.seek(0)
+    start = file.read(4)
+    file.seek(0)
+    return start == b"PK\3\4"
+
+
 def missing(kind: str) -> str:
     """The module that reads a kind of picture and is not installed; empty where it can be read."""
     needs = next(one.needs for one in FORMATS if one.name == kind)

@@ -45,6 +45,8 @@ class Picture(Header):
     """what was assumed of its colour, for the user"""
     original_bits: Mapping[str, int] = dataclasses.field(default_factory=dict)
     """as ``bits``, of what texloom made each map, by its role, in a file of floats from, where that is known"""
+    texel_size: float | None = None
+    """side of a pixel, m, where texloom has written it"""
 
 
 def check_size(height: int, width: int) -> None:

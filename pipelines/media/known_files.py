@@ -34,6 +34,8 @@ class Inspected(Header):
     """as ``bits``, of what texloom made each map, by its role, in a file of floats from, where that is known"""
     facts: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     """what texloom has written into it, see `Facts.record`"""
+    texel_size: float | None = None
+    """side of a pixel, m, where texloom has written it"""
 
 
 class KnownFiles:

@@ -64,7 +64,8 @@ def inspect(reference: str, data: bool = False, layered: bool = False) -> Inspec
     with opened(path) as file:
         read = pictures.read_header(file, data, layered)
         header = read.height, read.width, read.channels, read.bits, read.memory
-        seen = Inspected(*header, _digest(file), read.note, read.original_bits, read.facts.record())
+        facts = read.facts.record()
+        seen = Inspected(*header, _digest(file), read.note, read.original_bits, facts, read.texel_size)
     if known is not None:
         known.add(path, state, seen)
     return seen
@@ -111,7 +112,8 @@ def _inspect_tiles(reference: str, data: bool) -> tuple[Inspected, udim.Tiles, l
     memory = height * width * 4 * len(first.channels) + max(one.memory for one in seen)
     header = height, width, first.channels, first.bits, memory
     facts = dataclasses.replace(Facts.of(first.facts), wraps=NOWHERE).record()  # a tile alone does not wrap
-    return Inspected(*header, digest, first.note, first.original_bits, facts), tiles, digests
+    whole = Inspected(*header, digest, first.note, first.original_bits, facts, first.texel_size)
+    return whole, tiles, digests
 
 
 def _decode_tiles(reference: str, digest: str, data: bool) -> Image:

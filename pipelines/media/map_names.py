@@ -221,14 +221,33 @@ def several_materials(paths: Sequence[Path], is_grey: Callable[[Path], bool | No
     groups: dict[str, list[Path]] = {}
     for path in paths:
         words = words_of(stem_of(path))
-        if (found := _readings(words)) is not None:
-            start = next(end for end in range(len(words) - 1, -1, -1) if _readings(words[end:]) == found)
+        if (start := _beginning(words)) is not None:
             letters = [place for place, letter in enumerate(path.name) if letter.isascii() and letter.isalnum()]
             length = len("".join(words[:start]))
             groups.setdefault(path.name[: letters[length - 1] + 1] if length else "", []).append(path)
     named = {name: read_names(files, is_grey) for name, files in groups.items() if name}
     whole = {name: one for name, one in named.items() if "albedo" in one.claims and len(one.claims) > 1}
     return whole if len(whole) > 1 else {}
+
+
+def of_other_beginning(first: Path, others: Sequence[Path]) -> list[Path]:
+    """The files whose names begin otherwise than that of ``first``, but for sizes, variants and single letters."""
+    starts = {path: _name_of_material(path) for path in (first, *others)}
+    return [path for path in others if starts[first] and starts[path] and starts[path] != starts[first]]
+
+
+def _name_of_material(path: Path) -> str:
+    words = words_of(stem_of(path))
+    start = words[: _beginning(words) or 0]
+    return "".join(word for word in start if len(word) > 1 and not _JUNK.fullmatch(word))
+
+
+def _beginning(words: list[str]) -> int | None:
+    """How many words a name has before those that say its map; nothing where none do."""
+    found = _readings(words)
+    if found is None:
+        return None
+    return next(end for end in range(len(words) - 1, -1, -1) if _readings(words[end:]) == found)
 
 
 def whole_files(paths: Sequence[Path]) -> list[Path]:
@@ -288,7 +307,9 @@ def _decided(
     )
     best = [some for score, some in scored if score == scored[0][0]]
     if len({tuple(one.planes for one in some) for some in best}) > 1:
-        best = [some for some in best if all(map(_fits, some, map(is_grey, paths)))] or best
+        greys = list(map(is_grey, paths))
+        fitting = [sum(map(_fits, some, greys)) for some in best]
+        best = [some for some, count in zip(best, fitting, strict=True) if count == max(fitting)]
     doubts = {}
     for place, path in enumerate(paths):
         meanings = tuple(dict.fromkeys(str(some[place]) for some in best))

@@ -11,7 +11,7 @@ roles, with paths relative to its own folder:
     height: moss/bump16.tif
     normal_convention: directx   # green points down; else the file name says it, or texloom's header
     height_unit: cm              # of heights in floats: um, mm, cm, m or in
-    resample: true               # to the albedo's size; otherwise all maps must have the same size
+    resample: false              # refuse maps of other sizes than the albedo's, to which they are resampled else
 
 See `texloom.pipelines.media.material_maps` for what is read of them.
 """
@@ -33,6 +33,7 @@ from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.media.map_names import (
     Claim,
     Named,
+    of_other_beginning,
     read_names,
     recognised_plane,
     several_materials,
@@ -146,17 +147,28 @@ def open_set(reference: str) -> tuple[tuple[Map, ...], tuple[str, ...]]:
     first = opened[0]
     if any(one.plane == "A" and one.reference == first.reference for one in opened):  # alpha is a map of its own
         first = opened[0] = dataclasses.replace(first, channels=tuple(one for one in first.channels if one != "A"))
-    for one in opened:
+    notes += _told_of_sizes(opened, settings.get("resample"))
+    notes += [f"{_file_name(one)}: {one.note}" for one in opened if one.note]
+    return tuple(opened), tuple(notes)
+
+
+def _told_of_sizes(maps: Sequence[Map], resample: bool | None) -> list[str]:
+    """Which maps are resampled to the albedo's size; `Refusal` where they cannot be, or ``resample`` is false."""
+    first, told = maps[0], []
+    for one in maps:
         if (one.height, one.width) == (first.height, first.width):
             continue
         sizes = f"{_file_name(one)} has {format_size(one)}, {_file_name(first)} {format_size(first)}"
-        if not settings.get("resample"):
-            raise Refusal(f"{sizes}; bring them to one size, or list them in a YAML file with 'resample: true'")
-        sides = (first.height, first.width, one.height, one.width)
-        if abs(one.height * first.width - one.width * first.height) > max(sides):
+        if abs(one.height * first.width - one.width * first.height) > max(
+            first.height, first.width, one.height, one.width
+        ):
             raise Refusal(f"{sizes}; they cannot be resampled, as their sides are in other proportions")
-    notes += [f"{_file_name(one)}: {one.note}" for one in opened if one.note]
-    return tuple(opened), tuple(notes)
+        if resample is False:
+            raise Refusal(f"{sizes}; bring them to one size, or leave out 'resample: false'")
+        told += (
+            [] if resample else [f"{sizes}: {one.role} is resampled; 'resample: false' in a YAML file refuses it"]
+        )
+    return told
 
 
 def files_of(reference: str) -> list[Path]:
@@ -226,6 +238,12 @@ def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
             notes.append(f"{held}: {role} is that of {given[0].path.name}")
     for path, planes in named.packed.items():
         notes.append(f"{path.name} read as {', '.join(planes)}")
+    if "albedo" in found:
+        first, used = found["albedo"][0].path, {given[0].path for given in found.values()}
+        notes += [
+            f"{path.name} is taken for the same material as {first.name}, though its name begins otherwise"
+            for path in of_other_beginning(first, sorted(used - {first}))
+        ]
     green = named.green
     if green and "normal" in found and not found["normal"][0].green:
         names = ", ".join(LAYOUTS[name].title for name in named.layouts)
@@ -302,7 +320,7 @@ def _of_yaml(path: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
             settings.setdefault("normal_convention", CONVENTION_OF[green])
     if "bump" in named and "height" not in named:
         named["height"] = named.pop("bump")
-    convention, resample = settings.get("normal_convention"), settings.get("resample", False)
+    convention, resample = settings.get("normal_convention"), settings.get("resample", True)
     if convention not in (None, *CONVENTIONS):
         raise Refusal(f"normal_convention: must be opengl or directx, got {shown(convention)}")
     if (unit_of_height := settings.get(HEIGHT_UNIT)) not in (None, *UNITS):

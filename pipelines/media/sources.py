@@ -70,6 +70,8 @@ class Source:
     """what is taken of ``whole``"""
     whole: Source | None = None
     """the source as it is in the file, where a part is taken"""
+    texel_size: float | None = None
+    """side of a pixel, m, where texloom has written it into the file"""
 
     def taken(self, part: Part) -> Source:
         """The part as a source; `SourceError` where it is not inside."""
@@ -80,7 +82,10 @@ class Source:
         except InputError as error:
             raise SourceError(f"{error} (sources.{self.name}: {stack.path_of(self.reference)})") from None
         digest = part.digest(self.digest)
-        return dataclasses.replace(self, height=height, width=width, digest=digest, part=part, whole=self)
+        texel_size = None if self.texel_size is None else self.texel_size / part.reduce
+        return dataclasses.replace(
+            self, height=height, width=width, digest=digest, part=part, whole=self, texel_size=texel_size
+        )
 
     @property
     def picture(self) -> str:
@@ -154,13 +159,17 @@ def open_source(name: str, reference: str) -> Source:
             maps, more = contradictions.checked(maps)
             told = (*told, *more)
             channels, digest = material_maps.channels_of(maps), material_maps.digest_of(maps)
-            notes = _notes(name, reference, *told)
+            texel_size = locate.inspect(maps[0].reference).texel_size
+            notes = _notes(name, reference, *told, _told_of_texel(texel_size))
             bits_of = {one.role: one.bits for one in maps}
             height, width = maps[0].height, maps[0].width
-            return Source(name, reference, height, width, channels, digest, maps, notes, maps[0].bits, bits_of)
+            return Source(
+                *(name, reference, height, width, channels, digest, maps, notes, maps[0].bits, bits_of),
+                texel_size=texel_size,
+            )
         seen = locate.inspect(reference)
         _check_memory(seen.memory)
-    notes = _notes(name, reference, seen.note)
+    notes = _notes(name, reference, seen.note, _told_of_texel(seen.texel_size))
     roles = dict.fromkeys("albedo" if one in [*"RGBYA"] else one.partition(".")[0] for one in seen.channels)
     bits_of = {role: seen.original_bits.get(role, seen.bits) for role in roles}
     return Source(
@@ -174,7 +183,12 @@ def open_source(name: str, reference: str) -> Source:
         notes,
         bits_of["albedo"],
         bits_of,
+        texel_size=seen.texel_size,
     )
+
+
+def _told_of_texel(length: float | None) -> str:
+    return "" if length is None else f"its header says that a pixel is {1000 * length:g} mm"
 
 
 def _notes(name: str, reference: str, *told: str) -> tuple[str, ...]:

@@ -38,7 +38,7 @@ from texloom.pipelines.store.atomic import atomic_path, file_digest, write_atomi
 from texloom.pipelines.store.capture import capture_output
 from texloom.pipelines.store.outputs import Array, Layout, outputs_of, prepared
 from texloom.pipelines.store.page import with_run
-from texloom.pipelines.store.png_file import png, write_png
+from texloom.pipelines.store.png_file import length_of, png, write_png
 from texloom.pipelines.store.preview import picture
 from texloom.pipelines.store.types import Hint, hints_of
 from texloom.stages.kernels.core.threads import run_all
@@ -49,7 +49,7 @@ from texloom.stages.vocabulary.scratch import empty, release
 
 __all__ = [
     "ArtifactError", "check_pictures", "describe", "digests", "export", "facts_in", "pictures", "read", "sizes",
-    "window", "write",
+    "texel_size_in", "window", "write",
 ]  # fmt: skip
 
 ARRAYS = "result.exr"
@@ -421,6 +421,15 @@ def original_bits(header: Mapping[str, Any]) -> dict[str, int]:
     except (KeyError, TypeError, ValueError, RecursionError):
         return {}
     return {role: own for role, own in bits.items() if own in (8, 16, 32)} if isinstance(bits, dict) else {}
+
+
+def texel_size_in(header: Mapping[str, Any], part: str, height: int, width: int) -> float | None:
+    """The side of a pixel, m, that an exported EXR says of a part of this size; None where it says nothing."""
+    try:
+        shape = json.loads(header["texloom.arrays"])[part]["shape"][:2]
+        return length_of(json.loads(header["texloom.provenance"])) if shape == [height, width] else None
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return None
 
 
 def layer_of(part: str, channel: str) -> str:

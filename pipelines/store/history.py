@@ -31,7 +31,7 @@ class History:
         self.steps: dict[str, Any]
         """step, after its item's name, to the parts of its key and its result in the last run that had it"""
         self.exports: dict[str, Any]
-        """path to the key of an export and the states of its files, at the end of the last run of a large set"""
+        """path to what `texloom.pipelines.engine.exports.States` says at the end of the last run of a large set"""
         self.used: dict[str, str] = {}
         """step to the key of its result in this run"""
         self.now = time.time_ns()
@@ -125,4 +125,9 @@ def _is_result(entry: Any) -> bool:
 
 
 def _is_export(entry: Any) -> bool:
-    return isinstance(entry, dict) and isinstance(entry.get("key"), str) and isinstance(entry.get("files"), dict)
+    return (
+        isinstance(entry, dict)
+        and isinstance(entry.get("key"), str)
+        and isinstance(entry.get("files"), dict)
+        and isinstance(entry.get("told", []), list)
+    )

@@ -26,6 +26,8 @@ PROVENANCE = "texloom.provenance"
 """the text of a PNG that holds provenance, in JSON"""
 FACTS = "facts"
 """its entry of `Facts`"""
+TEXEL_SIZE = "texel_size"
+"""its entry of the side of a pixel, m"""
 _COLOR_TYPES = {1: 0, 2: 4, 3: 2, 4: 6}  # by number of channels: grey, grey and alpha, RGB, RGBA
 _UP = 2  # filter: each byte less that of the line above
 _STRIP = 2**20  # pixels compressed at once
@@ -98,11 +100,13 @@ def with_facts(
     width: int,
     maps: Mapping[str, MapFacts] | None = None,
 ) -> Mapping[str, Any] | None:
-    """Provenance with the facts of a picture, and its size, without which they do not hold.
+    """Provenance with the facts of a picture, its texel size, and its size, without which they do not hold.
 
     ``maps``: those of the map in the file, by its role; none where it is colour.
     """
     known = dataclasses.replace(facts, maps=maps or {}).record()
+    if (length := length_of(provenance)) is not None:
+        known[TEXEL_SIZE] = length
     if not known:
         return provenance
     return {**(provenance or {}), FACTS: {**known, "height": height, "width": width}}
@@ -115,6 +119,21 @@ def facts_in(text: Any, height: int, width: int) -> Facts:
         return Facts.of(known) if (known["height"], known["width"]) == (height, width) else Facts()
     except (KeyError, TypeError, ValueError, RecursionError):
         return Facts()
+
+
+def length_of(known: Any) -> float | None:
+    """The side of a pixel, m, in a provenance or in facts; None where there is no length."""
+    length = known.get(TEXEL_SIZE) if isinstance(known, Mapping) else None
+    return float(length) if isinstance(length, int | float) and 1e-9 <= length <= 1e3 else None
+
+
+def texel_size_in(text: Any, height: int, width: int) -> float | None:
+    """As `facts_in`: the side of a pixel, m; None where it says nothing."""
+    try:
+        known = json.loads(text)[FACTS]
+        return length_of(known) if (known["height"], known["width"]) == (height, width) else None
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return None
 
 
 def _filtered(lines: np.ndarray, above: np.ndarray) -> np.ndarray:

@@ -21,8 +21,9 @@ from texloom.stages.vocabulary.facts import TORUS, UNKNOWN, Facts, MapFacts, Wra
 from texloom.stages.vocabulary.normals import NORMAL
 
 SETS = {
-    "synthesis.adaptive", "synthesis.bidirectional", "synthesis.collage", "synthesis.compact",
-    "synthesis.graph_cut", "synthesis.hybrid", "synthesis.image_melding", "synthesis.near_regular",
+    "synthesis.adaptive", "synthesis.bidirectional", "synthesis.coarse_target",
+    "synthesis.collage", "synthesis.compact", "synthesis.graph_cut",
+    "synthesis.hybrid", "synthesis.image_melding", "synthesis.near_regular",
     "synthesis.optimise", "synthesis.patch_based", "synthesis.per_pixel", "synthesis.quilting",
     "synthesis.reconstruct", "synthesis.regularised_patches",
 }  # fmt: skip

@@ -19,6 +19,7 @@ _EXPLAINED_BY = 0.25  # share of places that look alike where a look belongs to 
 _APART = 3.0  # deviations of the blur; nearer places show the same
 _NOTICED = 1.5  # CIELAB, a deviation below which differences do not count
 _LEAST_USUAL = 0.25  # of a unit: what is less does not show, however even a surface is
+_ROWS = 16  # of distances, at a time
 _STEEP = 0.5  # weight of gradients against colours
 
 
@@ -59,8 +60,9 @@ def unlikeness(
         True if foreign is None else ~foreign[grid][known]
     )
     distance = np.where(explains, np.sqrt(_squared_distances(units)), np.inf)
-    distance.sort(axis=1)
-    last = distance[:, max(0, round(_EXPLAINED_BY * len(places)) - 1)]
+    explaining = max(0, round(_EXPLAINED_BY * len(places)) - 1)
+    distance.partition(explaining, axis=1)
+    last = distance[:, explaining]
     usual = float(np.median(last[core]))
     if not np.isfinite(usual):  # most places are foreign, and too few are left to explain the others
         return np.zeros(lab.shape[:2], np.float32)
@@ -87,7 +89,7 @@ def _in_units_of_core(rows: Float64[np.ndarray, "n k"]) -> tuple[Float64[np.ndar
     """The places along the principal axes of the core, in its deviations, and which are the core."""
     size = max(2, round(_CORE * len(rows)))
     squared = _squared_distances(rows)
-    start = int(np.sort(squared, axis=1)[:, size - 1].argmin())
+    start = int(np.partition(squared, size - 1, axis=1)[:, size - 1].argmin())
     core = np.argsort(squared[start], kind="stable")[:size]
     units = rows
     for _ in range(_PASSES):
@@ -100,8 +102,10 @@ def _in_units_of_core(rows: Float64[np.ndarray, "n k"]) -> tuple[Float64[np.ndar
 
 def _squared_distances(rows: Float64[np.ndarray, "n k"]) -> Float64[np.ndarray, "n n"]:
     total = np.zeros((len(rows), len(rows)))
-    for column in rows.T:
-        total += np.square(column[:, None] - column[None])
+    for first in range(0, len(rows), _ROWS):  # these stay in the processor's cache
+        part = total[first : first + _ROWS]
+        for column in rows.T:
+            part += np.square(column[first : first + _ROWS, None] - column[None])
     return total
 
 

@@ -4,15 +4,16 @@ Before it loads a kernel, Numba imports all that it can compile, and `scipy.lina
 import. Kernels here refer to none of that, so they have a cache of their own that does without.
 """
 
+import contextlib
 import functools
 from pathlib import Path
 from typing import Any
 
 import numba  # all of it before its parts, which other threads may be loading
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.runtime import rtsys
 
-from texloom.stages.kernels.core.kernel_folder import kernel_digest, taken_folder
+from texloom.stages.kernels.core.kernel_folder import kernel_digest, other_folders, taken_folder
 
 
 class Locator:
@@ -21,7 +22,12 @@ class Locator:
     def __init__(self, function: Any, file: str, folder: Path):
         self._py_file = file  # Numba names it in warnings
         self._line = function.__code__.co_firstlineno
-        self._folder = folder / function.__module__.rpartition(".")[0]
+        self._folder = folder / self.below(function)
+
+    @staticmethod
+    def below(function: Any) -> str:
+        """Where in a folder; never do files of other sources or of another Numba take the place of these."""
+        return f"{kernel_digest()}-{numba.__version__}/{function.__module__.rpartition('.')[0]}"
 
     @classmethod
     def from_function(cls, function: Any, file: str) -> "Locator | None":
@@ -50,8 +56,32 @@ class _Parts(CompileResultCacheImpl):  # type: ignore[misc]
     _locator_classes = (Locator,)
 
 
+class _Files(IndexDataCacheFile):  # type: ignore[misc]
+    """Adds to this process's folder, and looks in those of others too."""
+
+    def __init__(self, below: str, *parts: Any):
+        super().__init__(*parts)
+        self._below, self._parts = below, parts[1:]
+
+    def load(self, key: Any) -> Any:
+        """See `IndexDataCacheFile`. What another process is writing is not there yet."""
+        found = super().load(key)
+        if found is None:
+            for folder in other_folders():
+                with contextlib.suppress(OSError):
+                    found = IndexDataCacheFile(str(folder / self._below), *self._parts).load(key)
+                if found is not None:
+                    break
+        return found
+
+
 class _Cache(FunctionCache):  # type: ignore[misc]
     _impl_class = _Parts
+
+    def __init__(self, function: Any):
+        super().__init__(function)
+        of_function = (self._impl.filename_base, self._impl.locator.get_source_stamp())
+        self._cache_file = _Files(Locator.below(function), self.cache_path, *of_function)
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         """See `FunctionCache`."""

@@ -2,17 +2,15 @@
 
 It is in the user's cache and named by the digest of all kernels, or it is ``NUMBA_CACHE_DIR``. Numba does not
 expect two processes to add to the same entry: so the first process takes the folder, and others take ones inside
-it, which start as copies. A folder is free again when its process has ended, however it did.
+it. All read from all of them. A folder is free again when its process has ended, however it did.
 """
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import itertools
 import logging
 import os
-import shutil
 import threading
 from functools import cache
 from pathlib import Path
@@ -35,6 +33,12 @@ def taken_folder() -> Path | None:
                 _LOG.warning("compiled kernels cannot be kept in %s: %s", base, error)
                 _taken.append((None, None))
         return _taken[0][0]
+
+
+def other_folders() -> list[Path]:
+    """Those that other processes have taken, now or earlier."""
+    base = kernel_folder()
+    return [folder for folder in (base, *sorted(base.glob("beside-*"))) if folder != taken_folder()]
 
 
 def kernel_folder() -> Path:
@@ -63,23 +67,8 @@ def _take(base: Path) -> tuple[Path, Any]:
             lock.acquire(timeout=0)
         except filelock.Timeout:
             continue
-        if number:
-            _copy(base, folder)
         return folder, lock
     raise AssertionError
-
-
-def _copy(base: Path, folder: Path) -> None:
-    """Take over the kernels that are compiled in ``base`` alone.
-
-    Their indices come first: what an index names and is not there is compiled again.
-    """
-    indices = [path for path in base.glob("*/*.nbi") if not (folder / path.parent.name / path.name).exists()]
-    code = [path for index in indices for path in index.parent.glob(f"{index.stem}.*.nbc")]
-    for path in [*indices, *code]:
-        with contextlib.suppress(OSError):
-            (folder / path.parent.name).mkdir(exist_ok=True)
-            shutil.copy2(path, folder / path.parent.name / path.name)
 
 
 def _default() -> Path:

@@ -12,19 +12,26 @@ _ALIKE = 0.1  # of control's range, the same
 
 
 def along_control(
-    coarse: Float32[np.ndarray, "h w c"], control: Float32[np.ndarray, "H W k"]
+    coarse: Float32[np.ndarray, "h w c"],
+    control: Float32[np.ndarray, "H W k"],
+    own: Float32[np.ndarray, "h w k"] | None = None,
 ) -> Float32[np.ndarray, "H W c"]:
     """Resample to the size of ``control``, each pixel from those near it whose mean control is like its own.
 
     So a border between two materials is as sharp as in the control map, where a coarse pixel shows a mixture of
     both. Without channels of control this is a blur.
 
+    Parameters
+    ----------
+    coarse, control : what is resampled, and the control at whose size it is wanted.
+    own : mean control of coarse pixels that were taken from elsewhere; none: that of ``control`` there.
+
     References
     ----------
     [Kopf2007a]_ section 3, equation 3, with the control map in place of the image of full size.
     """
     (height, width), (rows, columns) = coarse.shape[:2], control.shape[:2]
-    own = resize(control, height, width)
+    own = resize(control, height, width) if own is None else own
     ranges = np.ptp(control, axis=(0, 1)) if control.shape[2] else np.ones(1, np.float32)
     factor = np.float32(1 / max(_ALIKE * float(ranges.max()), 1e-6) ** 2)
     down, across = (

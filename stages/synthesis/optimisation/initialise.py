@@ -38,6 +38,8 @@ _MAX_LATTICE_SHIFT = 4  # share of a cell by which a block may be shifted; more 
 _MAX_COURSE_SHIFT = 16  # share of courses' period; all places along them are tried, so that less is needed
 _SEARCH_GRID = 128  # squares along the exemplar's shorter side, whose means are compared in the global search
 _LEAST_USED = 0.25  # share of the places, the least used ones, that the global search considers
+_BESIDE_MASK = 0.75  # share of the usable pixels that lie in blocks without masked ones; else blocks are smaller
+_SMALLER = 0.8  # sides of blocks relative to those tried before
 _MIN_DISPLACEMENT = 0.25  # of a block's sides, to the place where a neighbour continues in the exemplar
 _MIN_MARGIN = 25  # px of the default overlap
 _GUIDE_SHARE = 0.05  # of the places, those whose guide is most like the target's, that the global search considers
@@ -55,7 +57,7 @@ class InitialiseParams(Params):
     `blocks` if there are neither; `blocks`: blocks from anywhere; `pixels`: random pixels, for comparison"""
     block: int | None = Field(None, ge=8)
     """minimum side of a block, px; null: an eighth of the exemplar's shorter side with a lattice of two dimensions
-    or a guide, else a third"""
+    or a guide, else a third, or less where most blocks of that size would contain masked pixels"""
     tries: int = Field(10, ge=1, le=100)
     """candidate blocks for each place with a lattice, of which the one that matches its neighbours best is taken"""
     margin: int | None = Field(None, ge=0, le=256)
@@ -94,6 +96,30 @@ def _block_sides(
         sides = np.full(2, max(_MIN_BLOCK, params.block or shorter // (_GUIDED_BLOCKS if guided else 3)))
     height, width = (int(np.clip(side, 2, max(2, whole // 3))) for side, whole in zip(sides, exemplar, strict=True))
     return height, width
+
+
+def _margin(sides: tuple[int, int], params: InitialiseParams) -> int:
+    margin = max(_MIN_MARGIN, min(sides) // 4) if params.margin is None else params.margin
+    return min(margin, *(int(side) // 2 for side in sides))
+
+
+def _beside_mask(sides: tuple[int, int], usable: Mask, params: InitialiseParams) -> tuple[int, int]:
+    """Sides of blocks so small that most of what is usable lies in blocks without masked pixels.
+
+    Larger ones would come from few places, or from a single one, again and again.
+    """
+    import cv2
+
+    while min(sides) > _MIN_BLOCK:
+        margin = _margin(sides, params)
+        # Where blocks with their overlaps may be.
+        whole = usable[margin:, margin : usable.shape[1] - margin].astype(np.uint8)
+        block = np.ones((sides[0] | 1, sides[1] | 1), np.uint8)  # odd, as an opening by even ones is displaced
+        covered = cv2.morphologyEx(whole, cv2.MORPH_OPEN, block, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+        if covered.sum() >= _BESIDE_MASK * whole.sum():
+            break
+        sides = max(_MIN_BLOCK, round(_SMALLER * sides[0])), max(_MIN_BLOCK, round(_SMALLER * sides[1]))
+    return sides
 
 
 @dataclasses.dataclass(frozen=True)
@@ -154,8 +180,7 @@ class _Blocks:
         self.sides = np.array(sides)
         self.tries = params.tries
         self.rng = rng
-        margin = max(_MIN_MARGIN, min(sides) // 4) if params.margin is None else params.margin
-        self.margin = min(margin, *(int(side) // 2 for side in sides))
+        self.margin = _margin(sides, params)
         # px of the squares of the global search and of use counts
         self.square = max(1, min(int(self.shape.min()) // _SEARCH_GRID, self.margin // 4))
         self.uses = np.zeros(tuple(self.shape // self.square), np.float32)
@@ -462,8 +487,8 @@ def initialise(
     little used parts of the exemplar are tried first, with small shifts. Without one it is the place, of all little
     used ones, that matches its neighbours best in colour and structure; with courses, of all those at whole courses
     from where the first block would continue. Under a guide it is one of the places whose guide is most like that
-    of the result. Blocks avoid masked pixels; where that is
-    impossible, each is replaced by the nearest usable pixel.
+    of the result. Blocks avoid masked pixels, and without a lattice are smaller where few places would allow that;
+    where it is impossible, each masked pixel is replaced by the nearest usable one.
 
     Parameters
     ----------
@@ -501,6 +526,8 @@ def initialise(
         if exemplar_guide is not None and target_guide is not None:
             guides = exemplar_guide, resize_target(target_guide, *size)
         sides = _block_sides(shape, lattice, params, guides is not None)
+        if usable is not None and len(lattice) < 2 and params.block is None:
+            sides = _beside_mask(sides, usable, params)
         features = np.concatenate([lab_from_linear(fill_excluded(image).color), contours[..., None]], axis=2)
         del contours
         match = _Blocks(features, lattice, sides, size, params, rng, usable, guides).run()

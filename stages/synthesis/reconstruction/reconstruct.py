@@ -296,16 +296,31 @@ def reconstruct(
     for note in notes:
         _LOG.warning(note)
 
-    scales = _plan((inputs.image.height, inputs.image.width), size, params, repetition is not None)
+    picture, source, done = solved(inputs, params, rng, start, target_jacobian, checkpoints)
+    return Reconstructed(picture, source, share, notes, done)
+
+
+def solved(
+    inputs: Inputs,
+    params: ReconstructParams,
+    rng: np.random.Generator,
+    start: Correspondence | None = None,
+    jacobian: Jacobian | None = None,
+    checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
+) -> tuple[Image, Correspondence, list[dict[str, Any]]]:
+    """The result, where its pixels come from in the exemplar, and the scales; see `reconstruct`."""
+    size = inputs.target.shape[0], inputs.target.shape[1]
+    scales = _plan((inputs.image.height, inputs.image.width), size, params, inputs.regular)
     if start is not None:
         start = start + np.uint32(inputs.margin)
-    solvers = _solvers(inputs, scales, params, target_jacobian)
+    solvers = _solvers(inputs, scales, params, jacobian)
     first_random, *randoms = rng.spawn(len(scales) + 1)
     method: ScaleMethod[Match, Scale] = _Reconstruction(solvers, scales, start, first_random)
     match, done = coarse_to_fine(method, scales, randoms, params.tolerance, checkpoints)
     picture, source = solvers[-1].picture(match, scales[-1])
+    shape = inputs.image.height - inputs.margin * 2, inputs.image.width - inputs.margin * 2
     source = ((source.astype(np.int64) - inputs.margin) % shape).astype(np.uint32)
-    return Reconstructed(picture.wrapping(params.tileable), source, share, notes, done)
+    return picture.wrapping(params.tileable), source, done
 
 
 @dataclasses.dataclass(frozen=True)

@@ -76,6 +76,8 @@ class Inputs:
     """control is blurred, since the target is smooth"""
     margin: int = 0
     """px of its other end that follow each border of a toroidal exemplar; 0 of any other"""
+    regular: bool = False
+    """the texture repeats by generators"""
 
     @classmethod
     def of(
@@ -112,7 +114,8 @@ class Inputs:
 
         texture, own = padded(scale.of_texture(image)), padded(own)
         use = None if use is None else padded(use)
-        return cls(image.elsewhere(padded(image.pixels)), texture, own, wanted, use, rare, blurred, margin)
+        image = image.elsewhere(padded(image.pixels))
+        return cls(image, texture, own, wanted, use, rare, blurred, margin, repetition is not None)
 
     def pixels(self, scale: Scale) -> Image:
         """The exemplar at a scale, all channels, linear."""

@@ -9,12 +9,9 @@ from pathlib import Path
 
 RUN = """
 import numpy as np
-from texloom.stages.kernels.patchmatch import search
-pixels = np.zeros((6, 12), np.int16)
-match, found = np.zeros((3, 3), np.int32), np.zeros((3, 3), np.int64)
-target = search.Target(pixels, match, match, found, found > 0)
-search.match_distances(search.PatchShape.of(4, 2), target, pixels, 0, 3)
-print(len(search.match_distances.stats.cache_hits), len(search.match_distances.stats.cache_misses))
+from texloom.stages.kernels.patchmatch.search import count_moves
+count_moves(np.zeros((1, 2), np.int64), np.zeros((2, 2), np.int64))
+print(len(count_moves.stats.cache_hits), len(count_moves.stats.cache_misses))
 """
 
 
@@ -31,13 +28,13 @@ def test_a_second_process_compiles_nothing(tmp_path: Path) -> None:
     assert [run(tmp_path).stdout.split() for _ in range(2)] == [["0", "1"], ["1", "0"]]
 
 
-def test_a_process_beside_another_has_a_copy(tmp_path: Path) -> None:
-    """Two processes must not add to one entry."""
-    run(tmp_path)
+def test_processes_beside_one_another_share_what_they_compile(tmp_path: Path) -> None:
+    """None adds to an entry of another."""
     beside = f"import subprocess, sys\nprint(subprocess.check_output([sys.executable, '-c', {RUN!r}], text=True))"
+    taking = "from texloom.stages.kernels.core.kernel_folder import taken_folder\ntaken_folder()\n"
+    assert run(tmp_path, before=taking + beside).stdout.split() == ["0", "1", "1", "0"]
+    assert {path.relative_to(tmp_path).parts[0] for path in tmp_path.rglob("*.nbi")} == {"beside-1"}
     assert run(tmp_path, after=beside).stdout.split() == ["1", "0"] * 2
-    names = {path.name for path in tmp_path.rglob("*.nbi")}
-    assert names == {path.name for path in (tmp_path / "beside-1").rglob("*.nbi")}
 
 
 def test_an_edit_of_any_kernel_compiles_all_again(tmp_path: Path) -> None:

@@ -59,6 +59,9 @@ def test_what_is_cut_off_is_told(tmp_path: Path) -> None:
     assert len(notes) == 1
     assert notes[0].startswith("texture.png: albedo: 50.0 % of the values are outside of 0..1 and were cut off")
     assert "(0.0 % below 0, 50.0 % above 1, range 0.5 .. 3)" in notes[0]
+    written = (tmp_path / "out" / "texture.png").stat().st_mtime_ns
+    assert exported(tmp_path, bright)[1] == notes  # also where the file is left as it is
+    assert (tmp_path / "out" / "texture.png").stat().st_mtime_ns == written
 
 
 def test_maps_and_8_bits_tell_too(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -4,6 +4,7 @@ import importlib.util
 import io
 import re
 import struct
+import zipfile
 from pathlib import Path
 
 import cv2
@@ -309,6 +310,46 @@ def test_lab(tmp_path: Path) -> None:
     lab.save(path := tmp_path / "a.tif")
     assert np.abs(coded(read(path), 255) - np.array([200, 100, 40])).max() <= 3
     assert "taken as CIE Lab (D50)" in opened(path).notes[0]
+
+
+def test_lab_of_16_bits(tmp_path: Path) -> None:
+    """The values of littleCMS for 8 bits; steps that 8 bits do not have are kept, and ICC's codes are refused."""
+    colours = np.linspace(0, 255, 64 * 3).reshape(8, 8, 3).astype(np.uint8)[:, ::-1]
+    spaces = ImageCms.createProfile("sRGB"), ImageCms.createProfile("LAB")
+    lab = np.asarray(ImageCms.profileToProfile(PIL.Image.fromarray(colours), *spaces, outputMode="LAB"))
+    codes = np.dstack([lab[..., 0] * np.uint16(257), lab[..., 1:].astype(np.uint16) << 8])
+    tifffile.imwrite(path := tmp_path / "a.tif", codes, photometric="cielab")
+    assert np.abs(coded(read(path), 255) - colours).max() <= 3
+    assert "is converted from CIE Lab (D50)" in opened(path).notes[0]
+    assert opened(path).bits == 16
+    before, near = read(path).pixels, codes.copy()
+    near[..., 0] ^= 1
+    tifffile.imwrite(path, near, photometric="cielab")
+    assert (read(path).pixels != before).any(axis=2).all()
+    tifffile.imwrite(path, codes, photometric="icclab")
+    assert problem(path) == "is Lab, but not plain CIE L*a*b* of 8 or 16 bits; save it as RGB of 16 bits"
+
+
+@pytest.mark.parametrize("suffix", ["gif", "webp", "png"])
+def test_only_the_first_frame_is_read_and_that_is_told(tmp_path: Path, suffix: str) -> None:
+    first, second = (PIL.Image.new("RGB", (8, 8), (level, level, level)) for level in (200, 20))
+    first.save(path := tmp_path / f"a.{suffix}", save_all=True, append_images=[second], lossless=True)
+    assert np.abs(coded(read(path), 255)[..., :3] - 200).max() <= 1
+    assert opened(path).notes[0].endswith("has several frames, of which the first is read")
+
+
+def test_an_orientation_that_is_applied_is_told(tmp_path: Path, values: np.ndarray) -> None:
+    """As another map of the material may lack it."""
+    exif = PIL.Image.Exif()
+    exif[0x112] = 6
+    PIL.Image.fromarray(values[..., :3]).save(path := tmp_path / "a.jpg", exif=exif)
+    assert opened(path).notes[0].endswith("is turned as its EXIF orientation says")
+
+
+def test_an_archive_is_named(tmp_path: Path) -> None:
+    with zipfile.ZipFile(path := tmp_path / "Rock023_1K-PNG.zip", "w") as archive:
+        archive.writestr("a.png", b"")
+    assert problem(path) == "is a ZIP archive; unpack it, and give its folder"
 
 
 def test_a_broken_cmyk_profile(tmp_path: Path) -> None:

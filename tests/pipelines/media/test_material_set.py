@@ -181,10 +181,11 @@ def test_sets_in_yaml(folder: Path, rng: np.random.Generator) -> None:
     save(folder / "moss_small.png", rng.integers(0, 256, (6, 2)).astype(np.uint8))
     text = "basecolor: moss/moss_BaseColor.png\nnormal: moss/moss_NormalGL.png\nao: moss/moss_small.png\n"
     path.write_text(text)
-    assert "moss_small.png has 2 x 6 px, moss_BaseColor.png 9 x 6 px; bring them to one size" in problem(path)
-    path.write_text(f"{text}resample: true\nnormal_convention: directx\n")
-    assert "other proportions" in problem(path)
+    assert "moss_small.png has 2 x 6 px, moss_BaseColor.png 9 x 6 px; they cannot be resampled" in problem(path)
     save(folder / "moss_small.png", np.full((2, 3), 51, np.uint8))
+    path.write_text(f"{text}resample: false\n")
+    assert "9 x 6 px; bring them to one size, or leave out 'resample: false'" in problem(path)
+    path.write_text(f"{text}resample: true\nnormal_convention: directx\n")
     source = open_source("exemplar", str(path))
     image = source.read()
     assert source.channels == ("R", "G", "B", *NORMAL, "ao")
@@ -192,6 +193,24 @@ def test_sets_in_yaml(folder: Path, rng: np.random.Generator) -> None:
     assert source.maps[1].directx
     folder_normals = open_source("exemplar", str(folder)).read().pixels[..., 3:6]
     np.testing.assert_array_equal(image.pixels[..., 4], -folder_normals[..., 1])
+
+
+def test_maps_of_another_size_are_resampled_and_told(folder: Path) -> None:
+    save(folder / "moss_AO.png", np.full((2, 3), 51, np.uint8))
+    source = open_source("exemplar", str(folder))
+    (note,) = source.notes
+    assert "moss_AO.png has 3 x 2 px, moss_BaseColor.png 9 x 6 px: ao is resampled; 'resample: false'" in note
+    image = source.read()
+    np.testing.assert_allclose(image.pixels[..., image.channels.index("ao")], 0.2, rtol=1e-6)
+
+
+def test_a_name_that_begins_otherwise_is_told(folder: Path) -> None:
+    save(folder / "bark_2K_ao.png", np.full(SIDES, 51, np.uint8))
+    save(folder / "T_Moss_1K_Metallic.png", np.full(SIDES, 51, np.uint8))
+    (note,) = open_source("exemplar", str(folder)).notes
+    assert note.endswith(
+        "bark_2K_ao.png is taken for the same material as moss_BaseColor.png, though its name begins otherwise"
+    )
 
 
 def test_colors_beside_data(folder: Path, rng: np.random.Generator) -> None:

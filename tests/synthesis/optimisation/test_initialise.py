@@ -247,6 +247,18 @@ def test_too_small_an_exemplar_is_refused_before_anything_runs(shape: tuple[int,
     assert "\n" not in str(caught.value)
 
 
+def test_blocks_beside_a_large_mask_come_from_all_sides_of_it(rng: np.random.Generator) -> None:
+    usable = np.ones((144, 144), bool)
+    usable[38:106, 40:104] = False  # blocks of 48 px, a third of the shorter side, fit nowhere beside it
+    made = start(masked(picture(smooth_noise((144, 144, 3), 2.0, rng)), usable, 0.0), size=(288, 288))
+    uses = np.zeros(usable.shape, np.int64)
+    np.add.at(uses, tuple(made.match.reshape(-1, 2).T), 1)
+    assert not uses[~usable].any()
+    assert (uses[usable] > 0).mean() > 0.8
+    relative = uses[usable] / uses[usable].mean()
+    assert relative.std() < 1.2  # 3.1 from blocks of 48 px, most of them from one place
+
+
 @pytest.mark.parametrize("method", ["lattice", "blocks", "pixels"])
 def test_masked_pixels_are_not_used(method: str, rng: np.random.Generator) -> None:
     """And their values make no difference."""
