@@ -36,6 +36,7 @@ _GROWS = 0.6  # of the threshold, down to which a foreign part reaches
 _SURE = 0.4  # share of the first parts that reaches it: drifts of tone rise slowly
 _CERTAIN = 2.0  # times the threshold, from which colours need not differ
 _LEAST = 0.01  # share of the picture that is a part
+_CONVEX = 0.6  # share of its convex hull; two shutters under a lintel have .63
 _PIECE = 0.01  # share of the picture that is left between foreign parts
 _EXPLAINS = 0.5  # median correlation of the cells with their median from which it explains the picture
 _MIN_CELLS = 6.0
@@ -83,7 +84,7 @@ def check_mask(params: ForeignPartsParams, known: Mapping[str, Any]) -> None:  #
     check_same_size(known.get("mask"), "mask", known.get("image"), "exemplar")
 
 
-@stage(version=1, check=check_mask)
+@stage(version=2, check=check_mask)
 def foreign_parts(
     image: Image, params: ForeignPartsParams, generators: Vectors | None = None, mask: Image | None = None
 ) -> ForeignParts:
@@ -268,11 +269,32 @@ def _closed(found: Mask, valid: Mask, reach: float) -> Mask:
 
     if not found.any():
         return found
-    rest = (valid & ~_grown(found, reach)).astype(np.uint8)
+    rest = (valid & ~_filled(_grown(found, reach))).astype(np.uint8)
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(rest, connectivity=4)
     small = boxes[:, cv2.CC_STAT_AREA] < _PIECE * valid.sum()
     small[0] = True  # what is foreign, or was not known
     return np.asarray(small[labels])
+
+
+def _filled(found: Mask) -> Mask:
+    """Parts that fill most of their convex hull with all of it: a pane that mirrors the sky between shutters.
+
+    Not parts at the border, such as a street with a door above it.
+    """
+    import cv2
+
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(found.astype(np.uint8), connectivity=4)
+    filled = found.astype(np.uint8)
+    whole = np.arange(count) > 0
+    for edge in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
+        whole[edge] = False
+    for label in np.flatnonzero(whole):
+        hull = np.zeros_like(filled)
+        points = np.argwhere(labels == label)[:, ::-1].astype(np.int32)
+        cv2.fillConvexPoly(hull, cv2.convexHull(points), 1)
+        if boxes[label, cv2.CC_STAT_AREA] >= _CONVEX * hull.sum(dtype=np.int64):
+            filled |= hull
+    return filled > 0
 
 
 def _grown(found: Mask, reach: float) -> Mask:

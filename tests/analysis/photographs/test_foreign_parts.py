@@ -66,6 +66,24 @@ def test_windows_of_a_facade_are_explained_by_its_lattice() -> None:
     assert made.table["cells"] == pytest.approx((~found).sum() / (32 * 48), abs=0.1)
 
 
+def test_what_shutters_surround_is_masked_with_them() -> None:
+    """A pane that mirrors what the wall looks like; but not the wall between a door and the street."""
+    pixels = wall("plaster").copy()
+    for rows, columns in (
+        (slice(16, 24), slice(30, 96)),
+        (slice(16, 66), slice(30, 48)),
+        (slice(16, 66), slice(78, 96)),
+    ):
+        pixels[rows, columns] = (0.3, 0.02, 0.02)
+    pixels[118:] = (0.02, 0.02, 0.02)
+    pixels[90:, 56:68] = (0.02, 0.02, 0.02)
+    found = searched(pixels).mask.pixels[..., 0] < 0.5
+    assert found[18:62, 32:94].all()
+    assert found[120:].all()
+    assert found[76:114, :48].mean() < 0.1
+    assert found[76:114, 76:].mean() < 0.1
+
+
 def test_large_values_keep_all() -> None:
     pixels, _ = PARTS["door"](np.random.default_rng(3), wall("plaster"))
     assert searched(pixels, unlike=1000).table["by"] == "none"
