@@ -153,7 +153,10 @@ def open_set(reference: str) -> tuple[tuple[Map, ...], tuple[str, ...]]:
 
 
 def _told_of_sizes(maps: Sequence[Map], resample: bool | None) -> list[str]:
-    """Which maps are resampled to the albedo's size; `Refusal` where they cannot be, or ``resample`` is false."""
+    """Which maps are resampled to the albedo's size; `Refusal` where they cannot be, or ``resample`` is false.
+
+    A mask of another size is likelier that of another picture: it is resampled where ``resample`` is true alone.
+    """
     first, told = maps[0], []
     for one in maps:
         if (one.height, one.width) == (first.height, first.width):
@@ -165,6 +168,8 @@ def _told_of_sizes(maps: Sequence[Map], resample: bool | None) -> list[str]:
             raise Refusal(f"{sizes}; they cannot be resampled, as their sides are in other proportions")
         if resample is False:
             raise Refusal(f"{sizes}; bring them to one size, or leave out 'resample: false'")
+        if resample is None and one.role == "mask":
+            raise Refusal(f"{sizes}; bring them to one size, or list them in a YAML file with 'resample: true'")
         told += (
             [] if resample else [f"{sizes}: {one.role} is resampled; 'resample: false' in a YAML file refuses it"]
         )

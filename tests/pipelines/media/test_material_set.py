@@ -204,6 +204,11 @@ def test_maps_of_another_size_are_resampled_and_told(folder: Path) -> None:
     np.testing.assert_allclose(image.pixels[..., image.channels.index("ao")], 0.2, rtol=1e-6)
 
 
+def test_a_mask_of_another_size_is_refused(folder: Path) -> None:
+    save(folder / "moss_mask.png", np.full((2, 3), 255, np.uint8))
+    assert "9 x 6 px; bring them to one size, or list them in a YAML file with 'resample: true'" in problem(folder)
+
+
 def test_a_name_that_begins_otherwise_is_told(folder: Path) -> None:
     save(folder / "bark_2K_ao.png", np.full(SIDES, 51, np.uint8))
     save(folder / "T_Moss_1K_Metallic.png", np.full(SIDES, 51, np.uint8))
