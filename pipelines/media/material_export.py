@@ -41,7 +41,8 @@ def write_maps(
     """Write all maps of an image into a folder, made if need be.
 
     ``material.exr`` holds all channels, normals with unit length; ``material.mtlx`` binds the PNGs. These have the
-    names and direction of green of the files of ``like``; without such a file, they are named by their role. In PNG
+    names and direction of green of the files of ``like``; they are named by their role without such a file, and
+    where it packs several maps or holds 1 minus one. In PNG
     only, heights are normalised, see `relief_of`, and other values beyond 0..1 clipped, both with a warning. Pixels
     copied from files of ``like`` keep their bits.
 
@@ -81,8 +82,9 @@ def write_maps(
             directx = one is not None and one.directx
             said = {role: facts_of_file(role, directx, relief)}
             explained = with_facts(provenance, image.facts, image.height, image.width, said)
-            # Files of the same name may be in several folders.
-            file = f"{role if one is None or stems.count(one.stem) > 1 else one.stem}.png"
+            # Files of the same name may be in several folders; gloss and packed maps are written as what they hold.
+            is_own = one is not None and one.is_plain and stems.count(one.stem) == 1
+            file = f"{one.stem if one is not None and is_own else role}.png"
             if image.height * image.width > LARGE:
                 strips = _code_strips(image, channels, role, bits[role], directx)
                 written[file] = write_png(folder / file, image.height, image.width, strips, explained)

@@ -13,7 +13,7 @@ import pytest
 
 from texloom.pipelines.media.conventions import COLORS, LAYOUTS, ROLES, role_of
 from texloom.pipelines.media.delivery import Delivery
-from texloom.pipelines.media.material_export import channels_of
+from texloom.pipelines.media.material_export import channels_of, write_maps
 from texloom.pipelines.media.material_set import looks_like_one
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.media.writers.layouts import write_layout
@@ -207,6 +207,11 @@ def test_the_layout_of_the_exemplar_is_written_back(material: Image, tmp_path: P
     for path in pictures:
         before, after = (cv2.imread(str(one), cv2.IMREAD_UNCHANGED) for one in (path, out / path.name))
         np.testing.assert_array_equal(before, after, err_msg=path.name)
+    # and without it, packed and inverted files become one for each map, which mean the same
+    write_maps(source.read(), tmp_path / "maps", source.maps, {})
+    again = open_source("exemplar", str(tmp_path / "maps")).read()
+    assert again.channels == source.channels
+    np.testing.assert_allclose(again.pixels, source.read().pixels, atol=1.2 / 255)
 
 
 @pytest.mark.skipif("arnold" not in FORMS, reason="needs OpenImageIO")
