@@ -27,6 +27,15 @@ _OF_ONE_SCALE = ("exemplar", "picture", "texture", "material")
 """sources whose pixels have the size of the result's, unlike those of photographs"""
 
 
+def check_same(run: Run, scope: Scope, file: str) -> None:
+    """`InputError` where an export should be as the maps of a source are, and that is none of maps."""
+    if run.flow.delivery.layout != SAME or not file.endswith("/"):
+        return
+    like = run.flow.likes.get(file)
+    if like is None or not (scope.has_source(like) and scope.source(like).maps):
+        raise refused(f"--layout: same needs a folder or YAML file of maps as sources.{like or 'exemplar'}")
+
+
 class Exporter:
     """Writes the exports of a run into a folder, those that are not there yet."""
 
@@ -55,10 +64,9 @@ class Exporter:
                 continue
             like = self.run.flow.likes.get(file)
             source = None if like is None else scope.source(like)
+            check_same(self.run, scope, file)
             if file in self.run.flow.of_maps and (source is None or not source.maps):
                 continue
-            if file.endswith("/") and self.run.flow.delivery.layout == SAME and (source is None or not source.maps):
-                raise refused("--layout: same needs an exemplar that is a folder or YAML file of maps")
             surface = self.run.flow.surfaces.get(file)
             delivery = self._delivery(scope)
             export = Export(

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from texloom.pipelines.byte_size import format_byte_size
+from texloom.pipelines.engine.exporter import check_same
 from texloom.pipelines.engine.exports import is_noted
 from texloom.pipelines.engine.input_files import FilesRead
 from texloom.pipelines.engine.run import Run
@@ -50,6 +51,10 @@ class Preflight:
                 if problem is not None:
                     raise InputError(one_line(f"--out {out}: {problem}"))
         self._check_tiles()
+        for scope in self.run.sample_scopes():
+            for file, reference in self.run.flow.exports.items():
+                if (self.run.scope_of(reference) == "item") == (scope.name is not None):
+                    check_same(self.run, scope, file)
 
     def _check_tiles(self) -> None:
         """`InputError` where a result of a size that is known cannot be cut into equal UDIM tiles."""

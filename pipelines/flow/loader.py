@@ -175,7 +175,7 @@ class _Checker:
         steps = scoped_steps(in_order(steps, draft), self.sources, seeds, draft)
         delivery = self.delivery
         exports, likes, surfaces = self._exports(there)
-        self._add_layout(draft.name, delivery, exports, connections)
+        self._add_layout(draft.name, delivery, exports, likes, connections)
         self._check_likes(likes, exports, steps)
         declared = None if draft.runner is None else draft.runner.value
         runner = choose_runner(declared, self.overrides.runner, self.fail)
@@ -349,8 +349,14 @@ class _Checker:
             if isinstance(self.sources[like], Each) and scope != "item" and reference.name != like:
                 raise self.fail(f"exports.{file}.like", f"'{like}' is a set, but {reference} exists only once")
 
-    @staticmethod
-    def _add_layout(name: str, delivery: Delivery, exports: dict[str, Reference], connections: Connections) -> None:
+    def _add_layout(
+        self,
+        name: str,
+        delivery: Delivery,
+        exports: dict[str, Reference],
+        likes: dict[str, str],
+        connections: Connections,
+    ) -> None:
         """With a layout there is a folder of maps: those of the flow, or one of its main image."""
         if delivery.layout is None:
             return
@@ -363,6 +369,8 @@ class _Checker:
         for file, reference in exports.items():
             if file.startswith("texture.") and connections.type_of(reference).plain is Image:
                 exports[_MAPS] = reference
+                if (like := likes.get("texture.png") or next(iter(self.sources), None)) is not None:
+                    likes[_MAPS] = like
                 return
         raise refused(f"--layout: {name} exports no picture as texture.* and no folder of maps")
 

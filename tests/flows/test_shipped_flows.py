@@ -26,7 +26,8 @@ def gravel() -> np.ndarray:
 
 def deep(picture: np.ndarray) -> np.ndarray:
     """With 16 bits that 8 do not hold."""
-    return picture.astype(np.uint16) * 256 + np.arange(SIDES[1], dtype=np.uint16)[:, None]
+    steps = np.arange(SIDES[1], dtype=np.uint16)
+    return picture.astype(np.uint16) * 256 + (steps if picture.ndim == 2 else steps[:, None])
 
 
 def marks(*boxes: tuple[slice, slice]) -> np.ndarray:
@@ -85,6 +86,25 @@ def test_transparent_pixels_are_the_holes(ran: Any, gravel: np.ndarray, tmp_path
     filled = ran(tmp_path / "filled", "fill", {"picture": tmp_path / "cut.png"})
     assert (filled["texture.png"][..., 3] == 255).all()
     np.testing.assert_array_equal(filled["texture.png"][~hole], saved(tmp_path / "cut.png")[~hole])
+
+
+@pytest.mark.parametrize(("flow", "params"), [("fill", {}), ("make_tileable", {"band.width": "10"})])
+def test_maps_of_a_material_that_is_edited_stay(
+    ran: Any, gravel: np.ndarray, flow: str, params: dict[str, str], tmp_path: Path
+) -> None:
+    hole = marks(np.s_[20:40, 30:50])
+    maps = {"s_albedo": gravel, "s_rough": gravel[..., 1], "s_height": deep(gravel[..., 0])}
+    for name, levels in maps.items():
+        save(tmp_path / "stones" / f"{name}.png", levels)
+    save(tmp_path / "holes.png", hole.astype(np.uint8) * 255)
+    holes = {"holes": tmp_path / "holes.png"} if flow == "fill" else {}
+    edited = ran(tmp_path / "out", flow, {"picture": tmp_path / "stones", **holes}, **params)["maps/"]
+    kept = ~hole if holes else np.pad(np.ones((SIDES[0] - 20, SIDES[1] - 20), bool), 10)
+    for name in maps:
+        made, before = saved(edited / f"{name}.png"), saved(tmp_path / "stones" / f"{name}.png")
+        assert made.dtype == before.dtype
+        np.testing.assert_array_equal(made[kept], before[kept], err_msg=name)
+        assert (made != before)[~kept].any()
 
 
 def test_masked_places_leave_no_trace(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:

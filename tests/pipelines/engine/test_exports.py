@@ -437,6 +437,20 @@ def test_a_size_that_tiles_do_not_divide_is_refused_first(folder: Path) -> None:
     assert files(folder) == before
 
 
+def test_the_layout_of_the_exemplar_needs_one_of_maps(folder: Path) -> None:
+    (folder / "flow.yaml").write_text(MATERIAL)
+    sources = {path.name for path in (folder / "material").iterdir()}
+    run_material(folder, layout="same")
+    assert {path.name for path in (folder / "made" / "maps").iterdir()} == sources
+    (folder / "flow.yaml").write_text(MATERIAL.replace("material: material}", "material: material/moss_Color.png}"))
+    before = files(folder)
+    with pytest.raises(
+        InputError, match=r"^--layout: same needs a folder or YAML file of maps as sources\.material$"
+    ):
+        run_material(folder, layout="same", force=True)
+    assert files(folder) == before
+
+
 def test_maps_of_a_document_replace_no_source(folder: Path) -> None:
     (folder / "made").mkdir()
     (folder / "material").rename(folder / "made" / "texture_maps")
