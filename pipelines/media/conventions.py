@@ -36,7 +36,8 @@ class Part:
     suffix: str
     """of its name, as it is written"""
     planes: tuple[str, ...]
-    """one role, or the roles that its channels hold; an empty one is white; see `role_of`"""
+    """one role, or the roles that its channels hold, of colours and normals three times; an empty one is white; see
+    `role_of`"""
     bits: int = 8
     also: tuple[str, ...] = ()
     """other suffixes that are read as this one; case and separators do not count"""
@@ -95,6 +96,17 @@ _PACKED = (
     *(_read("DpRA", "height", "roughness", "ao"), _read("DpRO", "height", "roughness", "ao")),
     *(_read("ORH", "ao", "roughness", "height"), _read("metallicRoughness", "", "roughness", "metallic")),
     _read("roughnessMetallic", "", "roughness", "metallic"),
+    # in the alpha of another map
+    *(
+        _read(color + word, *[role] * 3, GLOSS)
+        for color, role in {
+            **dict.fromkeys(("albedo", "baseColor", "diffuse"), "albedo"),
+            "specular": "specular",
+        }.items()
+        for word in ("Smoothness", "Gloss", "Glossiness")
+    ),
+    *(_read(f"albedo{word}", *["albedo"] * 3, "height") for word in ("Height", "Bump")),
+    *(_read(f"normal{word}", *["normal"] * 3, "roughness") for word in ("Roughness", "Rough")),
     # either of Texture Haven, or the ao of a material whose name ends in rough
     *(_read("roughAO", "roughness", "ao"), _read("roughAO", "ao")),
 )
@@ -151,7 +163,6 @@ LAYOUTS: Mapping[str, Layout] = {
             Part("MetallicSmoothness", ("metallic", "", "", GLOSS), 8, ("MetallicGlossMap", "MetallicGloss")),
             *(_one("Normal", "normal", 8, "NormalMap", "BumpMap"), _one("Occlusion", "ao", 8, "OcclusionMap")),
             *(_one("Height", "height", 16, "ParallaxMap"), _one("Emission", "emissive", 8, "EmissionMap")),
-            Part("SpecularSmoothness", ("specular", "", "", GLOSS), written=False),
         ),
         green="up",
     ),

@@ -9,6 +9,7 @@ import dataclasses
 import itertools
 import math
 import re
+import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -20,6 +21,7 @@ _GREEN = {"gl": "up", "opengl": "up", "ogl": "up", "dx": "down", "directx": "dow
 _JUNK = re.compile(
     r"\d+k?|\d+k?(?:jpg|png|exr|tif)|\d+x\d+|\d+bit|var\d+|lod\d+|jpg|jpeg|png|tif|tiff|exr|raw|srgb|linear"
 )
+_FORMATS = ("jpg", "jpeg", "png", "tif", "tiff", "exr")
 _NOUNS = ("map", "maps", "tex", "texture")
 _PREVIEW = re.compile(r"(?:preview|thumb|thumbnail|render|sphere|cube)\d*")
 _DEEP = re.compile(r"[a-z](?:16|32)(?![a-z0-9])|(?<![a-z0-9])(?:16|32)-?bit")
@@ -84,6 +86,8 @@ class Named:
     """entries of the table that explain most of the names"""
     several: Mapping[str, tuple[Path, ...]] = dataclasses.field(default_factory=dict)
     """role to files that are named as the same"""
+    smaller: tuple[Path, ...] = ()
+    """files that are there with more pixels too, by their names"""
 
     @property
     def packed(self) -> dict[Path, list[str]]:
@@ -105,9 +109,9 @@ class Named:
 
 def words_of(name: str) -> list[str]:
     """The words of a file's name, in lower case."""
-    whole = re.sub("OpenGL|DirectX", lambda found: f"_{found[0].lower()}_", name)
+    whole = re.sub("OpenGL|DirectX", lambda found: f"_{found[0].lower()}_", unicodedata.normalize("NFC", name))
     parted = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", whole)
-    return [word.lower() for word in re.split(r"[^A-Za-z0-9]+", parted) if word]
+    return [word.lower() for word in re.split(r"[\W_]+", parted) if word]
 
 
 def recognised(name: str) -> tuple[str, str | None] | None:
@@ -192,7 +196,8 @@ def read_names(paths: Sequence[Path], is_grey: Callable[[Path], bool | None]) ->
     ----------
     is_grey : whether a picture is grey; nothing where that cannot be known.
     """
-    words = {path: words_of(stem_of(path)) for path in whole_files(paths)}
+    largest, smaller = _largest(whole_files(paths))
+    words = {path: words_of(stem_of(path)) for path in largest}
     found = {path: _readings(one) for path, one in words.items()}
     _read_beginnings(words, found)
     shared = _shared(list(words.values()))
@@ -210,7 +215,34 @@ def read_names(paths: Sequence[Path], is_grey: Callable[[Path], bool | None]) ->
     claims, several = _claims(chosen, {path: one[2] for path, one in options.items()})
     previews = tuple(path for path in unknown if _is_preview(words[path]) or path in bare)
     rest = tuple(path for path in unknown if path not in previews)
-    return Named(claims, rest, previews, doubts, layouts, several)
+    return Named(claims, rest, previews, doubts, layouts, several, smaller)
+
+
+def _largest(paths: Sequence[Path]) -> tuple[list[Path], tuple[Path, ...]]:
+    """Files without those that are there with more pixels, as ``x_1K_d.png`` beside ``x_2K_d.png``; and those."""
+    named: dict[tuple[str, ...], dict[int, list[Path]]] = {}
+    for path in paths:
+        words = words_of(stem_of(path))
+        sizes = [size for word in words if (size := _pixels(word))]
+        rest = tuple(word for word in words if not _pixels(word) and word not in _FORMATS)
+        named.setdefault(rest, {}).setdefault(max(sizes, default=0), []).append(path)
+    kept = [
+        path
+        for sizes in named.values()
+        for size, files in sizes.items()
+        for path in files
+        if size in (0, max(sizes))
+    ]
+    return sorted(kept), tuple(path for path in paths if path not in kept)
+
+
+def _pixels(word: str) -> int:
+    """The side that a word of a name says, as ``2k``, ``2048`` or ``2048x2048``, px; 0 of other words."""
+    found = re.fullmatch(r"(\d+)k|(\d{3,5})(?:x\d{3,5})?", word)
+    if found is None:
+        return 0
+    side = 1024 * int(found[1]) if found[1] else int(found[2])
+    return side if side.bit_count() == 1 else 0
 
 
 def several_materials(paths: Sequence[Path], is_grey: Callable[[Path], bool | None]) -> dict[str, Named]:
@@ -219,12 +251,14 @@ def several_materials(paths: Sequence[Path], is_grey: Callable[[Path], bool | No
     Each has an albedo and other maps.
     """
     groups: dict[str, list[Path]] = {}
-    for path in paths:
+    smaller = _largest(whole_files(paths))[1]
+    for path in (one for one in paths if one not in smaller):
         words = words_of(stem_of(path))
         if (start := _beginning(words)) is not None:
-            letters = [place for place, letter in enumerate(path.name) if letter.isascii() and letter.isalnum()]
+            name = unicodedata.normalize("NFC", path.name)
+            letters = [place for place, letter in enumerate(name) if letter.isalnum()]
             length = len("".join(words[:start]))
-            groups.setdefault(path.name[: letters[length - 1] + 1] if length else "", []).append(path)
+            groups.setdefault(name[: letters[length - 1] + 1] if length else "", []).append(path)
     named = {name: read_names(files, is_grey) for name, files in groups.items() if name}
     whole = {name: one for name, one in named.items() if "albedo" in one.claims and len(one.claims) > 1}
     return whole if len(whole) > 1 else {}
@@ -324,7 +358,7 @@ def _score(some: Sequence[Reading], prefixed: Mapping[str, int]) -> tuple[int, b
     """How well readings go together: conflicts, an albedo, what one layout explains, what is rare."""
     plain = [one.planes[0] for one in some if one.is_plain]
     conflicts = len(plain) - len(set(plain))
-    has_albedo = "albedo" in plain
+    has_albedo = any("albedo" in one.roles for one in some)
     return -conflicts, has_albedo, max(_explained(some, prefixed).values()), -sum(one.rare for one in some)
 
 
@@ -347,11 +381,11 @@ def _claims(
     """Role to files, those first that hold it alone and as it is; and roles that several files are named as."""
     found: dict[str, list[Claim]] = {}
     for path, reading in chosen.items():
-        for letter, plane in zip(_LETTERS, reading.planes, strict=False):
+        for plane in filter(None, dict.fromkeys(reading.planes)):
             role, inverted = role_of(plane)
-            if role:
-                place = letter if len(reading.planes) > 1 else ""
-                found.setdefault(role, []).append(Claim(str(path), place, inverted, greens.get(path, "")))
+            is_channel = len(reading.planes) > 1 and reading.planes.count(plane) == 1
+            place = _LETTERS[reading.planes.index(plane)] if is_channel else ""
+            found.setdefault(role, []).append(Claim(str(path), place, inverted, greens.get(path, "")))
     if "bump" in found and "height" not in found:
         found["height"] = found.pop("bump")
     several = {}

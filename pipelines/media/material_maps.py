@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -192,6 +192,22 @@ def with_x_in_alpha(one: Map, levels: np.ndarray) -> np.ndarray:
         for place in (0, 2)
     )
     return np.dstack([red, levels[..., 1], blue, levels[..., 0]])
+
+
+def unread(one: Map, used: Collection[str]) -> dict[str, float | str]:
+    """Channels of a map's file that are not ``used`` and hold nothing: their value, or the one they repeat."""
+    found: dict[str, float | str] = {}
+    try:
+        planes = dict(zip(one.file_channels, np.moveaxis(_decoded(one).pixels, 2, 0), strict=True))
+    except (Refusal, OSError):
+        return found
+    for name in set(planes) - set(used):
+        plane = planes[name]
+        if np.ptp(plane) <= _FLAT:
+            found[name] = float(plane[0, 0])
+        elif alike := [other for other in used if np.abs(planes[other] - plane).max() <= _FLAT]:
+            found[name] = alike[0]
+    return found
 
 
 def stored_vectors(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 3"]:

@@ -186,7 +186,11 @@ def files_of(reference: str) -> list[Path]:
     path = Path(reference)
     if path.is_dir():
         names = read_names(pictures_in(path), lambda _: None)
-        of_maps = [one for one in whole_files(pictures_in(path)) if one not in {*names.unknown, *names.previews}]
+        of_maps = [
+            one
+            for one in whole_files(pictures_in(path))
+            if one not in {*names.unknown, *names.previews, *names.smaller}
+        ]
         return [file for one in of_maps for file in (tiles_of(one).files if is_tiled(str(one)) else (one,))]
     named, _, _ = _of_yaml(path)
     return [picture_files.locate(given.reference) for files in named.values() for given in files]
@@ -227,6 +231,8 @@ def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
     notes = []
     if named.unknown:
         notes.append(f"{', '.join(path.name for path in named.unknown)} ignored: the name is that of no map")
+    if named.smaller:
+        notes.append(_told_of_smaller(named.smaller))
     companions = [path.name for path in named.previews]
     others = sorted(path.name for path in folder.iterdir() if not path.is_dir() and path not in pictures)
     if unread := told_of_unread(name for name in others if not name.startswith(".")):
@@ -254,6 +260,11 @@ def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
         names = ", ".join(LAYOUTS[name].title for name in named.layouts)
         return found, {"green": green, "implied": names}, notes
     return found, {}, notes
+
+
+def _told_of_smaller(files: Sequence[Path]) -> str:
+    listed = ", ".join(path.name for path in files[:_LISTED]) + (", ..." if len(files) > _LISTED else "")
+    return f"{listed} not read: the same maps are there with more pixels; a YAML file of maps may list these"
 
 
 def told_of_several(folder: Path) -> str:

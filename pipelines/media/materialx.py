@@ -51,6 +51,11 @@ class BoundMap:
     """what the values of a height map mean"""
 
 
+def identifier(name: str) -> str:
+    """The name of a material where only ASCII may stand, in USD and MaterialX: other letters by their numbers."""
+    return "".join(one if one.isascii() else f"u{ord(one):04x}" for one in name)
+
+
 def document(
     name: str,
     maps: Sequence[BoundMap],
@@ -61,10 +66,11 @@ def document(
     width: float | None = None,
     wraps: Wraps = TORUS,
 ) -> str:
-    """The document of a material called ``name``, as text; maps of other roles than the shader has are left out.
+    """The document of a material called ``name`` as text; maps of other roles than the shader has are left out.
 
     Parameters
     ----------
+    name : see `identifier`.
     size : height and width of the texture, m. It becomes the size of images and, as one UV unit has it, of a tile.
     shader : ``gltf_pbr`` or ``standard_surface``.
     color_space : of colours that are not in sRGB, by the name of `texloom.pipelines.media.color_spaces`.
@@ -75,6 +81,7 @@ def document(
     """
     import MaterialX
 
+    name = identifier(name)
     made = MaterialX.createDocument()
     made.setColorSpace("lin_rec709")
     node = made.addNode(shader, f"{name}_shader", "surfaceshader")

@@ -60,7 +60,10 @@ def tiles_of(path: Path) -> Tiles:
     wanted = list(areas(rows, columns, rows, columns))
     if missing := sorted(set(wanted) - set(found)):
         listed = ", ".join(map(str, missing[:8])) + (", ..." if len(missing) > 8 else "")
-        raise ValueError(f"tiles are missing: {listed}; they have to fill {columns} x {rows} from {_FIRST}")
+        raise ValueError(
+            f"tiles are missing: {listed}; they have to fill {columns} x {rows} from {_FIRST}; move those beyond "
+            f"the gap away, or list one tile of each map in a YAML file, as {found[min(found)].name}"
+        )
     return Tiles(rows, columns, tuple(found[number] for number in wanted))
 
 

@@ -7,6 +7,7 @@ import hashlib
 import json
 import logging
 import re
+import unicodedata
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -33,8 +34,8 @@ _LOG = logging.getLogger(__name__)
 
 
 def material_name(text: str) -> str:
-    """``text`` as the name of a material: letters, digits and _, a letter first."""
-    name = re.sub(r"[^A-Za-z0-9_]+", "_", text).strip("_")[:_MAX_NAME]
+    """``text`` as the name of a material: letters of any script (NFC), digits and _, a letter first."""
+    name = re.sub(r"\W+", "_", unicodedata.normalize("NFC", text)).strip("_")[:_MAX_NAME]
     return name if name[:1].isalpha() else f"material_{name}".rstrip("_")
 
 

@@ -21,7 +21,7 @@ from texloom.pipelines.media.material_export import (
     keep_codes,
     with_unit_normals,
 )
-from texloom.pipelines.media.material_maps import Map, holds_vectors, with_x_in_alpha
+from texloom.pipelines.media.material_maps import Map, holds_vectors, unread, with_x_in_alpha
 from texloom.pipelines.media.picture_facts import is_in_blocks
 from texloom.pipelines.media.relief import relief_of
 from texloom.pipelines.media.writers.encodings import can_encode, encoded
@@ -41,7 +41,8 @@ def write_same(
 ) -> dict[str, str]:
     """Write the maps of an image into a folder, made if need be, in files as those of ``like``.
 
-    Planes of packed files that hold no map of the image are white. What is not written is told.
+    Planes of packed files that hold no map of the image are what they were if that is one value or another plane,
+    else white, which is told, as is what is not written.
 
     Returns
     -------
@@ -93,24 +94,32 @@ def _values(image: Image, held: Sequence[Map], delivery: Delivery) -> np.ndarray
     most = 1 if is_float else 2**first.bits - 1
     dtype = np.float32 if is_float else np.uint8 if first.bits == 8 else np.uint16
     values = np.full((image.height, image.width, len(first.file_channels)), most, dtype)
-    left = [name for name in first.file_channels if first.plane and name not in {one.plane for one in held}]
+    planes = {one.plane for one in held}
+    kept = unread(first, planes) if all(planes) else {}
+    left = [name for name in first.file_channels if all(planes) and name not in {*planes, *kept}]
     if left:
         _LOG.warning("%s: %s written white", Path(first.reference).name, ", ".join(left))
     for one in held:
         names = channels_of(one.role, image.channels)
-        planes = _floats(image, names, one, delivery) if is_float else codes_of(
+        codes = _floats(image, names, one, delivery) if is_float else codes_of(
             image, names, one.role, one.bits, one.directx
         )  # fmt: skip
         if one.role == "normal" and not is_float:
-            planes = with_x_in_alpha(one, planes)
-            keep_codes(planes, image, one)
-        planes = most - planes if one.inverted else planes
+            codes = with_x_in_alpha(one, codes)
+            keep_codes(codes, image, one)
+        codes = most - codes if one.inverted else codes
         if one.plane:
             places = [one.file_channels.index(one.plane)]
         else:
             colors = [place for place, name in enumerate(one.file_channels) if name != "A"]
-            places = [*range(len(one.file_channels))] if planes.shape[2] == len(one.file_channels) else colors
-        values[..., places] = planes[..., : len(places)] if planes.shape[2] >= len(places) else planes[..., :1]
+            places = [*range(len(one.file_channels))] if codes.shape[2] == len(one.file_channels) else colors
+        values[..., places] = codes[..., : len(places)] if codes.shape[2] >= len(places) else codes[..., :1]
+    for name, held_there in kept.items():
+        if isinstance(held_there, str):
+            constant = values[..., first.file_channels.index(held_there)]
+        else:
+            constant = np.asarray(held_there if is_float else round(most * held_there))
+        values[..., first.file_channels.index(name)] = constant
     return values
 
 

@@ -12,7 +12,7 @@ from pathlib import PurePosixPath
 import numpy as np
 
 from texloom.pipelines.media.delivery import Delivery
-from texloom.pipelines.media.materialx import BoundMap
+from texloom.pipelines.media.materialx import BoundMap, identifier
 from texloom.stages.common.surface.mesh import indexed, width_of
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.facts import TORUS, Wraps
@@ -43,12 +43,13 @@ def stage(
 
     Parameters
     ----------
-    name : of the material, a USD identifier.
+    name : of the material, see `identifier`.
     maps : files relative to the stage.
     image : gives the proportions of the plane; its longer side is 1 m without a texel size.
     up : what references to files begin with.
     mesh : what the image lies on, see `texloom.stages.vocabulary.arrays.Mesh`, m; None: the plane.
     """
+    name = identifier(name)
     height, width = delivery.size(image.height, image.width) or (
         image.height / max(image.height, image.width),
         image.width / max(image.height, image.width),
@@ -184,6 +185,6 @@ def _texture(name: str, one: BoundMap, displacement: tuple[float, float], up: st
 
 
 def _path(file: str) -> str:
-    if "@" in file or json.dumps(file) != f'"{file}"':
+    if "@" in file or json.dumps(file, ensure_ascii=False) != f'"{file}"':
         raise ValueError(f"{file!r} cannot be named in USD")
     return str(PurePosixPath(file))

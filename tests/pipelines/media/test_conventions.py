@@ -151,6 +151,48 @@ def test_maps_of_several_materials_are_refused_with_what_each_would_be(tmp_path:
     assert "a_wall.yaml {albedo: a_wall_d.png, normal: a_wall_n.png}" in str(raised.value)
 
 
+def test_names_of_any_script_tell_materials_apart(tmp_path: Path) -> None:
+    names = ("石_d", "石_n", "木_d", "木_n")
+    with pytest.raises(InputError, match=r"石\.yaml {albedo: 石_d\.png, normal: 石_n\.png}"):
+        open_source("exemplar", str(folder_of(tmp_path, *names, colored=" ".join(names))))
+
+
+def test_of_several_resolutions_the_largest_is_read(tmp_path: Path) -> None:
+    names = ("s_058_1K-JPG_Color", "s_058_1K-JPG_Roughness", "s_058_2K-PNG_Color", "s_058_2K-PNG_NormalGL")
+    folder = folder_of(tmp_path, *names, colored="s_058_1K-JPG_Color s_058_2K-PNG_Color s_058_2K-PNG_NormalGL")
+    source = open_source("exemplar", str(folder))
+    assert [one.stem for one in source.maps] == [names[2], names[3], names[1]]
+    assert "s_058_1K-JPG_Color.png not read: the same maps are there with more pixels" in source.notes[0]
+
+
+@pytest.mark.parametrize("name", ["AlbedoSmoothness", "diffuse_gloss", "SpecularSmoothness", "normal_roughness"])
+def test_a_map_in_the_alpha_of_another_is_read_and_written_back(
+    tmp_path: Path, rng: np.random.Generator, name: str
+) -> None:
+    folder = folder_of(tmp_path, "s_color" if name[0] in "Sn" else "s_normal", colored="s_color s_normal")
+    both = rng.integers(100, 256, (*SIDES, 4)).astype(np.uint8)
+    assert cv2.imwrite(str(folder / f"s_{name}.png"), both)
+    source = open_source("exemplar", str(folder))
+    roughness = next(one for one in source.maps if one.role == "roughness")
+    assert (roughness.stem, roughness.plane, roughness.inverted) == (f"s_{name}", "A", "rough" not in name)
+    write_same(source.read(), tmp_path / "out", source.maps, Delivery("same"), {})
+    again = cv2.imread(str(tmp_path / "out" / f"s_{name}.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(again, both)
+
+
+def test_channels_that_hold_nothing_are_written_back(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    folder = folder_of(tmp_path, "s_albedo", "s_MetallicSmoothness", "s_orm", colored="s_albedo")
+    grey = cv2.imread(str(folder / "s_orm.png"))
+    packed = np.dstack([grey[..., 0] * 0 + 99, *[grey[..., 0]] * 2, 255 - grey[..., 0]])
+    assert cv2.imwrite(str(folder / "s_MetallicSmoothness.png"), packed)
+    (folder / "s_orm.png").unlink()
+    source = open_source("exemplar", str(folder))
+    write_same(source.read(), tmp_path / "out", source.maps, Delivery("same"), {})
+    again = cv2.imread(str(tmp_path / "out" / "s_MetallicSmoothness.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(again, packed)
+    assert not caplog.text
+
+
 def test_names_in_doubt_are_refused_with_what_they_may_be(tmp_path: Path) -> None:
     folder = folder_of(tmp_path, "s_d", "s_n", "s_m", colored="s_d s_n")
     with pytest.raises(InputError) as caught:

@@ -47,7 +47,10 @@ def test_refusals(tmp_path: Path) -> None:
     assert problem(name) == "there are no tiles, such as wood.1001.png"
     tile(tmp_path, 1001, 0)
     tile(tmp_path, 1012, 0)
-    assert problem(name) == "tiles are missing: 1002, 1011; they have to fill 2 x 2 from 1001"
+    assert problem(name) == (
+        "tiles are missing: 1002, 1011; they have to fill 2 x 2 from 1001; move those beyond the gap away, or list "
+        "one tile of each map in a YAML file, as wood.1001.png"
+    )
     (tmp_path / "wood.1012.png").unlink()
     tile(tmp_path, 1002, 0, (8, 8))
     assert problem(name) == "wood.1002.png has another size, channels or bits than wood.1001.png"

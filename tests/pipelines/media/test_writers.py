@@ -440,10 +440,19 @@ def test_udim_tiles_continue_each_other(image: Image, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("text", "name"),
-    [("moss", "moss"), ("Rough stone, 2K", "Rough_stone_2K"), ("007", "material_007"), ("", "material")],
+    [
+        *(("moss", "moss"), ("Rough stone, 2K", "Rough_stone_2K"), ("007", "material_007"), ("", "material")),
+        *(("石垣 2K", "石垣_2K"), ("Blo\u0308cke", "Bl\u00f6cke")),
+    ],
 )
-def test_names_of_materials(text: str, name: str) -> None:
+def test_names_of_materials(image: Image, tmp_path: Path, text: str, name: str) -> None:
     assert material_name(text) == name
+    for layout in ("blender", "materialx"):
+        write_layout(image, tmp_path, name, Delivery(layout), {})
+    material = validated(tmp_path / f"{name}.mtlx").getNodes("surfacematerial")[0]
+    assert f'defaultPrim = "{material.getName()}"' in (tmp_path / f"{name}.usda").read_text()
+    assert material.getName().isascii()
+    assert f"@{name}_base_color.png@" in (tmp_path / f"{name}.usda").read_text()
 
 
 def test_options() -> None:
