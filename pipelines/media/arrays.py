@@ -17,7 +17,7 @@ import numpy as np
 from texloom.pipelines.media import contradictions, locate, material_set
 from texloom.pipelines.media.headers import Refusal
 from texloom.pipelines.media.map_names import recognised, recognised_plane
-from texloom.pipelines.media.material_set import HEIGHT_UNIT
+from texloom.pipelines.media.material_yaml import HEIGHT_UNIT
 from texloom.pipelines.media.sources import Source
 from texloom.pipelines.media.stack import ROLE
 from texloom.pipelines.store.atomic import file_digest, write_atomically

@@ -16,12 +16,9 @@ from pathlib import Path
 
 from texloom.pipelines.media import udim
 from texloom.pipelines.media.conventions import COLORS, CONVENTION_OF, LAYOUTS, role_of
+from texloom.pipelines.media.name_words import JUNK, largest, stem_of, trimmed, words_of
 
 _GREEN = {"gl": "up", "opengl": "up", "ogl": "up", "dx": "down", "directx": "down"}
-_JUNK = re.compile(
-    r"\d+k?|\d+k?(?:jpg|png|exr|tif)|\d+x\d+|\d+bit|var\d+|lod\d+|jpg|jpeg|png|tif|tiff|exr|raw|srgb|linear"
-)
-_FORMATS = ("jpg", "jpeg", "png", "tif", "tiff", "exr")
 _NOUNS = ("map", "maps", "tex", "texture")
 _PREVIEW = re.compile(r"(?:preview|thumb|thumbnail|render|sphere|cube)\d*")
 _DEEP = re.compile(r"[a-z](?:16|32)(?![a-z0-9])|(?<![a-z0-9])(?:16|32)-?bit")
@@ -107,13 +104,6 @@ class Named:
         return next(iter(greens)) if len(greens) == 1 else ""
 
 
-def words_of(name: str) -> list[str]:
-    """The words of a file's name, in lower case."""
-    whole = re.sub("OpenGL|DirectX", lambda found: f"_{found[0].lower()}_", unicodedata.normalize("NFC", name))
-    parted = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", whole)
-    return [word.lower() for word in re.split(r"[\W_]+", parted) if word]
-
-
 def recognised(name: str) -> tuple[str, str | None] | None:
     """The role in one name, and the convention of a normal map if it is there; None without one role."""
     found = recognised_plane(name)
@@ -151,17 +141,9 @@ def _table() -> Mapping[str, tuple[Reading, ...]]:
     }
 
 
-def _trimmed(words: list[str]) -> list[str]:
-    """Without sizes, formats and variants at the end."""
-    count = len(words)
-    while count and _JUNK.fullmatch(words[count - 1]):
-        count -= 1
-    return words[:count]
-
-
 def _readings(name: str | list[str]) -> tuple[str, tuple[Reading, ...], str] | None:
     """The suffix of a name, what it may mean, and where green points by it."""
-    words = _trimmed(words_of(name) if isinstance(name, str) else name)
+    words = trimmed(words_of(name) if isinstance(name, str) else name)
     green = _GREEN.get(words[-1], "") if words else ""
     if green:
         words = words[:-1]
@@ -179,7 +161,7 @@ def _suffixes(words: list[str]) -> Iterator[str]:
     """What a name ends in, the longest first; then without such a noun as map, or digits, as of ``disp16``."""
     shorter = list(words)
     while shorter and shorter[-1] in _NOUNS:
-        shorter = _trimmed(shorter[:-1])
+        shorter = trimmed(shorter[:-1])
     for some in (words, shorter) if shorter != words else (words,):
         for count in range(min(_LONGEST, len(some)), 0, -1):
             yield "".join(some[-count:])
@@ -196,8 +178,8 @@ def read_names(paths: Sequence[Path], is_grey: Callable[[Path], bool | None]) ->
     ----------
     is_grey : whether a picture is grey; nothing where that cannot be known.
     """
-    largest, smaller = _largest(whole_files(paths))
-    words = {path: words_of(stem_of(path)) for path in largest}
+    kept, smaller = largest(whole_files(paths))
+    words = {path: words_of(stem_of(path)) for path in kept}
     found = {path: _readings(one) for path, one in words.items()}
     _read_beginnings(words, found)
     shared = _shared(list(words.values()))
@@ -208,7 +190,7 @@ def read_names(paths: Sequence[Path], is_grey: Callable[[Path], bool | None]) ->
     unknown = [path for path in words if path not in options]
     chosen, doubts, layouts = _decided(options, is_grey)
     # as in Minecraft's resource packs: stone.png, stone_n.png
-    bare = [path for path in unknown if _trimmed(words[path]) == _trimmed(shared)]
+    bare = [path for path in unknown if trimmed(words[path]) == trimmed(shared)]
     if len(bare) == 1 and chosen and not any("albedo" in one.roles for one in chosen.values()):
         chosen[bare[0]] = Reading(("albedo",), frozenset(), rare=False)
         unknown.remove(bare[0])
@@ -218,40 +200,13 @@ def read_names(paths: Sequence[Path], is_grey: Callable[[Path], bool | None]) ->
     return Named(claims, rest, previews, doubts, layouts, several, smaller)
 
 
-def _largest(paths: Sequence[Path]) -> tuple[list[Path], tuple[Path, ...]]:
-    """Files without those that are there with more pixels, as ``x_1K_d.png`` beside ``x_2K_d.png``; and those."""
-    named: dict[tuple[str, ...], dict[int, list[Path]]] = {}
-    for path in paths:
-        words = words_of(stem_of(path))
-        sizes = [size for word in words if (size := _pixels(word))]
-        rest = tuple(word for word in words if not _pixels(word) and word not in _FORMATS)
-        named.setdefault(rest, {}).setdefault(max(sizes, default=0), []).append(path)
-    kept = [
-        path
-        for sizes in named.values()
-        for size, files in sizes.items()
-        for path in files
-        if size in (0, max(sizes))
-    ]
-    return sorted(kept), tuple(path for path in paths if path not in kept)
-
-
-def _pixels(word: str) -> int:
-    """The side that a word of a name says, as ``2k``, ``2048`` or ``2048x2048``, px; 0 of other words."""
-    found = re.fullmatch(r"(\d+)k|(\d{3,5})(?:x\d{3,5})?", word)
-    if found is None:
-        return 0
-    side = 1024 * int(found[1]) if found[1] else int(found[2])
-    return side if side.bit_count() == 1 else 0
-
-
 def several_materials(paths: Sequence[Path], is_grey: Callable[[Path], bool | None]) -> dict[str, Named]:
     """The materials of a folder by what the names of their files begin with; empty where there are not several.
 
     Each has an albedo and other maps.
     """
     groups: dict[str, list[Path]] = {}
-    smaller = _largest(whole_files(paths))[1]
+    smaller = largest(whole_files(paths))[1]
     for path in (one for one in paths if one not in smaller):
         words = words_of(stem_of(path))
         if (start := _beginning(words)) is not None:
@@ -273,7 +228,7 @@ def of_other_beginning(first: Path, others: Sequence[Path]) -> list[Path]:
 def _name_of_material(path: Path) -> str:
     words = words_of(stem_of(path))
     start = words[: _beginning(words) or 0]
-    return "".join(word for word in start if len(word) > 1 and not _JUNK.fullmatch(word))
+    return "".join(word for word in start if len(word) > 1 and not JUNK.fullmatch(word))
 
 
 def _beginning(words: list[str]) -> int | None:
@@ -287,11 +242,6 @@ def _beginning(words: list[str]) -> int | None:
 def whole_files(paths: Sequence[Path]) -> list[Path]:
     """Files by name, with the UDIM tiles of a map as one, see `texloom.pipelines.media.udim`."""
     return sorted(udim.joined(paths, lambda stem: _readings(stem) is not None))
-
-
-def stem_of(path: Path) -> str:
-    """A file's name without suffix, and without the mark of UDIM tiles."""
-    return Path(udim.plain_name(path.name)).stem
 
 
 def shared_words(paths: Sequence[Path]) -> list[str]:

@@ -24,9 +24,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from texloom.pipelines.errors import hint, shown
 from texloom.pipelines.media import locate as picture_files
-from texloom.pipelines.media.conventions import COLORS, CONVENTION_OF, CONVENTIONS, LAYOUTS, ROLES
+from texloom.pipelines.media.conventions import COLORS, CONVENTIONS, LAYOUTS, ROLES
 from texloom.pipelines.media.formats import SUFFIXES, is_unread, told_of_unread
 from texloom.pipelines.media.headers import Refusal
 from texloom.pipelines.media.known_files import Inspected
@@ -38,23 +37,18 @@ from texloom.pipelines.media.map_names import (
     recognised_plane,
     several_materials,
     shared_words,
-    stem_of,
     whole_files,
-    words_of,
 )
 from texloom.pipelines.media.material_maps import GREY, Map
+from texloom.pipelines.media.material_yaml import HEIGHT_UNIT, of_yaml
+from texloom.pipelines.media.name_words import stem_of, words_of
 from texloom.pipelines.media.udim import is_tiled, tiles_of
-from texloom.pipelines.yaml import read_document
-from texloom.stages.vocabulary.declare import InputError
-from texloom.stages.vocabulary.facts import UNITS, Facts
+from texloom.stages.vocabulary.facts import Facts
 from texloom.stages.vocabulary.masks import USABLE
 from texloom.stages.vocabulary.normals import NORMAL
 from texloom.stages.vocabulary.sizes import format_size
 
 _IN_COLOR = (*COLORS, "specular")
-HEIGHT_UNIT = "height_unit"
-"""the key of a YAML file that says the unit of heights"""
-_KEYS = ("normal_convention", HEIGHT_UNIT, "resample")
 _YAML = (".yaml", ".yml")
 _LISTED = 4  # files in a note
 
@@ -130,7 +124,7 @@ def open_set(reference: str) -> tuple[tuple[Map, ...], tuple[str, ...]]:
     Refusal : there is no albedo, a role has several files, names leave doubt, a file cannot be read, sizes differ.
     """
     path = Path(reference)
-    named, settings, notes = _of_folder(path) if path.is_dir() else _of_yaml(path)
+    named, settings, notes = _of_folder(path) if path.is_dir() else (*of_yaml(path), [])
     if "albedo" not in named:
         listed = f", which are {', '.join(named)}" if named else ""
         raise Refusal(f"has no albedo among its maps{listed}; {_proposal(path, named)}")
@@ -192,7 +186,7 @@ def files_of(reference: str) -> list[Path]:
             if one not in {*names.unknown, *names.previews, *names.smaller}
         ]
         return [file for one in of_maps for file in (tiles_of(one).files if is_tiled(str(one)) else (one,))]
-    named, _, _ = _of_yaml(path)
+    named, _ = of_yaml(path)
     return [picture_files.locate(given.reference) for files in named.values() for given in files]
 
 
@@ -308,57 +302,6 @@ def _yaml_of(given: Claim) -> str:
         return name
     channel = f", channel: {given.plane}" if given.plane else ""
     return f"{{file: {name}{channel}, invert: {str(given.inverted).lower()}}}"
-
-
-def _of_yaml(path: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
-    try:
-        document = read_document(path)
-    except InputError as error:
-        raise Refusal(str(error).removeprefix(f"{path}: ")) from None
-    if not isinstance(document, dict):
-        raise Refusal(f"must map the names of maps to files, got {shown(document)}")
-    named: dict[str, list[Claim]] = {}
-    settings: dict[str, Any] = {}
-    for key, value in document.items():
-        if key in _KEYS:
-            settings[key] = value
-            continue
-        plane = recognised_plane(key) if isinstance(key, str) else None
-        if plane is None:
-            known = [*ROLES, *_KEYS]
-            raise Refusal(f"{shown(key)} is no map{hint(str(key), known)}")
-        role, inverted, green = plane
-        given = _of_entry(key, value, path.parent)
-        if role in named:
-            raise Refusal(f"{key}: there is a file for {role} already")
-        named[role] = [dataclasses.replace(given, inverted=given.inverted != inverted)]
-        if green:
-            settings.setdefault("normal_convention", CONVENTION_OF[green])
-    if "bump" in named and "height" not in named:
-        named["height"] = named.pop("bump")
-    convention, resample = settings.get("normal_convention"), settings.get("resample", True)
-    if convention not in (None, *CONVENTIONS):
-        raise Refusal(f"normal_convention: must be opengl or directx, got {shown(convention)}")
-    if (unit_of_height := settings.get(HEIGHT_UNIT)) not in (None, *UNITS):
-        raise Refusal(f"{HEIGHT_UNIT}: must be one of {', '.join(UNITS)}, got {shown(unit_of_height)}")
-    if not isinstance(resample, bool):
-        raise Refusal(f"resample: must be true or false, got {shown(resample)}")
-    return named, settings, []
-
-
-def _of_entry(key: str, value: Any, folder: Path) -> Claim:
-    """A file, or ``{file: x.png, channel: G, invert: true}``, of a YAML file in ``folder``."""
-    entry = value if isinstance(value, dict) and "file" in value else {"file": value}
-    if other := next((one for one in entry if one not in ("file", "channel", "invert")), None):
-        raise Refusal(f"{key}: {shown(other)} unknown; there are file, channel and invert")
-    file, channel, invert = entry.get("file"), entry.get("channel", ""), entry.get("invert", False)
-    if not isinstance(file, str) or not file:
-        raise Refusal(f"{key}: must be a file, got {shown(value)}")
-    if not isinstance(channel, str):
-        raise Refusal(f"{key}.channel: must be the name of a channel, such as R, got {shown(channel)}")
-    if not isinstance(invert, bool):
-        raise Refusal(f"{key}.invert: must be true or false, got {shown(invert)}")
-    return Claim(str(folder / file) if picture_files.is_path(file) else file, channel, invert)
 
 
 def _inspected(reference: str, role: str) -> Inspected:
