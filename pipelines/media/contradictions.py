@@ -16,6 +16,7 @@ from jaxtyping import Float32
 
 from texloom.pipelines.media import known_files, locate, material_maps
 from texloom.pipelines.media.conventions import COLORS, CONVENTION_OF
+from texloom.pipelines.media.curves import told_of_curves
 from texloom.pipelines.media.material_maps import Map
 from texloom.pipelines.media.plausibility import decisive_green, plausible_green, plausible_integrable_green
 from texloom.stages.vocabulary.arrays import Image
@@ -23,7 +24,7 @@ from texloom.stages.vocabulary.color import linear_from_srgb, srgb_from_linear
 from texloom.stages.vocabulary.masks import HALF
 from texloom.stages.vocabulary.normals import NORMAL, rebuilt
 
-_VERSION = "4"  # raised when other lines are told of the same files
+_VERSION = "5"  # raised when other lines are told of the same files
 _EMPTY = 2 / 255  # largest difference in a channel that holds nothing
 _OFF = 0.1  # of unit length
 _MANY = 0.1  # share of pixels
@@ -89,19 +90,29 @@ def _found(maps: Sequence[Map]) -> tuple[str, ...]:
     together = [pair for pair in _COMPARED if pair <= set(by_role)]
     normal = by_role.get("normal")
     roles = set().union(*together, [] if normal is None else ["normal"])
+    codes = dict(_codes(maps))
     if not roles:
-        return ()
+        return tuple(told_of_curves(codes))
     measured = tuple(one for one in maps if one.role in roles)  # the others need not be decoded
     image = material_maps.read(measured, maps[0].height, maps[0].width)
     is_depth = "height" in by_role and by_role["height"].inverted
+    curves = tuple(told_of_curves(codes, image, is_depth))
     if normal is None:
-        return tuple(contradictions(image, None))
+        return (*contradictions(image, None), *curves)
     pixels = locate.decode(normal.reference, normal.digest, data=True).pixels
     raw, has_x_in_alpha = material_maps.stored_vectors(normal, pixels), material_maps.has_x_in_alpha(pixels)
     if not has_x_in_alpha:
-        return tuple(contradictions(image, raw, is_depth))
+        return (*contradictions(image, raw, is_depth), *curves)
     told = "normal: x is read from alpha, y from green (DXT5nm), and z was rebuilt from them"
-    return (told, *contradictions(image, None, is_depth))
+    return (told, *contradictions(image, None, is_depth), *curves)
+
+
+def _codes(maps: Sequence[Map]) -> Iterator[tuple[str, np.ndarray]]:
+    """Roles and integers of files of 8 bits that hold data, one value a pixel, as they are stored."""
+    for one in maps:
+        if one.bits == 8 and one.channels == (one.role,) and one.facts.range is None:
+            values = material_maps.read((one,), one.height, one.width).pixels[..., 0]
+            yield one.role, np.rint(255 * (1 - values if one.inverted else values)).astype(np.uint8)
 
 
 def _excluded(albedo: Map) -> Iterator[str]:

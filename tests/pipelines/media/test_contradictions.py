@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.media.writers.same import write_same
-from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.color import linear_from_srgb, srgb_from_linear
 
 SIDES = (96, 112)
 
@@ -192,3 +192,29 @@ def test_normals_through_a_curve_and_pictures_that_are_none(tmp_path: Path) -> N
     )
     inside = normal * [1, 1, -1]
     assert any("z is not positive in 100 %" in note for note in told(tmp_path / "inside", inside))
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("role", ["height", "depth"])
+def test_heights_through_a_curve_by_their_slopes(tmp_path: Path, bits: int, role: str) -> None:
+    height, normal = surface()
+    stored = height if role == "height" else 1 - height
+    told(tmp_path / "a", normal, **{role: stored})
+    most = 2**bits - 1
+    for curve, what in ((srgb_from_linear, "put on"), (linear_from_srgb, "taken off"), (np.asarray, "")):
+        codes = np.rint(np.asarray(curve(stored)) * most).astype(np.uint8 if bits == 8 else np.uint16)
+        assert cv2.imwrite(str(tmp_path / "a" / f"{role}.png"), codes)
+        found = [note for note in open_source("exemplar", str(tmp_path / "a")).notes if "sRGB curve" in note]
+        assert len(found) == bool(what)
+        assert all(f"height: an sRGB curve seems to have been {what} (slopes fit" in note for note in found)
+
+
+def test_data_through_a_curve_by_their_levels(tmp_path: Path) -> None:
+    height, _ = surface()
+    levels = np.rint((0.1 + 0.8 * height) * 255) / 255
+    for curve, what in ((srgb_from_linear, "put on"), (linear_from_srgb, "taken off")):
+        found = told(tmp_path / what, roughness=np.asarray(curve(levels)), metallic=levels)
+        assert list(found) == [
+            f"roughness: an sRGB curve seems to have been {what} (some levels hold twice the pixels of others, as "
+            "such a curve leaves them); save it again as raw data"
+        ]
