@@ -35,7 +35,7 @@ def about_picture(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: {error}") from None
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
-    return {**_known(image), "bits": seen.bits, **({} if role is None else {"role": role[0]})}
+    return {**_known(image, seen.texel_size), "bits": seen.bits, **({} if role is None else {"role": role[0]})}
 
 
 def about_material(reference: Path) -> dict[str, Any]:
@@ -52,13 +52,14 @@ def about_material(reference: Path) -> dict[str, Any]:
             raise Refusal(problem)
         opened, more = contradictions.checked(opened)
         image = material_maps.read(opened, opened[0].height, opened[0].width)
+        texel_size = locate.inspect(opened[0].reference).texel_size
         notes = (*notes, *more)
     except Refusal as error:
         raise InputError(one_line(f"{reference}: {error}")) from None
     except OSError as error:
         raise InputError(f"{reference}: {error.strerror or error}") from None
     files = {one.role: _about_map(one) for one in opened}
-    return {**_known(image), "files": files, **({"notes": list(notes)} if notes else {})}
+    return {**_known(image, texel_size), "files": files, **({"notes": list(notes)} if notes else {})}
 
 
 def _about_map(one: Map) -> dict[str, Any]:
@@ -67,14 +68,15 @@ def _about_map(one: Map) -> dict[str, Any]:
     return {**file, **{name: value for name, value in said.items() if value}}
 
 
-def _known(image: Image) -> dict[str, Any]:
+def _known(image: Image, texel_size: float | None) -> dict[str, Any]:
     """What texloom has written into the file, names or YAML say of maps, and what is measured.
 
     ``wraps``: ``x``, ``y`` or ``both``, and where that is not said ``plausible_wraps``; ``maps``: green, unit and
     range of each, see `MapFacts`; of a material with normals ``plausible_green``, by heights if there are any;
-    ``range`` of each channel.
+    ``range`` of each channel; ``texel_size``, as ``0.5 mm``, where texloom has written it.
     """
-    known = image.facts.record()
+    known = {} if texel_size is None else {"texel_size": f"{1000 * texel_size:g} mm"}
+    known |= image.facts.record()
     if not image.wraps:
         known["plausible_wraps"] = plausible_wraps(image)
     if (green := plausible_green(image) or plausible_integrable_green(image)) is not None:

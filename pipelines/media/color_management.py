@@ -17,7 +17,7 @@ from jaxtyping import Float32
 
 from texloom.stages.vocabulary.color import linear_from_srgb
 
-_MODES = {"CMYK": "CMYK", "LAB": "Lab"}
+MODES = {"CMYK": "CMYK", "LAB": "Lab"}
 _SPACES = {1: "gray", 3: "rgb", 4: "cmyk"}  # of imagecodecs, by channels
 _WHITE = 0.3127, 0.3290, 1.0
 _REC709 = (0.64, 0.33, 1.0, 0.30, 0.60, 1.0, 0.15, 0.06, 1.0)
@@ -85,7 +85,7 @@ def conversion_of(image: Any, profile: bytes | None) -> tuple[Callable[[Any], An
     from PIL import ImageCms
 
     mode = image.mode.removesuffix("A") if image.mode in ("LA", "RGBA") else image.mode
-    known = _MODES.get(image.mode, "its colour")
+    known = MODES.get(image.mode, "its colour")
     if profile is None and mode == "CMYK":
         return lambda picture: picture.convert("RGB"), _ROUGH
     flags = ImageCms.Flags.BLACKPOINTCOMPENSATION | ImageCms.Flags.HIGHRESPRECALC

@@ -29,6 +29,7 @@ _STEPS = 0.5  # correlation; 85 maps and pictures have at most .28, and after a 
 _FITS = 0.85  # correlation of slopes
 _BETTER = 1.3  # ratio of what slopes leave unexplained; at most 1.12 in ten sets, 1.1 to 20 after a curve
 _LEAST_SLOPE_Z = 0.1
+_LEAST_SIDE = 32  # px, from which slopes are measured
 
 
 def told_of_curves(
@@ -91,7 +92,12 @@ def curve_of_heights(image: Image, is_depth: bool) -> str:
         image.pixels[..., image.channels.index(name)].astype(np.float64) for name in ("height", *NORMAL)
     )
     height = 1 - height if is_depth else height
-    if height.min() < 0 or height.max() > 1 or min(height.shape) < 2 or min(map(np.std, (height, x, y))) == 0:
+    if (
+        height.min() < 0
+        or height.max() > 1
+        or min(height.shape) < _LEAST_SIDE
+        or min(map(np.std, (height, x, y))) == 0
+    ):
         return ""
     wanted = x / np.maximum(z, _LEAST_SLOPE_Z), y / np.maximum(z, _LEAST_SLOPE_Z)
 

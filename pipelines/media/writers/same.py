@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.media import udim
+from texloom.pipelines.media.color_management import MODES
 from texloom.pipelines.media.conventions import COLORS
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import (
@@ -33,6 +34,8 @@ from texloom.pipelines.store.png_file import png, with_facts
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.facts import Facts
 
+_OF_PRINT = (".jpg", ".jpeg", ".tif", ".tiff", ".psd")
+"""formats that may hold CMYK or Lab"""
 _LOG = logging.getLogger(__name__)
 
 
@@ -65,7 +68,7 @@ def write_same(
             _LOG.warning("%s: not written, as the result has no %s", Path(one.reference).name, one.role)
     written: dict[str, str] = {}
     for held in files.values():
-        _tell_of_blocks(Path(held[0].reference))
+        _tell_of_form(Path(held[0].reference))
         values = _values(image, held, delivery)
         for name, area in _areas(image, held[0], folder):
             if name in written:
@@ -75,13 +78,21 @@ def write_same(
     return written
 
 
-def _tell_of_blocks(path: Path) -> None:
-    """Say that a DDS is written without blocks, as Pillow's lose too much: 26 to 34 dB on photographs."""
-    if path.suffix.lower() != ".dds":
-        return
-    with contextlib.suppress(OSError), path.open("rb") as file:
-        if is_in_blocks(file.read(132)):
-            _LOG.warning("%s: written uncompressed, as blocks (BC1 to BC7) are only read", path.name)
+def _tell_of_form(path: Path) -> None:
+    """Say that a file is written in another form: DDS without blocks, as Pillow's lose too much, 26 to 34 dB on
+    photographs; CMYK and Lab in RGB.
+    """
+    import PIL.Image
+
+    with contextlib.suppress(OSError, PIL.Image.DecompressionBombError):
+        if path.suffix.lower() == ".dds":
+            with path.open("rb") as file:
+                if is_in_blocks(file.read(132)):
+                    _LOG.warning("%s: written uncompressed, as blocks (BC1 to BC7) are only read", path.name)
+        elif path.suffix.lower() in _OF_PRINT:
+            with PIL.Image.open(path) as picture:
+                if (name := MODES.get(picture.mode)) is not None:
+                    _LOG.warning("%s: written in sRGB, as %s is only read", path.name, name)
 
 
 def _values(image: Image, held: Sequence[Map], delivery: Delivery) -> np.ndarray:

@@ -7,6 +7,8 @@ import PIL.Image
 import pytest
 
 from texloom.pipelines.media.about import about_material, about_picture
+from texloom.pipelines.media.delivery import Delivery
+from texloom.pipelines.media.writers.layouts import write_layout
 from texloom.pipelines.store import codec
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -49,6 +51,16 @@ def test_materials_tell_what_their_files_say(tmp_path: Path) -> None:
     (tmp_path / "albedo.png").unlink()
     with pytest.raises(InputError, match="has no albedo"):
         about_material(tmp_path)
+
+
+def test_what_texloom_wrote_of_size_and_tiling_is_told(tmp_path: Path) -> None:
+    image = Image(np.random.default_rng(3).random((8, 8, 4), np.float32), ("R", "G", "B", "roughness")).wrapping(
+        True
+    )
+    delivery = Delivery("unreal", texel_size=0.0005)
+    write_layout(image, tmp_path, "moss", delivery, {"texel_size": 0.0005})
+    for known in (about_material(tmp_path), about_picture(tmp_path / "T_moss_BC.png")):
+        assert (known["texel_size"], known["wraps"]) == ("0.5 mm", "both")
 
 
 def test_what_is_no_picture_is_refused(tmp_path: Path) -> None:

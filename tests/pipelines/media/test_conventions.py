@@ -339,6 +339,18 @@ def test_blocks_of_dds_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture
     assert [record.getMessage()[:32] for record in caplog.records] == ["albedo.dds: written uncompressed"]
 
 
+@pytest.mark.parametrize(("mode", "name", "suffix"), [("CMYK", "CMYK", "jpg"), ("LAB", "Lab", "tif")])
+def test_colours_of_print_are_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, mode: str, name: str, suffix: str
+) -> None:
+    folder = folder_of(tmp_path, "s_roughness")
+    levels = np.full((*SIDES, 4 if mode == "CMYK" else 3), 128, np.uint8)
+    PIL.Image.fromarray(levels, mode).save(folder / f"s_albedo.{suffix}")
+    source = open_source("exemplar", str(folder))
+    write_same(source.read(), tmp_path / "out", source.maps, Delivery("same"), {})
+    assert caplog.messages == [f"s_albedo.{suffix}: written in sRGB, as {name} is only read"]
+
+
 def psd_of(levels: np.ndarray) -> bytes:
     """A PSD of 8-bit colour without layers, (h, w, 3)."""
     height, width, planes = levels.shape
