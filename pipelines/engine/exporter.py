@@ -122,12 +122,12 @@ class Exporter:
         return state
 
     def _delivery(self, scope: Scope) -> Delivery:
-        """How exports are written, pixels of the exemplar's size where its header tells one and no option does."""
+        """How exports are written, pixels of the size that a source's header tells where no option does."""
         delivery = self.run.flow.delivery
         if delivery.texel_size is not None or "mesh" in self.run.flow.sources:
             return delivery
-        name = next((one for one in _OF_ONE_SCALE if scope.has_source(one)), None)
-        return delivery if name is None else dataclasses.replace(delivery, texel_size=scope.source(name).texel_size)
+        known = [scope.source(one).texel_size for one in _OF_ONE_SCALE if scope.has_source(one)]
+        return dataclasses.replace(delivery, texel_size=next(filter(None, known), None))
 
     def _material(self, like: str | None, scope: Scope) -> str:
         """The name of a material: that of the picture which it is like, or of the first one."""

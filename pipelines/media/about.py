@@ -75,7 +75,7 @@ def _known(image: Image, texel_size: float | None) -> dict[str, Any]:
     range of each, see `MapFacts`; of a material with normals ``plausible_green``, by heights if there are any;
     ``range`` of each channel; ``texel_size``, as ``0.5 mm``, where texloom has written it.
     """
-    known = {} if texel_size is None else {"texel_size": f"{1000 * texel_size:g} mm"}
+    known: dict[str, Any] = {} if texel_size is None else {"texel_size": f"{1000 * texel_size:g} mm"}
     known |= image.facts.record()
     if not image.wraps:
         known["plausible_wraps"] = plausible_wraps(image)
