@@ -47,6 +47,9 @@ def test_a_run_keeps_the_texel_size_of_its_exemplar(tmp_path: Path, file: str) -
     assert open_source("exemplar", str(other / file)).texel_size == pytest.approx(2e-3)
     photo = exported(tmp_path / "photo", str(first / file), name="photo")
     assert open_source("exemplar", str(photo / file)).texel_size is None
+    two = f"{first / file}\n  exemplar: {file_source(CODES, tmp_path)}"  # as of revise: of what is edited
+    edited = exported(tmp_path / "edited", two, name="texture")
+    assert open_source("exemplar", str(edited / file)).texel_size == pytest.approx(5e-4)
 
 
 def test_a_picture_that_was_scaled_says_nothing(tmp_path: Path) -> None:
