@@ -230,6 +230,27 @@ def main_image(flow: Flow, method: str | os.PathLike[str]) -> Reference:
     raise InputError(f"method '{method}' makes no picture; use texloom.run")
 
 
+def main_result(result: Result, given: Mapping[str, Picture]) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """The maps of the image that a run is about, each as the source that it is like was given, and its scores.
+
+    Nothing of flows over sets; no maps of those that make no picture.
+    """
+    from texloom.pipelines.engine.run_scores import main_scores
+
+    opened = result._opened
+    flow = opened.flow
+    if flow.is_set:
+        return {}, {}
+    try:
+        image = main_image(flow, flow.name)
+    except InputError:
+        return {}, main_scores(opened)
+    likes = [like for export, like in flow.likes.items() if flow.exports[export] == image]
+    name = next(iter([*likes, *flow.sources]))
+    source = opened.shared.source(name)
+    return Texture(result, image, source, given.get(name, source.reference), flow.name).maps, main_scores(opened)
+
+
 def scores_of(flow: Flow) -> Reference | None:
     """The table of a flow's scores, where it has one."""
     steps = [step.name for step in flow.steps.values() if step.stage.role == "scores"]

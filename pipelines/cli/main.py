@@ -158,6 +158,40 @@ def studio(folder: Path, port: int, no_browser: bool, store_folder: Path) -> int
     return Exit.DONE
 
 
+@texloom.command(short_help="Serve other programs, as Blender or ComfyUI, on this machine alone.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the address.  [default: a free one]")
+@click.option("--attached", is_flag=True, help="End when standard input ends, as with the program that holds it.")
+@memory_option
+@store_option
+def serve(port: int, attached: bool, store_folder: Path) -> int:
+    """Make textures for other programs, which send pictures and get pictures back.
+
+    \b
+    texloom serve
+    texloom client > texloom_client.py     what such a program needs: one file, which starts this by itself
+
+    The line that is printed, in JSON, has the address and the token without which nothing is answered. Nothing
+    leaves this machine. Ctrl-C ends the server.
+    """
+    from texloom.pipelines.studio.launch import serve as serve_hosts
+
+    serve_hosts(store_folder, port, attached)
+    return Exit.DONE
+
+
+@texloom.command(short_help="Print the Python file by which other programs use texloom.")
+def client() -> int:
+    """Print a Python file without dependencies, for Python 3.9 and later, by which programs use ``texloom serve``.
+
+    \b
+    texloom client > texloom_client.py
+    """
+    from texloom.pipelines.bridge import client as file
+
+    click.echo(Path(file.__file__).read_text(encoding="utf-8"), nl=False)
+    return Exit.DONE
+
+
 @texloom.command(short_help="Print what texloom runs on: versions, processors, caches, GPU, server.")
 @click.option("--warm", is_flag=True, help="Compile the kernels of the common flows now, which takes minutes.")
 @store_option

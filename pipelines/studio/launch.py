@@ -1,10 +1,15 @@
-"""Starting and ending a studio."""
+"""Starting and ending the server: as a studio, or for other programs."""
 
 from __future__ import annotations
 
 import contextlib
+import importlib.metadata
+import json
+import os
 import socket
+import sys
 import tempfile
+import threading
 import webbrowser
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -17,8 +22,10 @@ from texloom.pipelines.flow.runner import check_environment
 from texloom.pipelines.store.location import passed_over
 from texloom.pipelines.store.ownership import keeps_no_key
 from texloom.pipelines.store.store import Store
+from texloom.pipelines.studio.hosts import host_application
+from texloom.pipelines.studio.messages.hosts import PROTOCOL
 from texloom.pipelines.studio.page import check_page
-from texloom.pipelines.studio.security import Codes, leading_to
+from texloom.pipelines.studio.security import Codes, Guard, leading_to
 from texloom.pipelines.studio.server import application
 from texloom.pipelines.studio.work import Places
 
@@ -77,22 +84,59 @@ def launch(folder: Path, store: Path, port: int, browser: bool) -> None:
     check_page()
     if not folder.is_dir():
         raise refused(f"{folder}: is not a folder")
+    with _listening(port) as listener, _places(folder.resolve(), store) as places:
+        port = listener.getsockname()[1]
+        entrance = _Entrance(port, Path(places.scratch, "open.html") if browser else None)
+        _run(application(places, entrance.codes, port), entrance.tell, listener)
+
+
+def serve(store: Path, port: int, attached: bool) -> None:
+    """Serve other programs until Ctrl-C, or, if ``attached``, until standard input ends; port 0 takes a free one.
+
+    The address and the token are printed as one line of JSON.
+    """
+    check_environment()
+    with _listening(port) as listener, _places(Path.cwd(), store) as places:
+        port = listener.getsockname()[1]
+        guard = host_application(places, port)
+        told = {
+            "protocol": PROTOCOL, "version": importlib.metadata.version("texloom"),
+            "address": f"http://{_HOST}:{port}", "token": guard.token,
+        }  # fmt: skip
+        _run(guard, lambda: click.echo(json.dumps(told)), listener, attached)
+
+
+@contextlib.contextmanager
+def _places(folder: Path, store: Path) -> Iterator[Places]:
+    """The folders of a server; what is to be said of the store is printed."""
     opened = Store(store)
     opened.check_owned()
     for note in filter(None, (passed_over(opened.root), keeps_no_key())):
         click.echo(one_line(note), err=True)
-    with _listening(port) as listener, tempfile.TemporaryDirectory(prefix="texloom-studio-") as scratch:
-        port = listener.getsockname()[1]
-        places = Places(folder=str(folder.resolve()), store=str(opened.root), scratch=scratch)
-        entrance = _Entrance(port, Path(scratch, "open.html") if browser else None)
-        # Without the access log, which would show the codes.
-        config = uvicorn.Config(
-            application(places, entrance.codes, port), log_level="warning", access_log=False, ws_max_size=2**24,
-            timeout_graceful_shutdown=3, proxy_headers=False, server_header=False,
-        )  # fmt: skip
-        server = _Server(config, entrance.tell)
-        with contextlib.suppress(KeyboardInterrupt):
-            server.run([listener])
+    with tempfile.TemporaryDirectory(prefix="texloom-studio-") as scratch:
+        yield Places(folder=str(folder), store=str(opened.root), scratch=scratch)
+
+
+def _run(guard: Guard, started: Callable[[], None], listener: socket.socket, attached: bool = False) -> None:
+    """Answer requests until the process is told to end."""
+    # Without the access log, which would show the codes.
+    config = uvicorn.Config(
+        guard, log_level="warning", access_log=False, ws_max_size=2**24,
+        timeout_graceful_shutdown=3, proxy_headers=False, server_header=False,
+    )  # fmt: skip
+    server = _Server(config, started)
+    if attached:
+        threading.Thread(target=_end_with_input, args=(server,), daemon=True).start()
+    with contextlib.suppress(KeyboardInterrupt):
+        server.run([listener])
+
+
+def _end_with_input(server: uvicorn.Server) -> None:
+    """End the server when the program that holds the other end of standard input closes it or ends."""
+    with contextlib.suppress(OSError):
+        while os.read(sys.stdin.fileno(), 4096):
+            pass
+    server.should_exit = True
 
 
 @contextlib.contextmanager

@@ -16,6 +16,7 @@ from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.pixels import rgba, small
 from texloom.pipelines.studio.recipes import open_recipe
 from texloom.pipelines.studio.work import Places, Ran, Running, RunWork, Saved, SaveWork, library_of
+from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 
 _MAPS, _PICTURE, _EXR = "maps", "texture.png", "texture.exr"
@@ -25,32 +26,47 @@ _LARGEST = 640  # px of a picture of a run that goes on
 _KNOWN = 2.0  # seconds of a step after which the time that is left can be told
 
 
+class Reporter:
+    """Sends how far a run is, not more often than a person can read it."""
+
+    def __init__(self, send: Callable[..., None]):
+        self._send = send
+        self._told = self._shown = self._began = 0.0
+
+    def started(self, step: str) -> None:
+        """A step begins."""
+        self._began = time.perf_counter()
+        self._send(Running(step=step, text="", done=0.0))
+
+    def progressed(self, step: str, done: float, text: str, preview: Callable[[], Image] | None) -> None:
+        """A step goes on."""
+        now, picture = time.perf_counter(), None
+        if now - self._told < _INTERVAL:
+            return
+        self._told = now
+        if preview is not None and now - self._shown >= _PICTURES:
+            self._shown, picture = now, small(preview(), _LARGEST)
+        report = Running(
+            step=step, text=_left(now - self._began, done) or text, done=min(1.0, done),
+            height=picture.height if picture else 0, width=picture.width if picture else 0,
+        )  # fmt: skip
+        self._send(report, rgba(picture) if picture else b"")
+
+
 def run(work: RunWork, places: Places, check: Callable[[], None], send: Callable[..., None]) -> None:
     """Run a recipe and export what its flow exports."""
     opened = open_recipe(work.recipe, library_of(places), Store(Path(places.store)))
     out = opened.new_out()
     Preflight(opened).check(out)
-    told = shown = began = 0.0
+    reporter = Reporter(send)
 
     def listen(event: Event) -> None:
-        nonlocal told, shown, began
         check()
         if isinstance(event, StepStarted):
-            began = time.perf_counter()
-            send(Running(step=event.step, text="", done=0.0))
+            reporter.started(event.step)
         elif isinstance(event, StepProgress):
-            now, progress = time.perf_counter(), event.progress
-            if now - told < _INTERVAL:
-                return
-            told, picture = now, None
-            if progress.preview is not None and now - shown >= _PICTURES:
-                shown, picture = now, small(progress.preview(), _LARGEST)
-            report = Running(
-                step=event.step, text=_left(now - began, progress.done) or describe_progress(progress),
-                done=min(1.0, progress.done),
-                height=picture.height if picture else 0, width=picture.width if picture else 0,
-            )  # fmt: skip
-            send(report, rgba(picture) if picture else b"")
+            progress = event.progress
+            reporter.progressed(event.step, progress.done, describe_progress(progress), progress.preview)
 
     exports = execute(opened, listen, out)
     folder = opened.out_folder(out)

@@ -65,14 +65,15 @@ class Guard:
     """ASGI middleware that passes on only requests to this server's own name, from its own page, with its cookie.
 
     The cookie is exchanged for one of ``codes`` in the address of the page, as ``/?code=CODE``. Browsers send it to
-    all ports of this machine, so its name has the port; those of other servers come along with it.
+    all ports of this machine, so its name has the port; those of other servers come along with it. Programs that
+    are no browser send what it holds, ``token``, as ``Authorization: Bearer TOKEN``. Others are told ``help``.
     """
 
-    def __init__(self, app: ASGIApp, codes: Codes, port: int):
-        self.app, self.codes, self.port = app, codes, port
+    def __init__(self, app: ASGIApp, codes: Codes, port: int, help: str = _HELP):
+        self.app, self.codes, self.port, self.help = app, codes, port, help
         self.hosts = {f"127.0.0.1:{port}", f"localhost:{port}"}
         self.cookie = f"texloom-{port}"
-        self._token = secrets.token_urlsafe(32)
+        self.token = secrets.token_urlsafe(32)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """See `Guard`."""
@@ -83,7 +84,7 @@ class Guard:
         answer: Response | None = None
         if problem:
             answer = PlainTextResponse(problem, status)
-        elif not self._has_cookie(scope):
+        elif not self._has_token(scope):
             answer = self._entrance(scope)
         elif _code(scope):
             answer = HTMLResponse(leading_to("/"))  # the address was opened again, by the browser that has used it
@@ -106,9 +107,11 @@ class Guard:
             return "Requests of other pages are refused.\n", 403
         return "", 0
 
-    def _has_cookie(self, scope: Scope) -> bool:
-        given = _cookies(Headers(scope=scope), self.cookie)
-        return any(hmac.compare_digest(one.encode(), self._token.encode()) for one in given)
+    def _has_token(self, scope: Scope) -> bool:
+        headers = Headers(scope=scope)
+        bearer = headers.get("authorization", "").partition("Bearer ")[2]
+        given = [*_cookies(headers, self.cookie), bearer]
+        return any(hmac.compare_digest(one.encode(), self.token.encode()) for one in given)
 
     def _entrance(self, scope: Scope) -> Response:
         """The answer to who has no cookie: with it and to the page, if the address has a code."""
@@ -116,9 +119,9 @@ class Guard:
         if code and self.codes.use(code):
             # No redirection: a browser may take that for a request of the page that led here, without the cookie.
             answer = HTMLResponse(leading_to("/"))
-            answer.set_cookie(self.cookie, self._token, httponly=True, samesite="strict")
+            answer.set_cookie(self.cookie, self.token, httponly=True, samesite="strict")
             return answer
-        return PlainTextResponse(_HELP.format(host=f"127.0.0.1:{self.port}"), 401)
+        return PlainTextResponse(self.help.format(host=f"127.0.0.1:{self.port}"), 401)
 
 
 def _code(scope: Scope) -> str:

@@ -94,7 +94,7 @@ def application(places: Places, codes: Codes, port: int) -> Guard:
         await studio.spares.end()
 
     app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
-    _add_errors(app)
+    add_errors(app, files="/api/received")
     _add_library(app, studio)
     _add_recipes(app, studio)
     _add_jobs(app, studio)
@@ -112,7 +112,9 @@ def application(places: Places, codes: Codes, port: int) -> Guard:
     return Guard(app, codes, port)
 
 
-def _add_errors(app: FastAPI) -> None:
+def add_errors(app: FastAPI, files: str) -> None:
+    """Answer each refusal in one line, and bound requests; files go to addresses that begin with ``files``."""
+
     @app.exception_handler(InputError)
     async def refuse(_: Request, error: InputError) -> JSONResponse:
         return JSONResponse(Problem(problem=str(error)).model_dump(), 422)
@@ -130,7 +132,7 @@ def _add_errors(app: FastAPI) -> None:
     @app.middleware("http")
     async def bounded(request: Request, call_next):  # type: ignore[no-untyped-def]
         length = request.headers.get("content-length", "0")
-        is_file = request.url.path.startswith("/api/received")  # whose bytes are counted as they arrive
+        is_file = request.url.path.startswith(files)  # whose bytes are counted as they arrive
         largest = MOST_BYTES if is_file else _MOST_JSON
         if "transfer-encoding" in request.headers and not is_file:
             return JSONResponse(Problem(problem="tell the length of the request").model_dump(), 411)

@@ -9,6 +9,7 @@ from pydantic import Field, TypeAdapter
 
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages.catalogue import Picture
+from texloom.pipelines.studio.messages.hosts import Pixels, ResultMap, Submitted
 from texloom.pipelines.studio.messages.message import Message
 from texloom.pipelines.studio.messages.recipes import PhotoRecipe, Recipe
 from texloom.pipelines.studio.messages.requests import (
@@ -48,6 +49,24 @@ class RunWork(Message):
 
     kind: Literal["run"] = "run"
     recipe: Recipe
+
+
+class Received(Message):
+    """A picture that a program has sent."""
+
+    path: str
+    pixels: Pixels | None = None
+    """of raw bytes; none of a file"""
+
+
+class HostWork(Message):
+    """Run what a program has submitted; `Running` comes back, with pictures, and `HostRan` at the end."""
+
+    kind: Literal["host"] = "host"
+    submitted: Submitted
+    received: dict[str, Received]
+    folder: str
+    """for its results"""
 
 
 class SaveWork(Message):
@@ -138,6 +157,7 @@ Work = (
     | LayersWork
     | PreviewRequest
     | RunWork
+    | HostWork
     | SaveWork
     | PictureWork
     | KeepWork
@@ -167,6 +187,16 @@ class Ran(Message):
     scores: dict[str, float]
     texture: str
     maps: dict[str, str]
+
+
+class HostRan(Message):
+    """A run of a program has ended well; fields are as of `texloom.pipelines.studio.messages.hosts.HostRun`."""
+
+    kind: Literal["host_ran"] = "host_ran"
+    maps: tuple[ResultMap, ...]
+    files: tuple[str, ...]
+    notes: tuple[str, ...]
+    scores: dict[str, float]
 
 
 class Saved(Message):

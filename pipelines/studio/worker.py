@@ -31,6 +31,7 @@ from texloom.pipelines.studio.work import (
     WORK,
     Ended,
     EndlessWork,
+    HostWork,
     InsightWork,
     KeepPhotoWork,
     KeepWork,
@@ -111,7 +112,7 @@ class Worker:
         return Ended()
 
     def _work(self, header: bytes, payload: bytes) -> None:
-        from texloom.pipelines.studio import corrections, decoding, layers, photographs, runs, surfaces
+        from texloom.pipelines.studio import corrections, decoding, host_runs, layers, photographs, runs, surfaces
 
         self.check()
         match WORK.validate_json(header):
@@ -119,6 +120,8 @@ class Worker:
                 self.previewer.make(work, payload, self.check, self._send)
             case RunWork() as work:
                 runs.run(work, self.places, self.check, self._send)
+            case HostWork() as work:
+                host_runs.run(work, self.places, self.check, self._send)
             case SaveWork() as work:
                 runs.save(work, self.places, self.check, self._send)
             case PaintOpenRequest() as work:

@@ -31,12 +31,10 @@ class PlannedStep(Message):
 JobState = Literal["waiting", "running", "done", "failed", "cancelled"]
 
 
-class Job(Message):
-    """A run at full size."""
+class Queued(Message):
+    """How far a run is that waits for its turn, goes on, or has ended."""
 
     id: str
-    name: str
-    recipe: Recipe
     state: JobState
     step: str = ""
     text: str = ""
@@ -45,6 +43,13 @@ class Job(Message):
     """of the current step"""
     seconds: float = 0.0
     """of the run, when it has ended"""
+
+
+class Job(Queued):
+    """A run at full size."""
+
+    name: str
+    recipe: Recipe
     files: tuple[str, ...] = ()
     """the exports, by their names"""
     saved: str = ""

@@ -89,15 +89,24 @@ export interface PlannedStep {
   reasons: (string)[];
 }
 
-export interface Job {
+export interface Queued {
   id: string;
-  name: string;
-  recipe: Recipe;
   state: "waiting" | "running" | "done" | "failed" | "cancelled";
   step: string;
   text: string;
   done: number;
   seconds: number;
+}
+
+export interface Job {
+  id: string;
+  state: "waiting" | "running" | "done" | "failed" | "cancelled";
+  step: string;
+  text: string;
+  done: number;
+  seconds: number;
+  name: string;
+  recipe: Recipe;
   files: (string)[];
   saved: string;
   scores: Record<string, number>;

@@ -1,0 +1,1 @@
+"""What other programs need to use texloom; nothing here imports the rest of it."""
