@@ -45,7 +45,7 @@ def picture(
         return _position_picture(planes, ranges)
     if len(planes) <= _MAX_PLANES:
         known = {name: range_of(plane) for name, plane in planes.items()} if ranges is None else ranges
-        return _rounded(np.concatenate([_stretched(plane, known[name]) for name, plane in planes.items()], axis=1))
+        return np.concatenate([_stretched(plane, known[name]) for name, plane in planes.items()], axis=1)
     return None
 
 
@@ -127,8 +127,13 @@ def _finite(plane: np.ndarray) -> np.ndarray:
 
 
 def _stretched(plane: np.ndarray, bounds: tuple[float, float]) -> np.ndarray:
+    """8-bit levels, 0 at the least and 255 at the greatest value; in strips, as they pass through doubles."""
     least, most = bounds
-    values = plane.astype(np.float64)
-    if most > least:
-        values = (values - least) / (most - least)
-    return np.asarray(np.clip(np.nan_to_num(values, nan=0, posinf=1, neginf=0), 0, 1))
+    levels = np.empty(plane.shape, np.uint8)
+    rows = max(1, _STRIP // max(1, plane.shape[1]))
+    for top in range(0, len(plane), rows):
+        values = plane[top : top + rows].astype(np.float64)
+        if most > least:
+            values = (values - least) / (most - least)
+        levels[top : top + rows] = _rounded(np.clip(np.nan_to_num(values, nan=0, posinf=1, neginf=0), 0, 1))
+    return levels

@@ -12,6 +12,7 @@ from texloom.pipelines.engine.executors.executor import Executor
 from texloom.pipelines.engine.footprint import pixels_of_steps
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.memory import memory_limit
+from texloom.stages.common.grids.working_size import reduction
 from texloom.stages.kernels.core.threads import thread_count
 
 _WORKER = 300 * 10**6  # bytes: libraries and kernels
@@ -21,9 +22,17 @@ _PIXEL = 300  # bytes of a result's pixel, while a step computes it
 def _inline(run: Run) -> Executor:
     from texloom.pipelines.engine.executors.inline import InlineExecutor
 
-    if run.items or thread_count() == 1:  # items follow one another, each with all that there is
+    # Items follow one another, each with all that there is; so do the steps of a large picture.
+    if run.items or thread_count() == 1 or _takes_large(run):
         return InlineExecutor(run.store)
     return InlineExecutor(run.store, min(2, _workers(run)))
+
+
+def _takes_large(run: Run) -> bool:
+    """Whether a source is analysed at reduced size, as steps take much memory, unless the user wants more."""
+    sources = [source for scope in run.sample_scopes() for source in scope.sources.values()]
+    large = any(reduction(source.height, source.width) > 1 for source in sources if source.kind == "picture")
+    return large and not run.flow.runner.workers
 
 
 def _threads(run: Run) -> Executor:

@@ -20,6 +20,7 @@ from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Outline, Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded, nearest_valid, valid_pixels
+from texloom.stages.vocabulary.progress import Progress, report
 
 _LOG = logging.getLogger(__name__)
 
@@ -133,10 +134,12 @@ def tone(image: Image, params: ToneParams) -> Tone:
     if params.warn:
         for flaw in flaws_of(image):
             _LOG.warning("%s", flaw)
+        report(Progress(0.4))
     unchanged = Tone(image, np.zeros((_SAMPLES, _SAMPLES, 3), np.float32), 0.0, 0.0)
     if params.even == "never" or (params.even == "auto" and min(image.height, image.width) < _MIN_SIDE):
         return unchanged
     lab, valid = _reduced(image)
+    report(Progress(0.6))
     known = lab if valid is None else lab[valid]
     scale = float(known[..., 0].mean(dtype=np.float64)) + float(BLACK)  # CIELAB units of 1 in a relative plane
     planes = relative_tone(lab)
@@ -158,6 +161,7 @@ def tone(image: Image, params: ToneParams) -> Tone:
         return unchanged
     if params.warn:
         _report(lightness, chroma)
+    report(Progress(0.8))
     return Tone(
         with_tone(image, -_field(drifts, (image.height, image.width))).wrapping(False),  # drift ends differently
         _field(drifts, (_SAMPLES, _SAMPLES)),

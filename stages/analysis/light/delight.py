@@ -27,6 +27,7 @@ from texloom.stages.numerics.filters import gaussian_blur, interpolated
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels, with_usable
+from texloom.stages.vocabulary.progress import Progress, report
 
 _LOG = logging.getLogger(__name__)
 
@@ -102,9 +103,12 @@ def delight(image: Image, params: DelightParams, generators: Vectors | None = No
     clipped = clipped_highlights(color, known)
     if clipped.any():
         found.append(_told_highlights(float(clipped.sum() / known.sum())))
+    report(Progress(0.3))
     for row, left in _light(color, known & ~clipped, generators, params):
+        report(Progress(0.6))
         found.append(row)
         gain = gain * left
+    report(Progress(0.8))
     if not clipped.any() and not any(row["removed"] for row in found):
         return dataclasses.replace(full, table={"found": found})
     gain = _no_brighter(color, gain, known & ~clipped)

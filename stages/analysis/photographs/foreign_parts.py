@@ -25,6 +25,7 @@ from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels, with_usable
+from texloom.stages.vocabulary.progress import Progress, report
 
 _LOG = logging.getLogger(__name__)
 
@@ -127,6 +128,7 @@ def foreign_parts(
         if not usable.all() and (before & foreign).any():
             by = "lattice" if explained else "looks"
     judged = mask is None and params.unlike < _ALL and not explained
+    report(Progress(0.8))
     even = picture_evenness(image, usable)
     banded = False
     if judged and even < _HARDLY_EVEN:
@@ -210,7 +212,8 @@ def _searched(
     side = float(np.sqrt(small.sum()))
     unlike = np.zeros(small.shape, np.float32)
     found = np.zeros(small.shape, np.bool_)
-    for share, most in ((1.0, _SURE), (_LESS, 0.0)):
+    for done, share, most in ((0.2, 1.0, _SURE), (0.5, _LESS, 0.0)):
+        report(Progress(done))
         looks = [unlikeness(lab, small, max(1.5, side / windows), found) for windows in _WINDOWS]
         unlike = np.maximum.reduce(looks) if cell is None else np.minimum(np.maximum.reduce(looks), cell[0])
         found = found | _parts(unlike, small, share * threshold, most)

@@ -21,13 +21,16 @@ from texloom.stages.analysis.photographs.geometry import (
 )
 from texloom.stages.analysis.photographs.grid import grid_lines, outlined
 from texloom.stages.common.geometry.orientation import streaks
+from texloom.stages.common.grids.pyramid import reduced
 from texloom.stages.common.grids.size_checks import check_same_size
 from texloom.stages.kernels.core.elementary_functions import arctan2, power
 from texloom.stages.vocabulary.arrays import Image, Jacobian, Mask, Quads
 from texloom.stages.vocabulary.declare import Document, InputError, Outline, Params, stage
+from texloom.stages.vocabulary.progress import Progress, report
 from texloom.stages.vocabulary.sizes import format_size
 
 _MIN_WINDOW = 7  # px; side of a square that must fit into the region
+_SHOWN_SIDE = 2048  # px of the longer side of the pictures
 
 
 class JacobianFieldParams(Params):
@@ -48,7 +51,7 @@ class JacobianField(Distortion):
     """Distortion and regions of the texture in the photograph, and pictures of them."""
 
     grid: Image
-    """the photograph with a grid over every patch, darkened outside the region"""
+    """the photograph, of at most 2048 px a side, with a grid over every patch, darkened outside the region"""
     streamlines: Image
     """line integral convolution along both directions of the texture over the photograph: red down, green across"""
     controls: Float32[np.ndarray, "patches 4 4 3"]
@@ -75,7 +78,7 @@ def outlines(params: JacobianFieldParams, known: Mapping[str, Any]) -> dict[str,
     return {} if image is None else {"jacobian": Outline(image.height, image.width)}
 
 
-@stage(version=1, check=check_geometry, outlines=outlines)
+@stage(version=2, check=check_geometry, outlines=outlines)
 def jacobian_field(
     image: Image,
     params: JacobianFieldParams,
@@ -118,8 +121,11 @@ def jacobian_field(
     if region is not None:
         geometry = dataclasses.replace(geometry, region=region.color.max(axis=2) >= 0.5)
     parts = (coverage(patch, shape) for patch in geometry.patches)
+    report(Progress(0.1))
     result = distortion(geometry, parts, shape, params.detail, params.magnify, scale)
-    pictures = _grid(image, geometry, result.region), _streamlines(image, result.jacobian)
+    report(Progress(0.8))
+    shown = reduced(image.color, _SHOWN_SIDE)
+    pictures = _grid(shown, geometry, result.region), _streamlines(shown, result.jacobian)
     controls, spaces, sizes = (
         np.array([getattr(patch, name) for patch in geometry.patches], np.float32)
         for name in ("controls", "space", "size")
@@ -190,32 +196,41 @@ def _check_region(geometry: Geometry, shape: tuple[int, int], file: Path) -> Non
         raise InputError(f"{where}: does not contain a square of {format_size((_MIN_WINDOW, _MIN_WINDOW))}")
 
 
-def _grid(image: Image, geometry: Geometry, region: Mask) -> Image:
+def _grid(shown: Float32[np.ndarray, "h w 3"], geometry: Geometry, region: Mask) -> Image:
     import cv2
 
-    canvas = np.ascontiguousarray(np.clip(image.color, 0, 1) * np.where(region, 0.8, 0.3)[..., None], np.float32)
-    unit = _unit(image)
+    height, width = shown.shape[:2]
+    inside = region[_nearest(height, region.shape[0])[:, None], _nearest(width, region.shape[1])]
+    canvas = np.ascontiguousarray(np.clip(shown, 0, 1) * np.where(inside, 0.8, 0.3)[..., None], np.float32)
+    factors = np.array(canvas.shape[:2]) / region.shape
+    unit = _unit(canvas.shape)
     for patch in geometry.patches:
         down, across = grid_lines(patch)
         for lines, color in ((down, (1.0, 0.1, 0.1)), (across, (0.1, 1.0, 0.1))):
-            fixed = np.rint(np.clip(lines[..., ::-1], -1e5, 1e5) * 16).astype(np.int32)
+            places = (lines + 0.5) * factors - 0.5
+            fixed = np.rint(np.clip(places[..., ::-1], -1e5, 1e5) * 16).astype(np.int32)
             cv2.polylines(canvas, list(fixed), False, color, unit, cv2.LINE_AA, 4)
     return Image(canvas, ("R", "G", "B"))
 
 
-def _streamlines(image: Image, field: Jacobian) -> Image:
+def _streamlines(shown: Float32[np.ndarray, "h w 3"], field: Jacobian) -> Image:
     import cv2
 
-    unit = _unit(image)
+    unit = _unit(field.shape)
     coarse = field[::unit, ::unit]
     down = streaks(arctan2(coarse[..., 0], coarse[..., 2]).astype(np.float32), 14)
     across = streaks(arctan2(coarse[..., 1], coarse[..., 3]).astype(np.float32), 14)
     lines = 0.5 * power(np.dstack([down, across, np.zeros_like(down)]), 2.2)
-    picture = 0.35 * np.clip(image.color, 0, 1)
-    picture += cv2.resize(lines, (image.width, image.height), interpolation=cv2.INTER_LINEAR)
+    picture = 0.35 * np.clip(shown, 0, 1)
+    picture += cv2.resize(lines, (shown.shape[1], shown.shape[0]), interpolation=cv2.INTER_LINEAR)
     return Image(np.asarray(picture, np.float32), ("R", "G", "B"))
 
 
-def _unit(image: Image) -> int:
+def _nearest(count: int, of: int) -> np.ndarray:
+    """Of so many rows or columns of a picture, the nearest that a reduced one shows."""
+    return ((np.arange(count) + 0.5) * of / count).astype(int)
+
+
+def _unit(shape: tuple[int, ...]) -> int:
     """Width of lines in a picture, px."""
-    return max(1, round(min(image.height, image.width) / 512))
+    return max(1, round(min(shape[:2]) / 512))

@@ -10,6 +10,7 @@ from texloom.stages.analysis.photographs.line_segments import Frame, Segments, l
 from texloom.stages.analysis.photographs.vanishing import deviations, vanishing_points
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import Document, Params, stage
+from texloom.stages.vocabulary.progress import Progress, report
 from texloom.stages.vocabulary.scratch import bands
 
 _LOG = logging.getLogger(__name__)
@@ -45,7 +46,7 @@ class LensDistortion:
     """see `LensDistortionParams`; 0: none"""
 
 
-@stage(version=1)
+@stage(version=2)
 def lens_distortion(image: Image, params: LensDistortionParams) -> LensDistortion:
     """Estimate the radial distortion of a photograph's lens by its line segments, and remove it.
 
@@ -65,7 +66,10 @@ def lens_distortion(image: Image, params: LensDistortionParams) -> LensDistortio
     if params.geometry is not None:
         distortion = 0.0
     elif distortion is None:
-        distortion = estimated_distortion(line_segments(image))
+        segments = line_segments(image)
+        report(Progress(0.3))
+        distortion = estimated_distortion(segments)
+        report(Progress(0.6))
         if distortion:
             _LOG.warning(
                 "the lens bends lines, with a distortion of %.3f; straightened: --set distortion=0 leaves them",
@@ -115,4 +119,5 @@ def straightened(image: Image, distortion: float) -> Image:
         squares = np.square(places).sum(axis=2, keepdims=True)
         places *= 2 / (1 + np.sqrt(1 - 4 * distortion * squares))
         pixels[band] = sampled(image.pixels, frame.pixels(places))
+        report(Progress(0.6 + 0.4 * band.stop / image.height))
     return image.elsewhere(pixels)

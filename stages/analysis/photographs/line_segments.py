@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from texloom.stages.common.grids.pyramid import scaled
+from texloom.stages.common.grids.pyramid import reduced
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import srgb_from_linear
 
@@ -59,10 +59,8 @@ def line_segments(image: Image) -> Segments:
     """The line segments of a photograph, in half diagonals from its middle [Gioi2010]_."""
     import cv2
 
-    factor = min(1.0, _MAX_SIDE / max(image.height, image.width))
-    grey = cv2.cvtColor(srgb_from_linear(image.color).astype(np.float32), cv2.COLOR_RGB2GRAY)
-    sides = (scaled(image.width, factor), scaled(image.height, factor))
-    small = cv2.resize(np.rint(grey * 255).astype(np.uint8), sides, interpolation=cv2.INTER_AREA)
+    grey = cv2.cvtColor(srgb_from_linear(reduced(image.color, _MAX_SIDE)).astype(np.float32), cv2.COLOR_RGB2GRAY)
+    small = np.rint(grey * 255).astype(np.uint8)
     lines = cv2.createLineSegmentDetector(cv2.LSD_REFINE_STD).detect(small)[0]
     ends = np.zeros((0, 2, 2)) if lines is None else lines.reshape(-1, 2, 2)[..., ::-1].astype(np.float64)
     frame = Frame((image.height, image.width))

@@ -16,6 +16,7 @@ from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.masks import USABLE
+from texloom.stages.vocabulary.progress import Progress, part, report
 
 _REACH = 3  # repetitions among which a place is searched, to each side of the nearest
 _MIN_SHOWN = 0.25  # of a border row or column of a cropped patch, as a share of that of which most is shown
@@ -86,25 +87,25 @@ def patch_atlas(
     total = sum(height * width for height, width in shapes)
     if total > _MOST_PIXELS:
         raise InputError(f"max_side: {len(shapes)} patches are {total} px in all, at most {_MOST_PIXELS}; lower it")
-    parts = [
-        _patch(image, region, patch, space, shape)
-        for patch, space, shape in zip(controls.astype(np.float64), spaces.astype(np.float64), shapes, strict=True)
-    ]
-    counts = [np.count_nonzero(part.pixels[..., 3]) for part in parts]
+    parts: list[Image] = []
+    for patch, space, shape in zip(controls.astype(np.float64), spaces.astype(np.float64), shapes, strict=True):
+        with part(len(parts) / len(shapes), (len(parts) + 1) / len(shapes)):
+            parts.append(_patch(image, region, patch, space, shape))
+    counts = [np.count_nonzero(shown.pixels[..., 3]) for shown in parts]
     if not any(counts):
         raise InputError("region: no patch shows any of it")
     largest = parts[int(np.argmax(counts))]
     moved = None
     if generators is not None and len(generators) == 2:
         moved = _in_phase(
-            [part if count else largest for part, count in zip(parts, counts, strict=True)],
+            [shown if count else largest for shown, count in zip(parts, counts, strict=True)],
             largest,
             generators.astype(np.float64),
         )
     rectangles, (rows, columns) = arranged(shapes, params.gap, moved)
     canvas = np.zeros((rows, columns, 4), np.float32)
-    for part, (top, left, height, width) in zip(parts, rectangles.tolist(), strict=True):
-        canvas[top : top + height, left : left + width] = part.pixels
+    for shown, (top, left, height, width) in zip(parts, rectangles.tolist(), strict=True):
+        canvas[top : top + height, left : left + width] = shown.pixels
     keep = canvas[..., 3] > 0
     names = ("row", "column", "height", "width")
     table = {"patches": [dict(zip(names, rectangle, strict=True)) for rectangle in rectangles.tolist()]}
@@ -139,7 +140,9 @@ def _patch(
     inside = ((nearest >= 0) & (nearest < region.shape)).all(axis=2)
     row, column = np.moveaxis(np.clip(nearest, 0, np.array(region.shape) - 1), 2, 0)
     shown = (inside & region[row, column])[..., None]
+    report(Progress(0.3))
     pixels = resampled(image.color.astype(np.float32), region, places.reshape(-1, 2), feet)
+    report(Progress(1.0))
     return Image(np.concatenate([pixels.reshape(*shape, 3) * shown, shown], axis=2, dtype=np.float32), _CHANNELS)
 
 

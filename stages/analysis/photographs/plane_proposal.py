@@ -16,6 +16,7 @@ from texloom.stages.analysis.photographs.vanishing import vanishing_points
 from texloom.stages.common.grids.pyramid import reduced
 from texloom.stages.vocabulary.arrays import Image, Quads
 from texloom.stages.vocabulary.declare import Document, InputError, Params, stage
+from texloom.stages.vocabulary.progress import Progress, part, report
 
 _LOG = logging.getLogger(__name__)
 
@@ -59,7 +60,7 @@ class PlaneProposal:
     ``evenness``, ``straightness``, each 0..1, and ``area``, a share of the photograph, of each"""
 
 
-@stage(version=3)
+@stage(version=4)
 def plane_proposal(image: Image, params: PlaneProposalParams) -> PlaneProposal:
     """Propose rectangles on the planes of a photograph: walls of bricks, tiles, windows.
 
@@ -97,7 +98,8 @@ def plane_proposal(image: Image, params: PlaneProposalParams) -> PlaneProposal:
             "planes": [],
         }
         return PlaneProposal(np.empty((0, 4, 2), np.float32), _drawn(image, [], 0), table)
-    found = find_planes(image, params.support)
+    with part(0.0, 0.8):
+        found = find_planes(image, params.support)
     planes, taken = found.planes, found.best if params.plane is None else params.plane
     if taken > len(planes):
         raise InputError(f"plane: there is no plane {taken}; {len(planes)} are proposed")
@@ -161,11 +163,15 @@ def find_planes(image: Image, support: float = PlaneProposalParams().support) ->
     """Find the planes of a photograph and rank them, see `plane_proposal`."""
     cells, segments = Cells((image.height, image.width)), line_segments(image)
     points = vanishing_points(segments, _FAMILIES, support)
+    report(Progress(0.1))
     planes: list[RankedPlane] = []
-    for plane in ranked(image, plane_candidates(segments, points, cells), segments, cells):
+    with part(0.1, 0.9):
+        by_merit = ranked(image, plane_candidates(segments, points, cells), segments, cells)
+    for plane in by_merit:
         if len(planes) < _MOST and not any(_are_same(plane, other) for other in planes):
             planes.append(plane)
     frontal = as_frontal(image, segments)
+    report(Progress(1.0))
     if planes and planes[0].holds:
         prefers_frontal = frontal is not None and frontal.is_surface and frontal.merit[1] > planes[0].merit[1]
         return FoundPlanes(planes, int(not prefers_frontal), "")

@@ -14,6 +14,7 @@ from texloom.stages.kernels.core.elementary_functions import arctan2, cbrt
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.progress import Progress, report
 
 _HOLDS = 0.45  # confidence from which a plane is taken
 _MIN_AREA = 0.05  # share of the photograph, of such a plane
@@ -88,7 +89,10 @@ def ranked(image: Image, candidates: list[PlaneCandidate], segments: Segments, c
     ----------
     segments : all line segments of the photograph.
     """
-    planes = [measured(image, candidate, segments, cells) for candidate in candidates]
+    planes = []
+    for number, candidate in enumerate(candidates):
+        planes.append(measured(image, candidate, segments, cells))
+        report(Progress((number + 1) / len(candidates)))
     return sorted((plane for plane in planes if plane is not None), key=lambda plane: plane.merit, reverse=True)
 
 

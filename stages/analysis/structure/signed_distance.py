@@ -6,6 +6,7 @@ import numpy as np
 
 from texloom.stages.vocabulary.arrays import Mask, ScalarMap
 from texloom.stages.vocabulary.declare import stage
+from texloom.stages.vocabulary.progress import Progress, report
 from texloom.stages.vocabulary.scratch import bands
 
 
@@ -43,6 +44,7 @@ def signed_distance(structure: Mask) -> SignedDistance:
                 exact = np.sqrt(np.rint(np.square(distance[band], dtype=np.float64)))
                 pixels[band] += sign * exact.astype(np.float32)
             del distance
+            report(Progress(0.45 if sign > 0 else 0.9))
     span = float(np.ptp(pixels))
     field = pixels - pixels.min()
     if span:

@@ -9,6 +9,7 @@ import pytest
 
 from texloom.pipelines import memory
 from texloom.pipelines.engine import footprint, preflight
+from texloom.pipelines.engine.executors import choice
 from texloom.pipelines.engine.opening import open_run
 from texloom.pipelines.engine.preflight import Preflight
 from texloom.pipelines.engine.run import Run
@@ -103,3 +104,12 @@ def test_what_a_large_exemplar_takes_is_told_before_it_runs(tmp_path: Path) -> N
     smaller = Overrides({"exemplar": str(large)}, part={"reduce": "0.5"})
     assert not open_run("self_tuning", smaller, Store(tmp_path / "store")).notes_before
     assert not opened("self_tuning", 1024, tmp_path / "store", picture(tmp_path / "small.png", 512)).notes_before
+
+
+def test_steps_of_a_large_exemplar_follow_one_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(choice, "thread_count", lambda: 4)
+    monkeypatch.setenv(memory.VARIABLE, "16GB")
+    small, large = (picture(tmp_path / f"{side}.png", side) for side in (512, 3000))
+    store = tmp_path / "store"
+    assert choice.executor_of(opened("self_tuning", 1024, store, small)).slots() == 2
+    assert choice.executor_of(opened("self_tuning", 1024, store, large)).slots() == 1
