@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -43,14 +44,21 @@ def source_of(name: str, references: Sequence[str], pair: str | None, takes_maps
     first = references[0]
     if len(references) == 1 and not is_pattern(first) and not _is_library(first, takes_maps):
         return first
-    if takes_maps and (folder := same_material(references)) is not None:
+    patterns = {one: sorted(glob.glob(one)) for one in references if is_pattern(one)}  # noqa: PTH207 (absolute)
+    folder = same_material([file for one in references for file in patterns.get(one, [one])])
+    if takes_maps and folder is not None:
         raise refused(f"sources.{name}: these files are maps of one material; give their folder, {folder}")
     try:
         files = [file for reference in references for file in _files(reference, takes_maps)]
     except InputError as error:
         raise refused(f"sources.{name}: {error}") from None
-    unread = [f"sources.{name}: {reference}: {told}" for reference in references if (told := _unread(reference))]
-    return Each(tuple(dict.fromkeys(files)), pair, tuple(map(one_line, unread)))
+    notes = [f"sources.{name}: {reference}: {told}" for reference in references if (told := _unread(reference))]
+    if folder is not None:
+        notes.append(
+            f"sources.{name}: these files are maps of one material, and each is taken by itself; "
+            f"their folder, {folder}, keeps them in register"
+        )
+    return Each(tuple(dict.fromkeys(files)), pair, tuple(map(one_line, notes)))
 
 
 def stack_of(name: str, references: Sequence[str]) -> str:

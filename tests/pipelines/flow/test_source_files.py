@@ -137,3 +137,11 @@ def test_pictures_that_are_not_read_are_told(folder: Path) -> None:
     (folder / "empty" / "e.jxl").write_bytes(b"e")
     with pytest.raises(InputError, match=r"is a folder without pictures; 1 file is not read: e\.jxl"):
         opened("empty")
+
+
+@pytest.mark.parametrize("given", [["moss/*.png"], ["moss/moss_albedo.png", "moss/moss_height.png"]])
+def test_maps_of_one_material_are_never_taken_for_several_unsaid(given: list[str]) -> None:
+    with pytest.raises(InputError, match=r"maps of one material; give their folder, .*moss"):
+        opened(*given, flow="materials")
+    (told,) = opened(*given).sources["exemplar"].notes
+    assert "moss, keeps them in register" in told
