@@ -9,14 +9,14 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float32, Int64, UInt8
 
+from texloom.stages.analysis.structure.contour_channels import CHANNELS, channels_of, triangle
+
 PATCH = 32
 """side of a patch, px"""
 LABEL = 16
 """side of the predicted label at the centre of the patch, px"""
 SHRINK = 2
 """pixels of the picture a side of a channel's pixel"""
-CHANNELS = 13
-"""CIELUV, then at two scales the gradient's size and its share in four directions"""
 CELL = PATCH // SHRINK
 """side of the patch on the channels"""
 GRID = (1, 4, 8, 11, 14)
@@ -33,32 +33,11 @@ SMOOTHING = {"regular": 1, "similarity": 4}
 """radius of the triangle that smooths channels before features are read, px of a channel"""
 
 
-def triangle(channels: Float32[np.ndarray, "h w 13"], radius: int) -> Float32[np.ndarray, "h w 13"]:
-    """Convolve every channel with a triangle of ``radius`` pixels to each side."""
-    import cv2
-
-    weights = np.minimum(np.arange(1, 2 * radius + 2), np.arange(2 * radius + 1, 0, -1)).astype(np.float32)
-    weights /= weights.sum()
-    planes = [cv2.sepFilter2D(plane, -1, weights, weights) for plane in np.moveaxis(channels, 2, 0).copy()]
-    return np.stack(planes, axis=-1)
-
-
-def channels_of(color: UInt8[np.ndarray, "h w 3"]) -> Float32[np.ndarray, "h/2 w/2 13"]:
-    """The channels of an sRGB picture of even sides, before any smoothing."""
-    import cv2
-
-    height, width = color.shape[:2]
-    channels = np.zeros((height // SHRINK, width // SHRINK, CHANNELS), np.float32)
-    picture = np.ascontiguousarray(color.astype(np.float32) / 255)
-    cv2.ximgproc.createRFFeatureGetter().getFeatures(picture, channels, 4, 0, SHRINK, CHANNELS, 4)
-    return channels
-
-
 class Reader:
     """Reads chosen features of any patch of one picture."""
 
     def __init__(self, color: UInt8[np.ndarray, "h w 3"]) -> None:
-        channels = channels_of(color)
+        channels = channels_of(color.astype(np.float32) / 255)
         self.width = channels.shape[1]
         self.regular = triangle(channels, SMOOTHING["regular"])
         self.similarity = triangle(channels, SMOOTHING["similarity"])

@@ -8,15 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.training.features import LABEL, PATCH, SHRINK
 from benchmarks.training.trees import STRENGTHS, Tree
-
-OPTIONS = {
-    "numberOfTreesToEvaluate": 4, "selfsimilarityGridSize": 5, "stride": 2, "shrinkNumber": SHRINK,
-    "patchSize": PATCH, "patchInnerSize": LABEL, "numberOfGradientOrientations": 4, "gradientSmoothingRadius": 0,
-    "regFeatureSmoothingRadius": 2, "ssFeatureSmoothingRadius": 8, "gradientNormalizationRadius": 4,
-}  # fmt: skip
-"""the detector's settings, all but the number of trees"""
+from texloom.stages.analysis.structure.forest_files import OPTIONS
 
 VOTES = 4
 """how often a leaf of the file names a pixel that is certain to be a contour: more make the file larger and the

@@ -23,6 +23,7 @@ _WARMED = (
     "near_regular", "per_pixel", "inverse", "bidirectional_similarity",
     "image_melding",
 )  # fmt: skip
+_OPENCV = (4, 10)  # the oldest that is tried
 _SIDE = 96  # px of what is made
 _LITTLE = 1e9  # bytes of free space
 
@@ -108,10 +109,15 @@ def _opencv() -> dict[str, Any]:
     """The OpenCV that is imported, which another distribution may have put there."""
     import cv2
 
-    from texloom.stages.vocabulary import opencv
-
-    installed = opencv.distributions()
-    return {"version": cv2.__version__, "file": cv2.__file__, "installed": installed, "problem": opencv.problem()}
+    names = ((str(one.name).lower().replace("_", "-"), one.version) for one in importlib.metadata.distributions())
+    installed = dict(sorted((name, version) for name, version in names if name.startswith("opencv-")))
+    version = tuple(int(number) for number in cv2.__version__.split(".")[:2])
+    oldest = ".".join(map(str, _OPENCV))
+    remedy = (
+        f"OpenCV {cv2.__version__} is older than {oldest}: pip install 'opencv-contrib-python-headless>={oldest}'"
+    )
+    problem = "" if version >= _OPENCV else remedy
+    return {"version": cv2.__version__, "file": cv2.__file__, "installed": installed, "problem": problem}
 
 
 def _processors() -> dict[str, Any]:

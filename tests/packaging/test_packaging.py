@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import email
+import importlib.metadata
 import json
 import os
 import re
@@ -12,6 +14,7 @@ import sys
 import tarfile
 import tomllib
 import zipfile
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -146,6 +149,25 @@ def test_the_lock_file_fits_what_is_declared() -> None:
     for requirement in map(Requirement, declared):
         if requirement.name != "texloom":
             assert pinned[canonicalize_name(requirement.name)] in requirement.specifier, requirement
+
+
+def test_what_is_imported_is_declared() -> None:
+    """Not only brought by another package, which may do without it one day."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"].values()
+    declared = {canonicalize_name(Requirement(one).name) for one in chain(project["dependencies"], *extras)}
+    owners = importlib.metadata.packages_distributions()
+    imported = set()
+    for path in chain.from_iterable((ROOT / room).rglob("*.py") for room in ("stages", "pipelines")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                imported |= {one.name.partition(".")[0] for one in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                imported.add(str(node.module).partition(".")[0])
+    others = imported - {*sys.stdlib_module_names, "texloom"}
+    assert others > {"numpy", "httpx", "llvmlite"}
+    for name in others & owners.keys():
+        assert {canonicalize_name(owner) for owner in owners[name]} & declared, name
 
 
 def test_sdist_holds_the_package_alone(built: tuple[Path, Path]) -> None:

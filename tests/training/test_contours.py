@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from benchmarks.training.contours import MODEL, Plan, corners_of, train, train_tree
 from benchmarks.training.model_file import write_model
 from benchmarks.training.trees import Growth
 from texloom.stages.analysis.structure import edges
+from texloom.stages.analysis.structure.forest_files import read_opencv_forest
 
 TINY = Plan(trees=4, pictures=4, patches=40, side=96, features=0.02, growth=Growth(min_samples=8, candidates=30))
 
@@ -20,10 +20,9 @@ def test_the_same_plan_gives_the_same_model(tmp_path: Path) -> None:
         write_model(train(TINY, processes=1), tmp_path / f"{name}.yml.gz")
     content = (tmp_path / "a.yml.gz").read_bytes()
     assert content == (tmp_path / "b.yml.gz").read_bytes()
-    detector = cv2.ximgproc.createStructuredEdgeDetection(str(tmp_path / "a.yml.gz"))
     step = np.zeros((64, 64, 3), np.float32)
     step[:, 32:] = 0.7
-    strength = detector.detectEdges(step)
+    strength = read_opencv_forest(tmp_path / "a.yml.gz").detect(step)
     assert np.isfinite(strength).all()
     assert strength.max() > 0
 

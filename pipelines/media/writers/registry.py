@@ -23,8 +23,11 @@ Takes = Literal["array", "picture", "image", "value", "html", "csv", "glsl", "mt
 _ROOM = "texloom.pipelines.media.writers"
 _LOG = logging.getLogger(__name__)
 _EIGHT_BITS = (".jpg", ".webp", ".dzi")
-_MODULES = {"OpenImageIO": ("openimageio", "tx")}
-"""module to its distribution and the extra of texloom that has it"""
+_REMEDIES = {
+    "OpenImageIO": "openimageio is not installed; pip install 'texloom[tx]'",
+    "MaterialX": "MaterialX is not installed, which has no package for Linux on ARM; .usda and .glb need none",
+}
+"""of modules that are not installed"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,8 +52,7 @@ class Writer:
     def check_installed(self, where: str) -> None:
         """`InputError` at the place ``where`` if what it needs is missing; nothing is imported."""
         if self.needs and importlib.util.find_spec(self.needs) is None:
-            distribution, extra = _MODULES[self.needs]
-            raise refused(f"{where}: {distribution} is not installed; pip install 'texloom[{extra}]'")
+            raise refused(f"{where}: {_REMEDIES[self.needs]}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,8 +98,8 @@ WRITERS = (
     Writer(".hdr", "picture", "pictures"),
     Writer(".slopes.tx", "picture", "tx", "OpenImageIO"),
     Writer(".tx", "picture", "tx", "OpenImageIO"),
-    Writer(HEX_TILED, "image", "documents", companions="_hex_maps"),
-    Writer(".mtlx", "image", "documents", companions="_maps"),
+    Writer(HEX_TILED, "image", "documents", "MaterialX", "_hex_maps"),
+    Writer(".mtlx", "image", "documents", "MaterialX", "_maps"),
     Writer(".usda", "image", "documents", companions="_maps"),
     Writer(".glb", "image", "glb"),
     Writer(".dzi", "image", "dzi", companions="_files"),

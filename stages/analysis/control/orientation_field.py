@@ -57,7 +57,7 @@ class OrientationField:
     """line integral convolution of the field over the texture, fainter where the confidence is low"""
 
 
-@stage(version=1, check=same_size("strokes", "image", "texture"))
+@stage(version=2, check=same_size("strokes", "image", "texture"))
 def orientation_field(
     image: Image, params: OrientationFieldParams, strokes: Image | None = None
 ) -> OrientationField:

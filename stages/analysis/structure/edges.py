@@ -9,24 +9,17 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.analysis.structure.structured_forest import Forest, load_forest
+from texloom.stages.analysis.structure.forest_files import load_forest, read_opencv_forest
+from texloom.stages.analysis.structure.structured_forest import Forest
 from texloom.stages.common.grids.working_size import in_full, working_image
 from texloom.stages.kernels.core.elementary_functions import power
 from texloom.stages.kernels.core.threads import run_all
 from texloom.stages.numerics.filters import gaussian_blur, gradients
 from texloom.stages.vocabulary.arrays import ColorField, Image, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear, srgb_from_linear
-from texloom.stages.vocabulary.declare import InputError, InputFile, Params, stage
+from texloom.stages.vocabulary.declare import InputFile, Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
-from texloom.stages.vocabulary.opencv import extra_part
 from texloom.stages.vocabulary.progress import Progress, report
-
-_OPTIONS = (
-    "numberOfTrees", "numberOfTreesToEvaluate", "selfsimilarityGridSize", "stride", "shrinkNumber", "patchSize",
-    "patchInnerSize", "numberOfGradientOrientations", "regFeatureSmoothingRadius", "ssFeatureSmoothingRadius",
-    "gradientNormalizationRadius",
-)  # fmt: skip
-_TABLES = ("childs", "featureIds", "thresholds", "edgeBoundaries", "edgeBins")
 
 MODEL = Path(__file__).parents[2] / "data" / "contours.npz"
 """the forest that ships with texloom; docs/contours.md tells how it was trained"""
@@ -64,35 +57,10 @@ class Edges:
     """0..1, scaled to a maximum of 1; all 0 on a constant exemplar"""
 
 
-def _readable_model(path: Path) -> None:
-    """Raise `InputError` unless the file has all that the detector reads; OpenCV does not check it."""
-    import cv2
-
-    if not path.is_file():
-        raise InputError(f"model: {path} is not a file")
-    try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        opened = storage.isOpened()
-    except (cv2.error, SystemError) as error:
-        raise InputError(f"model: {path} is not a structured forest: {str(error).splitlines()[0]}") from None
-    if not opened:
-        raise InputError(f"model: {path} is not a structured forest: it cannot be parsed")
-    options = storage.getNode("options")
-    if not options.isMap():
-        raise InputError(f"model: {path} is not a structured forest: options is missing")
-    for name in _OPTIONS:
-        node = options.getNode(name)
-        if node.empty() or (not node.isInt() and not node.isReal()) or node.real() < 1:
-            raise InputError(f"model: {path} is not a structured forest: options.{name} is missing or below 1")
-    for name in _TABLES:
-        if storage.getNode(name).empty():
-            raise InputError(f"model: {path} is not a structured forest: {name} is missing")
-
-
 def check_model(params: EdgesParams, known: Mapping[str, Any]) -> None:  # noqa: ARG001
     """A structured forest given by the user must be valid."""
     if params.detector == "structured" and params.model is not None:
-        _readable_model(params.model)
+        read_opencv_forest(params.model)
 
 
 def _gradient(lab: ColorField, sigma: float) -> ScalarMap:
@@ -122,12 +90,12 @@ def magnifications(shorter: int, scales: Sequence[float]) -> list[float]:
 
 def _structured(image: Image, params: EdgesParams) -> ScalarMap:
     """Geometric mean of the forest's responses at several magnifications, which suppresses grain."""
-    # The detector expects sRGB in 0..1 and crashes on anything else.
+    # The detector expects sRGB in 0..1.
     encoded = np.nan_to_num(srgb_from_linear(image.color)).astype(np.float32)
     strength = np.ones(encoded.shape[:2], np.float32)
     if np.ptp(encoded, axis=(0, 1)).max() < 1e-3:
         return strength
-    detect = _shipped().detect if params.model is None else _opencv_detector(params.model)
+    detect = _shipped().detect if params.model is None else read_opencv_forest(params.model).detect
     used = magnifications(min(image.height, image.width), params.scales)
     # The last is usually the largest, with which a thread should begin.
     calls = [(magnification, encoded, detect) for magnification in reversed(used)]
@@ -140,11 +108,6 @@ def _structured(image: Image, params: EdgesParams) -> ScalarMap:
 @functools.cache
 def _shipped() -> Forest:
     return load_forest(MODEL)
-
-
-def _opencv_detector(model: Path) -> Callable[[np.ndarray], np.ndarray]:
-    detector = extra_part().createStructuredEdgeDetection(str(model))
-    return lambda color: np.asarray(detector.detectEdges(color))
 
 
 def _magnified(magnification: float, encoded: np.ndarray, detect: Callable[[np.ndarray], np.ndarray]) -> ScalarMap:
@@ -160,7 +123,7 @@ def _magnified(magnification: float, encoded: np.ndarray, detect: Callable[[np.n
     return np.asarray(cv2.resize(np.nan_to_num(inside), (width, height), interpolation=interpolation), np.float32)
 
 
-@stage(version=1, check=check_model)
+@stage(version=2, check=check_model)
 def edges(image: Image, params: EdgesParams) -> Edges:
     """Detect contours of an exemplar; excluded pixels have none.
 

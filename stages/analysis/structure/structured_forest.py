@@ -1,33 +1,34 @@
-"""A structured forest as OpenCV's ``StructuredEdgeDetection`` defines it, with equal results in less time."""
+"""A structured forest as OpenCV's ``StructuredEdgeDetection`` defines it, which takes more time."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, Int32, UInt8, UInt16
+from jaxtyping import Float32, Int32, Integer, UInt8
 
-from texloom.stages.numerics.filters import filtered
-from texloom.stages.vocabulary.opencv import extra_part
+from texloom.stages.analysis.structure.contour_channels import CHANNELS, channels_of, triangle
 
-_CHANNELS = 13  # CIELUV, then at two scales the gradient's size and its share in four directions
 _PATCH, _LABEL = 32, 16  # sides, px
 _CELL = _PATCH // 2  # side of a patch on the channels
 _GRID = np.array([1, 4, 8, 11, 14])  # rows and columns on the channels between which features are differences
 _PAIRS = np.array(np.triu_indices(len(_GRID) ** 2, 1))
-_DIRECT = _CHANNELS * _CELL**2  # features that are values; those after them are differences within a channel
+_DIRECT = CHANNELS * _CELL**2  # features that are values; those after them are differences within a channel
+FEATURES = _DIRECT + CHANNELS * _PAIRS.shape[1]
+"""number of what a node may compare"""
+TREES = 4
+"""trees that see each patch"""
 
 
 @dataclasses.dataclass(frozen=True)
 class Forest:
     """Trees that see patches of 32 x 32 pixels, and leaves that vote for the 16 x 16 at their centres."""
 
-    children: UInt16[np.ndarray, "trees nodes"]
+    children: Integer[np.ndarray, "trees nodes"]
     """number of the right child, 0 for a leaf; the left child comes directly before"""
-    features: UInt16[np.ndarray, "trees nodes"]
+    features: Integer[np.ndarray, "trees nodes"]
     """what is compared: values of the smoothed channels, then differences of more smoothed ones"""
     thresholds: Float32[np.ndarray, "trees nodes"]
     """values below go left"""
-    votes: UInt16[np.ndarray, "trees nodes"]
+    votes: Integer[np.ndarray, "trees nodes"]
     """how many each leaf has"""
     bins: UInt8[np.ndarray, "all_votes"]
     """the pixels that they are for, column by column"""
@@ -41,28 +42,28 @@ class Forest:
         """
         import cv2
 
-        from texloom.stages.kernels.contours.forest import EVALUATED, add_votes
+        from texloom.stages.kernels.contours.forest import add_votes
 
         votes = np.zeros(color.shape[:2], np.uint16)
         margin = (_PATCH - _LABEL) // 2
-        color = cv2.copyMakeBorder(color, margin, margin, margin, margin, cv2.BORDER_REFLECT)
-        height, width = (round(side / 2) for side in color.shape[:2])
-        channels = np.zeros((height, width, _CHANNELS), np.float32)
-        extra_part().createRFFeatureGetter().getFeatures(color, channels, 4, 0, 2, _CHANNELS, 4)
-        smooth = np.stack([_smoothed(channels, radius) for radius in (1, 4)])
-        row_step, patches = width * _CHANNELS, (height - _CELL, width - _CELL)
+        odd = (side % 2 for side in color.shape[:2])
+        below, right = (margin + more for more in odd)
+        channels = channels_of(cv2.copyMakeBorder(color, margin, below, margin, right, cv2.BORDER_REFLECT))
+        height, width = channels.shape[:2]
+        smooth = np.stack([triangle(channels, radius) for radius in (1, 4)])
+        row_step, patches = width * CHANNELS, (height - _CELL, width - _CELL)
         bounds = np.zeros(self.votes.size + 1, np.int32)
         np.cumsum(self.votes, out=bounds[1:])
         nodes, trees = self._nodes(row_step, channels.size), len(self.votes)
-        add_votes(smooth.ravel(), row_step, _CHANNELS, patches, nodes, trees, bounds, self.bins, votes)
-        return _smoothed(votes * np.float32(2 * 2**2 / _LABEL**2 / EVALUATED), 1)
+        add_votes(smooth.ravel(), row_step, CHANNELS, patches, nodes, trees, bounds, self.bins, votes)
+        return triangle((votes * np.float32(2 * 2**2 / _LABEL**2 / TREES))[..., None], 1)[..., 0]
 
     def _nodes(self, row_step: int, size: int) -> np.ndarray:
         """The nodes as the kernel takes them, for channels of ``size`` values, ``row_step`` a row."""
         from texloom.stages.kernels.contours.forest import NODE
 
         def place(row: np.ndarray, column: np.ndarray, channel: np.ndarray) -> Int32[np.ndarray, "trees nodes"]:
-            return (row * row_step + column * _CHANNELS + channel).astype(np.int32)
+            return (row * row_step + column * CHANNELS + channel).astype(np.int32)
 
         features = self.features.astype(np.int32)
         channel, spot = np.divmod(features, _CELL**2)
@@ -76,16 +77,3 @@ class Forest:
         nodes["right"] = np.where(is_leaf, own + 1, own[:, :1] + self.children)
         nodes["threshold"] = np.where(is_leaf, np.float32(np.inf), self.thresholds)
         return nodes.ravel()
-
-
-def load_forest(path: Path) -> Forest:
-    """The forest in an ``.npz`` file that has its tables."""
-    with np.load(path) as tables:
-        return Forest(**tables)
-
-
-def _smoothed(channels: np.ndarray, radius: int) -> np.ndarray:
-    """Every channel convolved with a triangle of ``radius`` px to each side."""
-    weights = np.minimum(np.arange(1, 2 * radius + 2), np.arange(2 * radius + 1, 0, -1)).astype(np.float32)
-    weights /= np.float32((radius + 1) ** 2)
-    return filtered(channels, weights, weights, "mirror")

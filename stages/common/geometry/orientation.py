@@ -17,7 +17,6 @@ from texloom.stages.numerics.matrices import solve_symmetric
 from texloom.stages.vocabulary.arrays import ColorField, Image, ScalarMap
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
-from texloom.stages.vocabulary.opencv import extra_part
 
 Doubled: TypeAlias = Float32[np.ndarray, "h w 2"]
 """(cos 2a, sin 2a) of an orientation a, times its confidence, 0..1"""
@@ -25,6 +24,8 @@ Doubled: TypeAlias = Float32[np.ndarray, "h w 2"]
 _MIN_COVER = 0.5  # of a pixel that belongs to a stroke, as a share of the largest
 _MAX_SIDE = 192  # px; of the grid on which a field is diffused
 _PIECES = 16
+_ALIKE = 1024  # steps in which weights of differences are tabulated
+_NEGLIGIBLE = 16.0  # minus the logarithm of a weight that counts as 0
 _STREAK = 14  # px to both sides, of the lines in a picture of a field
 
 
@@ -91,10 +92,21 @@ def smoothed(vectors: Doubled, guide: ColorField, sigma: float, color_sigma: flo
     sigma : standard deviation of the weight by distance, px.
     color_sigma : standard deviation of the weight by colour, CIELAB units.
     """
-    planes = np.ascontiguousarray(np.dstack([vectors, np.ones(vectors.shape[:2], np.float32)]))
-    side = 2 * int(np.ceil(2 * sigma)) + 1
-    filtered = extra_part().jointBilateralFilter(np.ascontiguousarray(guide), planes, side, color_sigma, sigma)
-    return np.ascontiguousarray(filtered[..., :2])
+    from texloom.stages.kernels.core.joint_bilateral import joint_bilateral
+
+    radius = int(np.ceil(2 * sigma))
+    offsets = np.stack(np.meshgrid(*[np.arange(-radius, radius + 1)] * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    squared = (offsets**2).sum(axis=1)
+    offsets, squared = offsets[squared <= radius**2], squared[squared <= radius**2]
+    near = exp(-squared / (2 * sigma**2)).astype(np.float32)
+    alike = exp(-np.arange(_ALIKE + 1) * (_NEGLIGIBLE / _ALIKE)).astype(np.float32)
+    per_unit = np.float32(_ALIKE / _NEGLIGIBLE / (2 * color_sigma**2))
+    beyond = [(0, 0), (radius, radius), (radius, radius)]
+    values, planes = (np.pad(np.moveaxis(one, 2, 0), beyond, "reflect") for one in (vectors, guide))
+    out = np.empty((2, *vectors.shape[:2]), np.float32)
+    given = values, planes, offsets + radius, near, alike, per_unit, out
+    run_spans(joint_bilateral, given, len(vectors), _PIECES)
+    return np.ascontiguousarray(np.moveaxis(out, 0, 2))
 
 
 def diffused(vectors: Doubled, stiffness: float) -> Doubled:

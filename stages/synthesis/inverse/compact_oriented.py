@@ -85,7 +85,7 @@ class CompactedOriented(Copied):
     squared CIELAB units per pixel; share of pixels changed since the previous one. The last is of the result"""
 
 
-@stage(version=4, check=size_check("compact_oriented", "neighbourhood"))
+@stage(version=5, check=size_check("compact_oriented", "neighbourhood"))
 def compact_oriented(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],

@@ -13,7 +13,7 @@ from texloom.stages.analysis.control.orientation_field import (
     OrientationFieldParams,
     orientation_field,
 )
-from texloom.stages.common.geometry.orientation import angle_of, diffused, doubled
+from texloom.stages.common.geometry.orientation import angle_of, diffused, doubled, smoothed
 from texloom.stages.lookup.registry import find_stage
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -153,3 +153,17 @@ def test_wrong_strokes_are_said() -> None:
         check(OrientationFieldParams(), {"image": image, "strokes": picture(np.zeros((12, 15)))})
     with pytest.raises(InputError, match="nothing is painted"):
         measured(image, picture(np.zeros(SHAPE)))
+
+
+@pytest.mark.parametrize("sigma", [0.5, 1.5])
+def test_smoothing_is_a_mean_over_pixels_that_are_near_and_alike(sigma: float, rng: np.random.Generator) -> None:
+    vectors = rng.normal(size=(9, 11, 2)).astype(np.float32)
+    guide = rng.uniform(0, 9, (9, 11, 3)).astype(np.float32)
+    rows, columns = np.indices((9, 11))
+    radius = int(np.ceil(2 * sigma))
+    for y, x in ((4, 5), (5, 3)):  # what is beyond the border is mirrored
+        squared = (rows - y) ** 2 + (columns - x) ** 2
+        differences = np.abs(guide - guide[y, x]).sum(axis=2)
+        weight = np.exp(-squared / (2 * sigma**2) - differences**2 / (2 * 6.0**2)) * (squared <= radius**2)
+        expected = (weight[..., None] * vectors).sum(axis=(0, 1)) / weight.sum()
+        np.testing.assert_allclose(smoothed(vectors, guide, sigma, 6.0)[y, x], expected, atol=1e-4)
