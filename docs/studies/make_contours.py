@@ -62,4 +62,4 @@ def contours() -> Image.Image:
 
 
 if __name__ == "__main__":
-    contours().save(PICTURES / "contours.jpg", quality=82)
+    contours().save(PICTURES / "contours.webp", quality=70, method=6)

@@ -173,7 +173,8 @@ def tone(image: Image, params: ToneParams) -> Tone:
 def _report(lightness: float, chroma: float) -> None:
     amounts = [f"{name} by {amount:.0f}" for name, amount in (("light", lightness), ("colour", chroma)) if amount]
     _LOG.warning(
-        "the exemplar's tone drifts (%s CIELAB units), and was evened; --set tone.even=never keeps it",
+        "the exemplar's tone drifts (%s CIELAB units), and was evened; even=never of this step keeps it, as --set "
+        "tone.even=never",
         ", ".join(amounts),
     )
 

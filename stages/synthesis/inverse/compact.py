@@ -3,10 +3,10 @@
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from jaxtyping import Bool, Float32, UInt32
+from jaxtyping import Bool, Float32
 from pydantic import Field
 
 from texloom.stages.analysis.similarity.k_coherence import Candidates, KCoherenceParams
@@ -14,12 +14,13 @@ from texloom.stages.analysis.similarity.tsvq import Leaf, Nodes, TsvqParams
 from texloom.stages.common.grids.pyramid import halved_size, resize
 from texloom.stages.common.grids.size_checks import check_row_length
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, inside_at, inside_of
+from texloom.stages.common.source_maps.origins import Origin, origin_of
 from texloom.stages.synthesis.control_maps.coarse_level import Guide
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
 from texloom.stages.synthesis.inverse.start import QUICK, crop, starts
 from texloom.stages.synthesis.inverse.summary import Copied, level_count, outlines, size_check, square_of_share
-from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, ScalarMap
+from texloom.stages.vocabulary.arrays import Correspondence, Image, ScalarMap
 from texloom.stages.vocabulary.checkpoints import Checkpoints, NoCheckpoints
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.progress import Progress, report
@@ -79,10 +80,6 @@ class CompactParams(Params):
     that wraps around may be slightly worse than the crop, since its ends must meet"""
     start_seams: float | None = Field(None, ge=0, le=100)
     """weight of the seam cost in the choice of blocks for `cover`; null: that of ``seams``"""
-
-
-Origin: TypeAlias = Annotated[UInt32[np.ndarray, "H W 3"], Channels(("texture", "row", "column"))]
-"""for every pixel the texture that it comes from, from 0, and the pixel within that"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -180,7 +177,7 @@ def compact(
     copied = Copied.of(texture, control, np.moveaxis(source, 0, 2), params.tileable)
     return Compacted(
         **vars(copied),
-        origin=None if rectangles is None else _origin(source, rectangles),
+        origin=None if rectangles is None else origin_of(source, rectangles),
         guide=None if guide is None else guide[source[0], source[1]],
         use=use,
         sides=list(source.shape[1:]),
@@ -392,14 +389,6 @@ def _doubled(source: Source, size: tuple[int, int], inside: Bool[np.ndarray, "h 
     coarse = source[:, rows[:, None] // 2, columns // 2]
     finer = 2 * coarse + np.stack(np.broadcast_arrays(rows[:, None] % 2, columns % 2))
     return np.asarray(nearest_in(inside, finer))
-
-
-def _origin(source: Source, rectangles: Rectangles) -> Origin:
-    row, column, height, width = rectangles.T[:, :, None, None]
-    within = (source[0] >= row) & (source[0] < row + height) & (source[1] >= column) & (source[1] < column + width)
-    texture = within.argmax(axis=0)
-    place = source - np.moveaxis(rectangles[texture, :2], 2, 0)
-    return np.stack([texture, *place], axis=2).astype(np.uint32)
 
 
 def _as_correspondence(source: Source) -> Correspondence:

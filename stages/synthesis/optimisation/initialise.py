@@ -15,7 +15,7 @@ from texloom.stages.synthesis.optimisation.guides import resize_target
 from texloom.stages.synthesis.stitching.cuts import Strips, enclosed
 from texloom.stages.synthesis.stitching.overlap import OverlapSearch
 from texloom.stages.synthesis.stitching.seam_map import seam_errors, slopes
-from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, Vectors
+from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
 from texloom.stages.vocabulary.masks import (
@@ -157,6 +157,7 @@ class _Blocks:
     size : height and width of the result, px.
     usable : pixels that blocks should be limited to, as far as possible; none for all.
     guides : planes of the exemplar, and of the result, that should be alike; none without.
+    share : wanted use of each pixel of the exemplar, relative to even use; none for even use.
     """
 
     def __init__(
@@ -169,6 +170,7 @@ class _Blocks:
         rng: np.random.Generator,
         usable: Mask | None = None,
         guides: tuple[np.ndarray, np.ndarray] | None = None,
+        share: ScalarMap | None = None,
     ):
         self.usable = usable
         self.shape = np.array(features.shape[:2])
@@ -184,6 +186,9 @@ class _Blocks:
         # px of the squares of the global search and of use counts
         self.square = max(1, min(int(self.shape.min()) // _SEARCH_GRID, self.margin // 4))
         self.uses = np.zeros(tuple(self.shape // self.square), np.float32)
+        self.use = np.ones_like(self.uses)  # that a block adds
+        if share is not None:
+            self.use /= _means(share, np.zeros(2, np.int64), self.shape, self.square)
         self.search = None
         self.max_shift = self.square
         if len(generators):
@@ -421,7 +426,8 @@ class _Blocks:
         np.copyto(self.canvas[into], self.features[own], where=new[..., None])
         np.copyto(self.filled[into], 1, where=new)
         begin, end = source // self.square, -(-(source + target.side) // self.square)
-        self.uses[begin[0] : end[0], begin[1] : end[1]] += 1
+        squares = np.s_[begin[0] : end[0], begin[1] : end[1]]
+        self.uses[squares] += self.use[squares]
 
 
 def _means(planes: np.ndarray, corner: np.ndarray, size: np.ndarray, square: int) -> np.ndarray:
@@ -479,6 +485,7 @@ def initialise(
     generators: Vectors | None = None,
     exemplar_guide: Float32[np.ndarray, "h w k"] | None = None,
     target_guide: Float32[np.ndarray, "H W k"] | None = None,
+    share: ScalarMap | None = None,
 ) -> Initialised:
     """Cover the result with blocks of the exemplar.
 
@@ -499,6 +506,7 @@ def initialise(
     exemplar_guide, target_guide : what lies where in the exemplar and what is to lie where in the result, CIELAB
         units; see `guide`. The target's is resized to the result, and NaN where it asks for nothing. None without a
         guide.
+    share : use of each exemplar pixel that is wanted, relative to even use, above 0; none for even use.
 
     Raises
     ------
@@ -530,7 +538,7 @@ def initialise(
             sides = _beside_mask(sides, usable, params)
         features = np.concatenate([lab_from_linear(fill_excluded(image).color), contours[..., None]], axis=2)
         del contours
-        match = _Blocks(features, lattice, sides, size, params, rng, usable, guides).run()
+        match = _Blocks(features, lattice, sides, size, params, rng, usable, guides, share).run()
     nearest = None if usable is None else nearest_valid(usable)
     image = without_usable(image)
     pixels = empty((*size, image.pixels.shape[2]), np.float32)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt32
 from pydantic import Field
 
+from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.common.grids.working_size import Halvings
 from texloom.stages.synthesis.optimisation import correspondence
 from texloom.stages.synthesis.optimisation.border import Border
@@ -179,6 +180,7 @@ class _Optimisation:
         phase: LatticePhase | None,
         regularity: float,
         fixed: FixedPixels | None,
+        share: ScalarMap | None,
         params: OptimiseParams,
     ):
         exemplar = FilledExemplar.of(image)
@@ -190,6 +192,7 @@ class _Optimisation:
         )  # fmt: skip
         self.start = start
         self.fixed = fixed
+        self.share = share
         self.params = params
         self.final = window(params.patch_size, params.schedule.final_sigma)
         self.wrap = params.tileable or NOWHERE
@@ -260,13 +263,17 @@ class _Optimisation:
     def _expected(
         self, scale: PatchScale
     ) -> tuple[Float32[np.ndarray, "h w"] | None, Float32[np.ndarray, "p q"] | None]:
-        """Use of exemplar pixels and of patches that the guides ask for, relative to even use; none without."""
-        guides, size = self.compared.guides, self.params.patch_size
-        if guides is None:
+        """Use of exemplar pixels and of patches that guides and shares ask for, relative to even use; or none."""
+        guides, size, expected = self.compared.guides, self.params.patch_size, None
+        if guides is not None:
+            own, target = guides.at(scale, scale.target, self.params.beyond)
+            usable = None if scale.allowed is None else scale.allowed.pixels
+            expected = expected_use(own, target, size, usable)
+        if self.share is not None:
+            share = resize(self.share[..., None], *scale.exemplar, bilinear=True)[..., 0]
+            expected = share if expected is None else expected * share
+        if expected is None:
             return None, None
-        own, target = guides.at(scale, scale.target, self.params.beyond)
-        usable = None if scale.allowed is None else scale.allowed.pixels
-        expected = expected_use(own, target, size, usable)
         middle = tuple(slice(size // 2, size // 2 + count) for count in scale.places)
         return expected, expected[middle]
 
@@ -305,6 +312,7 @@ def optimise(
     target_guide: Float32[np.ndarray, "H W k"] | None = None,
     guiding: Bool[np.ndarray, "_ _"] | None = None,
     contours: ScalarMap | None = None,
+    share: ScalarMap | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Optimised:
     """Make every patch of the result similar to a patch of the exemplar, and use the exemplar uniformly.
@@ -345,6 +353,7 @@ def optimise(
     contours : strength of the exemplar's contours, see `edges`. Where they surround cells, such as bricks, and
         nothing is kept or guided, those of the result that show parts of several are replaced by whole ones at the
         end; see `CellCompletion`. Not in the paper.
+    share : use of each exemplar pixel that is wanted, relative to even use, above 0; none for even use.
     guiding : true where pixels of ``keep`` are only matched to: the result has the votes of its patches there,
         which resemble them. None for none.
 
@@ -375,7 +384,7 @@ def optimise(
     >>> texloom.stages.optimise(brick, start, preset="fast").image.shape
     (48, 64, 1)
     """
-    _check_inputs(image, start, guidance, keep, given, guiding, contours)
+    _check_inputs(image, start, keep, given, guiding, {"guidance": guidance, "contours": contours, "share": share})
     kept = image if given is None else given
     wrap = wraps_after(params.tileable, NOWHERE if keep is None else kept.wraps)
     params = params.model_copy(update={"tileable": wrap})
@@ -395,7 +404,8 @@ def optimise(
         cells = math.ceil(_MIN_CELL * min(image.height, image.width) / min_spacing(generators))
     scales = patch_scales(image, start, params, params.occurrence > 0, cells)
     distance = None if guidance is None else border.around(guidance)
-    optimisation = _Optimisation(image, start, distance, weight, guides, phase, regularity, fixed, params)
+    share = None if share is None else border.around(share)
+    optimisation = _Optimisation(image, start, distance, weight, guides, phase, regularity, fixed, share, params)
     del distance
     randoms, tried = rng.spawn(len(scales)), min(_TRIED_SCALES, len(scales) - 1)
     others = [] if keep is not None or not tried else [rng.spawn(tried) for _ in range(params.starts - 1)]
@@ -443,17 +453,15 @@ def optimise(
 def _check_inputs(
     image: Image,
     start: Correspondence,
-    guidance: ScalarMap | None,
     keep: Bool[np.ndarray, "_ _"] | None,
     given: Image | None,
     guiding: Bool[np.ndarray, "_ _"] | None,
-    contours: ScalarMap | None,
+    planes: Mapping[str, ScalarMap | None],
 ) -> None:
     height, width = start.shape[:2]
-    if guidance is not None and guidance.shape != (image.height, image.width):
-        raise ValueError(f"guidance of shape {guidance.shape} for an exemplar of {format_size(image)}")
-    if contours is not None and contours.shape != (image.height, image.width):
-        raise ValueError(f"contours of shape {contours.shape} for an exemplar of {format_size(image)}")
+    for name, plane in planes.items():
+        if plane is not None and plane.shape != (image.height, image.width):
+            raise ValueError(f"{name} of shape {plane.shape} for an exemplar of {format_size(image)}")
     check_start(image, start)
     if keep is not None and keep.shape != (height, width):
         raise ValueError(f"keep of shape {keep.shape} for a start of {format_size((height, width))}")

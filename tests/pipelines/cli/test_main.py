@@ -340,7 +340,7 @@ WRONG_COMMANDS = {
     "run joint_compaction a.png": (
         "--source texture: takes a folder or a quoted pattern, as 'textures/*.png', got '"
     ),
-    f"run photo_to_texture --set surface.geometry={ROOT / 'docs/pictures/contours.jpg'}": (
+    f"run photo_to_texture --set surface.geometry={ROOT / 'docs/pictures/contours.webp'}": (
         "--set surface.geometry: "
     ),
     "run self_tuning --set start.size=10x1000000000": "--set start.size: ",

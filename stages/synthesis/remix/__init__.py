@@ -1,0 +1,1 @@
+"""One texture of several exemplars."""

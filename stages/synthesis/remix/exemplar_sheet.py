@@ -1,0 +1,170 @@
+"""Several exemplars side by side in one picture, from which one texture is made."""
+
+import dataclasses
+import logging
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from jaxtyping import Float32
+from pydantic import Field
+
+from texloom.stages.common.grids.packing import arranged
+from texloom.stages.common.grids.size_checks import check_side
+from texloom.stages.common.similarity.neighbourhoods import Rectangles
+from texloom.stages.vocabulary.arrays import Image, ScalarMap
+from texloom.stages.vocabulary.color import lab_from_linear, linear_from_lab
+from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.masks import EXCLUSION_CHANNELS, valid_pixels, with_usable
+
+_LOG = logging.getLogger(__name__)
+
+_GAP = 32  # px between two exemplars, which no patch may cross, also where pictures are reduced
+_MIN_SIDE = 32  # px
+_SCALES_ALIKE = 4.0  # ratio of sides from which exemplars are said to be of different size
+_MIN_SPREAD = 1.0  # CIELAB units; less contrast is not stretched
+
+
+class ExemplarSheetParams(Params):
+    """How much of each exemplar the texture is to have, and whether their tones are matched."""
+
+    weights: dict[str, Annotated[float, Field(gt=0, le=1000)]] = Field({}, max_length=64)
+    """how much of the texture is to come from an exemplar, by its name, about, relative to 1 of those that are not
+    named; none: as much as the exemplars are large, so that all pixels are used evenly"""
+    match_tone: float = Field(0.0, ge=0, le=1)
+    """how far mean and contrast of lightness and colour of each exemplar are moved to those of all, 0..1"""
+
+
+@dataclasses.dataclass(frozen=True)
+class ExemplarSheet:
+    """The exemplars in one picture."""
+
+    image: Image
+    """all exemplars; the gaps between them are excluded"""
+    share: ScalarMap | None
+    """use of each pixel that the weights ask for, relative to even use; none without weights"""
+    rectangles: Rectangles
+    """position and size of each exemplar, in the order of `names`"""
+    names: list[str]
+    """of the exemplars, without those that failed"""
+
+
+@stage(version=1)
+def exemplar_sheet(
+    exemplars: list[Image | None], items: list[dict[str, Any]], params: ExemplarSheetParams
+) -> ExemplarSheet:
+    """Arrange exemplars of any size in one picture, with excluded gaps between them.
+
+    Grey exemplars among coloured ones become coloured. Further maps are those that all have.
+
+    Parameters
+    ----------
+    exemplars : None where an item failed.
+    items : name of each exemplar's item; provided by the runner.
+
+    Raises
+    ------
+    InputError
+        there is no exemplar; one is smaller than 32 px; a weight is of none of them.
+
+    References
+    ----------
+    Ours; the optimisation of [Kaspar2015]_ does not ask where a patch comes from.
+    """
+    known = [(str(item["name"]), one) for item, one in zip(items, exemplars, strict=True) if one is not None]
+    if not known:
+        raise InputError("exemplars: there is none")
+    names = [name for name, _ in known]
+    usable = [valid_pixels(image) for _, image in known]
+    images = _of_one_kind(names, [_without_exclusion(image) for _, image in known])
+    for image in images:
+        check_side(image, _MIN_SIDE)
+    _tell_sizes(names, images)
+    shares = _shares(params.weights, names)
+    if params.match_tone and len(images) > 1:
+        images = _alike(images, params.match_tone)
+    rectangles, shape = arranged([(image.height, image.width) for image in images], _GAP)
+    area = sum(image.height * image.width for image in images)
+    canvas = np.zeros((*shape, len(images[0].channels)), np.float32)
+    valid, share = np.zeros(shape, bool), np.ones(shape, np.float32)
+    for number, (image, (row, column, height, width)) in enumerate(zip(images, rectangles.tolist(), strict=True)):
+        place = np.s_[row : row + height, column : column + width]
+        canvas[place] = image.pixels
+        own = usable[number]
+        valid[place] = True if own is None else own
+        if shares is not None:
+            share[place] = shares[number] * area / (height * width)
+    return ExemplarSheet(
+        image=with_usable(images[0].elsewhere(canvas), valid),
+        share=None if shares is None else share,
+        rectangles=rectangles,
+        names=names,
+    )
+
+
+def _of_one_kind(names: Sequence[str], images: Sequence[Image]) -> list[Image]:
+    """The images with the channels that all have; grey ones in colour if another is."""
+    colours = [image.channels[0] != "Y" for image in images]
+    made = list(map(_in_colour, images)) if any(colours) else list(images)
+    if any(colours) and not all(colours):
+        grey = [name for name, is_colour in zip(names, colours, strict=True) if not is_colour]
+        _LOG.warning("%s: grey among exemplars in colour", ", ".join(grey))
+    common = [name for name in made[0].channels if all(name in image.channels for image in made)]
+    for name, image in zip(names, made, strict=True):
+        if left_out := [channel for channel in image.channels if channel not in common]:
+            _LOG.warning("%s: %s left out, which not all exemplars have", name, ", ".join(left_out))
+    return [_planes(image, common) for image in made]
+
+
+def _planes(image: Image, names: Sequence[str]) -> Image:
+    kept = [image.channels.index(name) for name in names]
+    return image.with_pixels(np.ascontiguousarray(image.pixels[..., kept]), tuple(names))
+
+
+def _without_exclusion(image: Image) -> Image:
+    return _planes(image, [name for name in image.channels if name not in EXCLUSION_CHANNELS])
+
+
+def _in_colour(image: Image) -> Image:
+    if image.channels[0] != "Y":
+        return image
+    pixels = np.concatenate([np.repeat(image.pixels[..., :1], 3, axis=2), image.pixels[..., 1:]], axis=2)
+    return image.with_pixels(np.ascontiguousarray(pixels), ("R", "G", "B", *image.channels[1:]))
+
+
+def _shares(weights: Mapping[str, float], names: Sequence[str]) -> np.ndarray | None:
+    """Of the texture, in the order of the names; none where nothing is asked for."""
+    if unknown := [name for name in weights if name not in names]:
+        raise InputError(f"weights: {unknown[0]} is no exemplar; they are {', '.join(names)}")
+    asked = np.array([weights.get(name, 1.0) for name in names])
+    return asked / asked.sum() if weights else None
+
+
+def _tell_sizes(names: Sequence[str], images: Sequence[Image]) -> None:
+    sides = [min(image.height, image.width) for image in images]
+    if max(sides) >= _SCALES_ALIKE * min(sides):
+        largest, smallest = names[int(np.argmax(sides))], names[int(np.argmin(sides))]
+        _LOG.warning(
+            "%s has %d times the side of %s: are features of both as large as they should be? --reduce makes "
+            "exemplars smaller",
+            largest, round(max(sides) / min(sides)), smallest,
+        )  # fmt: skip
+
+
+def _alike(images: Sequence[Image], strength: float) -> list[Image]:
+    """The images with means and deviations of CIELAB moved towards those of all."""
+    labs = [lab_from_linear(image.color) for image in images]
+    means, spreads = np.array([_mean_and_spread(lab) for lab in labs]).swapaxes(0, 1)
+    wanted_mean, wanted_spread = means.mean(axis=0), spreads.mean(axis=0)
+    made = []
+    for image, lab, mean, spread in zip(images, labs, means, spreads, strict=True):
+        ratio = wanted_spread / np.maximum(spread, _MIN_SPREAD)
+        moved = (lab - mean) * (1 + strength * (ratio - 1)) + mean + strength * (wanted_mean - mean)
+        color = np.maximum(linear_from_lab(moved.astype(np.float32)), 0)
+        planes = color if image.channels[0] != "Y" else color.mean(axis=2, keepdims=True)
+        made.append(image.with_pixels(np.concatenate([planes, image.pixels[..., planes.shape[2] :]], axis=2)))
+    return made
+
+
+def _mean_and_spread(lab: Float32[np.ndarray, "h w 3"]) -> tuple[np.ndarray, np.ndarray]:
+    return lab.mean(axis=(0, 1), dtype=np.float64), lab.std(axis=(0, 1), dtype=np.float64)
