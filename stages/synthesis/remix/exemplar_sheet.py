@@ -12,7 +12,7 @@ from pydantic import Field
 from texloom.stages.common.grids.packing import arranged
 from texloom.stages.common.grids.size_checks import check_side
 from texloom.stages.common.similarity.neighbourhoods import Rectangles
-from texloom.stages.vocabulary.arrays import Image, ScalarMap
+from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear, linear_from_lab
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.masks import EXCLUSION_CHANNELS, valid_pixels, with_usable
@@ -75,25 +75,24 @@ def exemplar_sheet(
     if not known:
         raise InputError("exemplars: there is none")
     names = [name for name, _ in known]
-    usable = [valid_pixels(image) for _, image in known]
+    usable = [_usable(image) for _, image in known]
     images = _of_one_kind(names, [_without_exclusion(image) for _, image in known])
     for image in images:
         check_side(image, _MIN_SIDE)
     _tell_sizes(names, images)
     shares = _shares(params.weights, names)
     if params.match_tone and len(images) > 1:
-        images = _alike(images, params.match_tone)
+        images = _alike(images, usable, params.match_tone)
     rectangles, shape = arranged([(image.height, image.width) for image in images], _GAP)
-    area = sum(image.height * image.width for image in images)
+    area = sum(map(np.count_nonzero, usable))
     canvas = np.zeros((*shape, len(images[0].channels)), np.float32)
     valid, share = np.zeros(shape, bool), np.ones(shape, np.float32)
     for number, (image, (row, column, height, width)) in enumerate(zip(images, rectangles.tolist(), strict=True)):
         place = np.s_[row : row + height, column : column + width]
         canvas[place] = image.pixels
-        own = usable[number]
-        valid[place] = True if own is None else own
+        valid[place] = usable[number]
         if shares is not None:
-            share[place] = shares[number] * area / (height * width)
+            share[place] = shares[number] * area / np.count_nonzero(usable[number])
     return ExemplarSheet(
         image=with_usable(images[0].elsewhere(canvas), valid),
         share=None if shares is None else share,
@@ -151,10 +150,11 @@ def _tell_sizes(names: Sequence[str], images: Sequence[Image]) -> None:
         )  # fmt: skip
 
 
-def _alike(images: Sequence[Image], strength: float) -> list[Image]:
+def _alike(images: Sequence[Image], usable: Sequence[np.ndarray], strength: float) -> list[Image]:
     """The images with means and deviations of CIELAB moved towards those of all."""
     labs = [lab_from_linear(image.color) for image in images]
-    means, spreads = np.array([_mean_and_spread(lab) for lab in labs]).swapaxes(0, 1)
+    measured = [_mean_and_spread(lab[own]) for lab, own in zip(labs, usable, strict=True)]
+    means, spreads = np.array(measured).swapaxes(0, 1)
     wanted_mean, wanted_spread = means.mean(axis=0), spreads.mean(axis=0)
     made = []
     for image, lab, mean, spread in zip(images, labs, means, spreads, strict=True):
@@ -166,5 +166,10 @@ def _alike(images: Sequence[Image], strength: float) -> list[Image]:
     return made
 
 
-def _mean_and_spread(lab: Float32[np.ndarray, "h w 3"]) -> tuple[np.ndarray, np.ndarray]:
-    return lab.mean(axis=(0, 1), dtype=np.float64), lab.std(axis=(0, 1), dtype=np.float64)
+def _mean_and_spread(lab: Float32[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray]:
+    return lab.mean(axis=0, dtype=np.float64), lab.std(axis=0, dtype=np.float64)
+
+
+def _usable(image: Image) -> Mask:
+    valid = valid_pixels(image)
+    return np.ones((image.height, image.width), bool) if valid is None else valid

@@ -63,6 +63,22 @@ def test_pixels_that_an_exemplar_excludes_stay_excluded(two: list[Image | None])
     assert made.image.channels == ("R", "G", "B", "usable")
 
 
+def test_excluded_pixels_count_neither_for_weights_nor_for_tone(two: list[Image | None]) -> None:
+    """Half of the first exemplar is excluded, and white there."""
+    assert two[0] is not None
+    usable = np.ones(SIZES[0], bool)
+    usable[:24] = False
+    half = masked(two[0], usable, 1.0)
+    made = sheet([half, two[1]], weights={"a": 1.0})
+    assert made.share is not None
+    row, column = made.rectangles[0, :2]
+    assert made.share[row, column] == pytest.approx(0.5 * (24 * 64 + 64 * 40) / (24 * 64))
+    matched = sheet([half, two[1]], match_tone=1.0).image.color
+    bare = picture(np.tile(two[0].pixels[24:], (2, 1, 1)))
+    expected = sheet([bare, two[1]], match_tone=1.0).image.color[:24, :64]
+    np.testing.assert_allclose(matched[row + 24 : row + 48, column : column + 64], expected, atol=1e-4)
+
+
 def test_grey_exemplars_become_coloured_and_it_is_said(
     two: list[Image | None], rng: np.random.Generator, caplog: pytest.LogCaptureFixture
 ) -> None:
