@@ -22,6 +22,8 @@ from texloom.pipelines.media.stack import SCHEME, path_of
 from texloom.pipelines.media.udim import joined
 from texloom.stages.vocabulary.declare import InputError
 
+_MOST_MAPS = 64  # files that may be maps of one material; to read the names of thousands takes seconds
+
 
 def source_of(name: str, references: Sequence[str], pair: str | None, takes_maps: bool) -> str | Each:
     """What a source is, from what is given for it.
@@ -45,7 +47,8 @@ def source_of(name: str, references: Sequence[str], pair: str | None, takes_maps
     if len(references) == 1 and not is_pattern(first) and not _is_library(first, takes_maps):
         return first
     patterns = {one: sorted(glob.glob(one)) for one in references if is_pattern(one)}  # noqa: PTH207 (absolute)
-    folder = same_material([file for one in references for file in patterns.get(one, [one])])
+    given = [file for one in references for file in patterns.get(one, [one])]
+    folder = same_material(given) if takes_maps or len(given) <= _MOST_MAPS else None
     if takes_maps and folder is not None:
         raise refused(f"sources.{name}: these files are maps of one material; give their folder, {folder}")
     try:
