@@ -13,6 +13,7 @@ from texloom.stages.synthesis.optimisation.block_differences import (
     with_squares,
 )
 from texloom.stages.synthesis.optimisation.block_sides import MIN_MARGIN
+from texloom.stages.synthesis.optimisation.several_exemplars import SeveralExemplars, Turns
 from texloom.stages.synthesis.stitching.cuts import Strips, enclosed
 from texloom.stages.synthesis.stitching.overlap import OverlapSearch
 from texloom.stages.synthesis.stitching.seam_map import seam_errors, slopes
@@ -71,6 +72,7 @@ class BlockLayer:
     usable : pixels that blocks should be limited to, as far as possible; none for all.
     guides : planes of the exemplar, and of the result, that should be alike; none without.
     share : wanted use of each pixel of the exemplar, relative to even use; none for even use.
+    several : exemplars of which each gives its share of the blocks; none for one.
     """
 
     def __init__(
@@ -85,6 +87,7 @@ class BlockLayer:
         usable: Mask | None = None,
         guides: tuple[np.ndarray, np.ndarray] | None = None,
         share: ScalarMap | None = None,
+        several: SeveralExemplars | None = None,
     ):
         self.usable = usable
         self.shape = np.array(features.shape[:2])
@@ -103,6 +106,7 @@ class BlockLayer:
         self.use = np.ones_like(self.uses)  # that a block adds
         if share is not None:
             self.use /= square_means(share, np.zeros(2, np.int64), self.shape, self.square)
+        self.turns = None if several is None else Turns(several)
         self.search = None
         self.max_shift = self.square
         if len(generators):
@@ -138,7 +142,8 @@ class BlockLayer:
         side = np.minimum(self.sides, np.array(self.match.shape[:2]) - at)
         to_the_right = self.match.shape[1] - at[1] - side[1]
         after = np.array([0, min(self.margin, to_the_right) if at[0] else 0])
-        masked = None if self.usable is None else count_excluded(self.usable, int(side[0]), int(side[1]))
+        usable = self.usable if self.turns is None else self.turns.take(int(side.prod()), self.rng)
+        masked = None if usable is None else count_excluded(usable, int(side[0]), int(side[1]))
         return _Place(at, side, np.minimum(self.margin, at), after, self.shape - side - after, masked)
 
     def _place(self, target: _Place) -> None:

@@ -5,7 +5,7 @@ import numpy as np
 from texloom.stages.vocabulary.arrays import Mask, Vectors
 
 MIN_MARGIN = 25  # px of the default overlap
-_MIN_BLOCK = 20  # px: twice the usual patch
+MIN_BLOCK = 20  # px: twice the usual patch
 _LATTICE_BLOCKS = 8  # blocks of an exemplar with a lattice are at least its shorter side divided by this
 _GUIDED_BLOCKS = 8  # the same under a guide, whose regions may be small
 _BESIDE_MASK = 0.75  # share of the usable pixels that lie in blocks without masked ones; else blocks are smaller
@@ -16,12 +16,12 @@ def block_sides(exemplar: tuple[int, int], generators: Vectors, block: int | Non
     """Height and width of a block: a box of whole lattice cells, at most a third of the exemplar."""
     shorter = min(exemplar)
     if len(generators) == 2:
-        min_side = max(_MIN_BLOCK, block or shorter // _LATTICE_BLOCKS)
+        min_side = max(MIN_BLOCK, block or shorter // _LATTICE_BLOCKS)
         corners = np.vstack([np.zeros(2), generators])
         box = np.maximum(1, np.ceil(np.ptp(corners, axis=0)))
         sides = box * np.ceil(min_side / box)
     else:
-        sides = np.full(2, max(_MIN_BLOCK, block or shorter // (_GUIDED_BLOCKS if guided else 3)))
+        sides = np.full(2, max(MIN_BLOCK, block or shorter // (_GUIDED_BLOCKS if guided else 3)))
     height, width = (int(np.clip(side, 2, max(2, whole // 3))) for side, whole in zip(sides, exemplar, strict=True))
     return height, width
 
@@ -40,7 +40,7 @@ def sides_beside_mask(sides: tuple[int, int], usable: Mask, margin: int | None) 
     """
     import cv2
 
-    while min(sides) > _MIN_BLOCK:
+    while min(sides) > MIN_BLOCK:
         overlap = block_margin(sides, margin)
         # Where blocks with their overlaps may be.
         whole = usable[overlap:, overlap : usable.shape[1] - overlap].astype(np.uint8)
@@ -48,5 +48,5 @@ def sides_beside_mask(sides: tuple[int, int], usable: Mask, margin: int | None) 
         covered = cv2.morphologyEx(whole, cv2.MORPH_OPEN, block, borderType=cv2.BORDER_CONSTANT, borderValue=0)
         if covered.sum() >= _BESIDE_MASK * whole.sum():
             break
-        sides = max(_MIN_BLOCK, round(_SMALLER * sides[0])), max(_MIN_BLOCK, round(_SMALLER * sides[1]))
+        sides = max(MIN_BLOCK, round(_SMALLER * sides[0])), max(MIN_BLOCK, round(_SMALLER * sides[1]))
     return sides

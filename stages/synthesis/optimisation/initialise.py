@@ -9,9 +9,15 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.common.grids.size_checks import check_side
+from texloom.stages.common.similarity.neighbourhoods import Rectangles
 from texloom.stages.synthesis.optimisation.block_layer import BlockLayer
-from texloom.stages.synthesis.optimisation.block_sides import block_margin, block_sides, sides_beside_mask
+from texloom.stages.synthesis.optimisation.block_sides import (
+    block_margin,
+    block_sides,
+    sides_beside_mask,
+)
 from texloom.stages.synthesis.optimisation.guides import resize_target
+from texloom.stages.synthesis.optimisation.several_exemplars import SeveralExemplars, largest_block
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
@@ -82,6 +88,7 @@ def initialise(
     exemplar_guide: Float32[np.ndarray, "h w k"] | None = None,
     target_guide: Float32[np.ndarray, "H W k"] | None = None,
     share: ScalarMap | None = None,
+    rectangles: Rectangles | None = None,
 ) -> Initialised:
     """Cover the result with blocks of the exemplar.
 
@@ -103,6 +110,8 @@ def initialise(
         units; see `guide`. The target's is resized to the result, and NaN where it asks for nothing. None without a
         guide.
     share : use of each exemplar pixel that is wanted, relative to even use, above 0; none for even use.
+    rectangles : of several exemplars in one picture, see `exemplar_sheet`; without a guide each gives its share of
+        the blocks.
 
     Raises
     ------
@@ -134,8 +143,16 @@ def initialise(
             sides = sides_beside_mask(sides, usable, params.margin)
         features = np.concatenate([lab_from_linear(fill_excluded(image).color), contours[..., None]], axis=2)
         del contours
+        if rectangles is not None and params.block is None:
+            largest = largest_block(rectangles, size)
+            sides = min(sides[0], largest), min(sides[1], largest)
+        several = None
+        if rectangles is not None and guides is None:
+            several = SeveralExemplars.of(rectangles, usable, share, shape)
         margin = block_margin(sides, params.margin)
-        layer = BlockLayer(features, lattice, sides, margin, size, params.tries, rng, usable, guides, share)
+        layer = BlockLayer(
+            features, lattice, sides, margin, size, params.tries, rng, usable, guides, share, several
+        )
         match = layer.run()
     nearest = None if usable is None else nearest_valid(usable)
     image = without_usable(image)
