@@ -8,13 +8,38 @@ import typing
 from typing import Annotated, Any
 
 from texloom.pipelines.store import exr
-from texloom.stages.vocabulary.arrays import Channels, Glsl, Image, Layers, MaterialX, Mesh, Page, Spreadsheet
+from texloom.stages.vocabulary.arrays import (
+    Channels,
+    Glsl,
+    GodotTileset,
+    Image,
+    Layers,
+    MaterialX,
+    Mesh,
+    Page,
+    Spreadsheet,
+    TiledTileset,
+)
 from texloom.stages.vocabulary.voted_patches import VotedPatches
 
-TEXTS = {"html": Page, "csv": Spreadsheet, "glsl": Glsl, "mtlx": MaterialX}
+TEXTS = {
+    "html": Page,
+    "csv": Spreadsheet,
+    "glsl": Glsl,
+    "mtlx": MaterialX,
+    "tsx": TiledTileset,
+    "tres": GodotTileset,
+}
 """kinds of text that are files of their own, by suffix"""
 
-TEXT_NAMES = {"html": "a page", "csv": "a spreadsheet", "glsl": "a shader", "mtlx": "a MaterialX document"}
+TEXT_NAMES = {
+    "html": "a page",
+    "csv": "a spreadsheet",
+    "glsl": "a shader",
+    "mtlx": "a MaterialX document",
+    "tsx": "a tile set of Tiled",
+    "tres": "a tile set of Godot",
+}
 
 
 @dataclasses.dataclass(frozen=True)

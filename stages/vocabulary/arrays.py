@@ -205,6 +205,12 @@ Spreadsheet = Annotated[str, "csv"]
 Glsl = Annotated[str, "glsl"]
 """source text of a shader in GLSL"""
 
+TiledTileset = Annotated[str, "tsx"]
+"""a tile set of Tiled"""
+
+GodotTileset = Annotated[str, "tres"]
+"""a tile set of Godot 4, a text resource"""
+
 MaterialX = Annotated[str, "mtlx"]
 """a MaterialX document"""
 

@@ -18,7 +18,7 @@ from texloom.pipelines.media.delivery import AS_IS, Delivery
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.facts import Wraps
 
-Takes = Literal["array", "picture", "image", "value", "html", "csv", "glsl", "mtlx"]
+Takes = Literal["array", "picture", "image", "value", "html", "csv", "glsl", "mtlx", "tsx", "tres"]
 
 _ROOM = "texloom.pipelines.media.writers"
 _LOG = logging.getLogger(__name__)
@@ -90,6 +90,8 @@ WRITERS = (
     Writer(".csv", "csv", "plain"),
     Writer(".glsl", "glsl", "plain"),
     Writer(".wang.mtlx", "mtlx", "plain"),
+    Writer(".tsx", "tsx", "plain"),
+    Writer(".tres", "tres", "plain"),
     Writer(".jpg", "picture", "pictures"),
     Writer(".webp", "picture", "pictures"),
     Writer(".tif", "picture", "pictures"),

@@ -13,6 +13,7 @@ from texloom.stages.common.grids.border_steps import fitting_borders
 from texloom.stages.common.grids.size_checks import check_same_size
 from texloom.stages.numerics.matrices import matrix_product
 from texloom.stages.synthesis.edits.block_filling import BlockFilling
+from texloom.stages.synthesis.edits.block_guide import BlockGuide
 from texloom.stages.synthesis.edits.gradient_domain import GradientDomainParams, gradient_domain
 from texloom.stages.synthesis.edits.region_windows import Window, windows
 from texloom.stages.synthesis.edits.tracing import continued, trace
@@ -154,6 +155,7 @@ class _RegionBlocks:
     wrap, period : of the target, see `LatticePhase`.
     block : side of a block, px.
     spread : a place costs as much as an average one where earlier blocks contain it all.
+    guide : what is wanted where.
     """
 
     def __init__(
@@ -166,7 +168,9 @@ class _RegionBlocks:
         block: int,
         spread: bool,
         rng: np.random.Generator,
+        guide: BlockGuide | None = None,
     ):
+        self.guide = guide
         self.generators = generators.astype(np.float64)
         self.phase = LatticePhase(generators, start, wrap, keep, period) if len(generators) else None
         self.block, self.apart = block, max(1, block // 4)
@@ -177,6 +181,8 @@ class _RegionBlocks:
     def __call__(self, errors: Errors, corner: Int32[np.ndarray, "2"]) -> Int32[np.ndarray, "2"]:
         """The place of a block at ``corner`` of the target."""
         errors = self._in_phase(errors, corner)
+        if self.guide is not None:
+            errors += self.guide.errors(corner)
         if self.reused is not None:
             errors += errors[np.isfinite(errors)].mean() * self.reused
         places: list[tuple[int, int]] = []
@@ -235,6 +241,7 @@ class Revision:
     ----------
     exemplar : with the channels of the textures, and perhaps `usable`.
     guidance, weight, generators : of the exemplar, see `optimise`.
+    exemplar_guide : what lies where in it, see `guide`; targets then have a guide too.
     """
 
     def __init__(
@@ -244,8 +251,10 @@ class Revision:
         weight: float,
         generators: Vectors | None,
         params: ReviseParams,
+        exemplar_guide: Float32[np.ndarray, "h w k"] | None = None,
     ):
         self.exemplar = exemplar
+        self.exemplar_guide = exemplar_guide
         self.usable = valid_pixels(exemplar)
         self.features = compared(fill_excluded(exemplar))
         self.guidance, self.weight = guidance, weight
@@ -300,6 +309,7 @@ class Revision:
         filled: Mask | None = None,
         block: int | None = None,
         spread: bool = False,
+        target_guide: Float32[np.ndarray, "H W k"] | None = None,
     ) -> Correspondence:
         """Sources of a texture whose region is covered with blocks, see `revised`.
 
@@ -309,6 +319,7 @@ class Revision:
             those outside of the region. Needs ``match``.
         block : side of the blocks, px, which a mask may make smaller; None: by the region's size.
         spread : parts of the exemplar that blocks have shown are avoided by later ones.
+        target_guide : what is wanted where, in the units of the exemplar's.
         """
         keep, shown = ~region, fill_excluded(texture)
         sides = (self.exemplar.height, self.exemplar.width)
@@ -320,9 +331,12 @@ class Revision:
         usable = np.ones(sides, bool) if self.usable is None else self.usable
         while block > _MIN_BLOCK and (count_excluded(usable, block, block) > 0).all():
             block = max(_MIN_BLOCK, block // 2)
+        wanted = None
+        if self.exemplar_guide is not None and target_guide is not None:
+            wanted = BlockGuide(self.exemplar_guide, target_guide, block, wrap)
         filling = BlockFilling(
             self.features, known.astype(np.int32), keep, keep if filled is None else filled, usable, block, wrap,
-            _RegionBlocks(self.generators, known, keep, wrap, self.params.period, block, spread, placing),
+            _RegionBlocks(self.generators, known, keep, wrap, self.params.period, block, spread, placing, wanted),
             compared(shown),
         )  # fmt: skip
         filling.run()
@@ -336,12 +350,13 @@ class Revision:
         wrap: Wraps,
         rng: np.random.Generator,
         guiding: Mask | None = None,
+        target_guide: Float32[np.ndarray, "H W k"] | None = None,
     ) -> Optimised:
         """The result of the optimisation that keeps the pixels of ``keep`` of a texture, see `optimise`."""
         options = {name: getattr(self.params, name) for name in OptimiseParams.model_fields} | {"tileable": wrap}
         return optimise(
             self.exemplar, start, OptimiseParams(**options), rng, self.guidance, self.weight, self.generators,
-            keep, texture, guiding=guiding,
+            keep, texture, None if target_guide is None else self.exemplar_guide, target_guide, guiding,
         )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from pydantic import Field
 from texloom.stages.common.features.maps import MapWeights, check_weights
 from texloom.stages.common.grids.size_checks import check_patch
 from texloom.stages.common.grids.wang import Kind, WangSet
+from texloom.stages.common.similarity.neighbourhoods import Rectangles
 from texloom.stages.kernels.core.elementary_functions import log
 from texloom.stages.numerics.matrices import matrix_product, pseudo_inverse
 from texloom.stages.synthesis.edits.gradient_domain import GradientDomainParams, gradient_domain
@@ -21,6 +22,7 @@ from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, i
 from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
 from texloom.stages.synthesis.stitching.overlap import compared
 from texloom.stages.synthesis.stitching.seams import FILLED, FREE, KEPT, SeamCosts, cheapest_cut
+from texloom.stages.synthesis.tiles.tile_materials import TileMaterials
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
@@ -90,7 +92,7 @@ def check_size(params: WangBordersParams, known: Mapping[str, Any]) -> None:
     if image is not None:
         check_weights(params.weights, image.channels)
         check_patch(image, params.patch_size)
-        side = params.tile or _usual_side(image)
+        side = params.tile or _usual_side(min(image.height, image.width))
         border = _border(side, params)
         if side < 4 * border:
             raise InputError(
@@ -109,8 +111,8 @@ def outlines(params: WangBordersParams, known: Mapping[str, Any]) -> dict[str, O
     return {}
 
 
-def _usual_side(image: Image | Outline) -> int:
-    return int(np.clip(min(image.height, image.width) // 2, *_SIDES))
+def _usual_side(shorter: int) -> int:
+    return int(np.clip(shorter // 2, *_SIDES))
 
 
 def _border(side: int, params: WangBordersParams) -> int:
@@ -190,8 +192,9 @@ class Synthesis:
         tile: int,
         border: int,
         params: WangParams,
+        materials: TileMaterials | None = None,
     ):
-        self.image, self.tile = image, tile
+        self.image, self.tile, self.materials = image, tile, materials
         self.colors = lab_from_linear(fill_excluded(image).color)
         self.inputs = (guidance, weight, generators)
         self.chosen = {name: getattr(params, name) for name in WangParams.model_fields} | {"period": (tile, tile)}
@@ -201,15 +204,21 @@ class Synthesis:
         options = ReviseParams(
             **self.chosen, occurrence_coarse=params.occurrence, coarsest=max(8, math.ceil(coarsest))
         )
-        self.revision = Revision(image, guidance, weight, generators, options)
+        own = None if materials is None else materials.exemplar
+        self.revision = Revision(image, guidance, weight, generators, options, own)
 
-    def start(self, size: tuple[int, int], structure: Mask | None, rng: np.random.Generator) -> Torus:
-        """A torus."""
+    def start(self, count: int, structure: Mask | None, rng: np.random.Generator) -> Torus:
+        """A torus of ``count`` tiles side by side, of the materials one after another."""
         guidance, weight, generators = self.inputs
         starting, optimising = rng.spawn(2)
-        start = initialise(self.image, InitialiseParams(size=size), starting, structure, generators)
+        guides: dict[str, Any] = {}
+        if self.materials is not None:
+            wanted = self.materials.between(np.arange(count)[None], self.tile)
+            guides = {"exemplar_guide": self.materials.exemplar, "target_guide": wanted}
+        size = InitialiseParams(size=(self.tile, self.tile * count))
+        start = initialise(self.image, size, starting, structure, generators, **guides)
         params = OptimiseParams(**self.chosen, tileable=True)
-        made = optimise(self.image, start.match, params, optimising, guidance, weight, generators)
+        made = optimise(self.image, start.match, params, optimising, guidance, weight, generators, **guides)
         return self._level(made.image, made.match, None)
 
     def completed(
@@ -218,6 +227,7 @@ class Synthesis:
         keep: Mask,
         shared: Mask,
         filled: Mask,
+        corners: Int64[np.ndarray, "m n"],
         rng: np.random.Generator,
         parts: Int64[np.ndarray, "H W"] | None = None,
     ) -> Torus:
@@ -228,21 +238,24 @@ class Synthesis:
         line, since patches across it are averaged on one side only.
 
         Of several starts it is the one with least difference between the mean colours of its ``parts``, numbers
-        from 1, and that of the exemplar.
+        from 1, and that of the exemplar; not where there are several, whose materials ``corners`` has.
         """
+        wanted = None if self.materials is None else self.materials.between(corners, self.tile)
+        if self.materials is not None:
+            parts = None
         block = min(self.tile, self.image.height, self.image.width) // 2
         *placing, optimising = rng.spawn(2 if parts is None else _STARTS + 1)
         with part(0.0, 0.2):
             starts = [
                 self.revision.start(
-                    known.image, ~keep, known.match, TORUS, random, random, filled, block, spread=parts is None
+                    known.image, ~keep, known.match, TORUS, random, random, filled, block, parts is None, wanted
                 )
                 for random in placing
             ]
         if parts is not None:
             starts.sort(key=lambda start: self._deviation(start, parts))
         with part(0.2, 1.0):
-            made = self.revision.optimised(known.image, starts[0], keep, TORUS, optimising, keep & ~shared)
+            made = self.revision.optimised(known.image, starts[0], keep, TORUS, optimising, keep & ~shared, wanted)
         own = self._cut(known.image, made.image, shared, filled)[..., None]
         joined = known.image.elsewhere(np.where(own, made.image.pixels, known.image.pixels))
         return self._level(joined, np.where(own, made.match, known.match), shared)
@@ -291,6 +304,7 @@ def wang_borders(
     guidance: ScalarMap | None = None,
     weight: float = 1.0,
     generators: Vectors | None = None,
+    rectangles: Rectangles | None = None,
 ) -> WangBorders:
     """Synthesise the borders of a complete set of Wang tiles, and lay them out as an atlas.
 
@@ -303,6 +317,8 @@ def wang_borders(
     ----------
     image : the exemplar; its masked pixels are never copied.
     structure, guidance, weight, generators : of the exemplar, see `initialise` and `optimise`.
+    rectangles : of two or three exemplars in one picture, see `exemplar_sheet`: corners have the materials as
+        colours, whatever ``kind`` and ``colors`` are, and the texture leads from one to the other between them.
 
     Raises
     ------
@@ -314,19 +330,27 @@ def wang_borders(
     [Cohen2003]_ for coloured edges, where a tile is cut from four diamonds of the exemplar; [Lagae2006]_ for
     coloured corners; [Wei2004]_ for the atlas. Synthesis with fixed borders is ours.
     """
+    materials = None
     layout = WangSet(params.colors, params.kind, params.variants)
-    wanted = params.tile or _usual_side(image)
+    if rectangles is not None:
+        if not 2 <= len(rectangles) <= 3:
+            raise InputError(f"exemplars: tiles between materials need two or three, got {len(rectangles)}")
+        materials = TileMaterials.of(image, rectangles)
+        layout = WangSet(len(rectangles), "corners", params.variants)
+    wanted = params.tile or _usual_side(
+        min(image.height, image.width) if rectangles is None else int(rectangles[:, 2:].min())
+    )
     tile, missed = tile_side(wanted, generators)
     if tile != wanted:
         _log.info(
             "tiles of %d px, not %d: these contain whole cells of the lattice, to %.1f px", tile, wanted, missed
         )
     border = _border(tile, params)
-    synthesis = Synthesis(image, guidance, weight, generators, tile, border, params)
+    synthesis = Synthesis(image, guidance, weight, generators, tile, border, params, materials)
     first, *randoms = rng.spawn(3)
     corners, numbers = layout.band
     with part(0.0, 0.3):
-        start = synthesis.start((tile, tile * int(corners.max() + 1)), structure, first)
+        start = synthesis.start(int(corners.max() + 1), structure, first)
 
     bands = []
     (corner, along), (_, across) = offsets(tile * len(numbers), tile), offsets(tile, tile)
@@ -342,7 +366,8 @@ def wang_borders(
         near = (across >= -border) & (across < border)
         parts = near[:, None] * (1 + np.arange(len(along)) // (tile // 2))
         with part(0.3 + 0.35 * axis, 0.65 + 0.35 * axis):
-            bands.append(synthesis.completed(known, keep, shared, filled, random, parts if axis == 0 else parts.T))
+            line, halves = (corners[None], parts) if axis == 0 else (corners[:, None], parts.T)
+            bands.append(synthesis.completed(known, keep, shared, filled, line, random, halves))
 
     down, across = (np.arange(tile * count) for count in layout.shape)
     (row, below), (column, beside) = (offsets(len(lines), tile) for lines in (down, across))
@@ -358,7 +383,7 @@ def wang_borders(
     keep = nearer < border
     # Between two borders, at the diagonals, neither is continued.
     filled = keep | ((nearer < _reach(tile, border)) & (farther > nearer + 1))
-    table: dict[str, Any] = {"kind": params.kind, "colors": params.colors, "variants": list(params.variants)}
+    table: dict[str, Any] = {"kind": layout.kind, "colors": layout.colors, "variants": list(params.variants)}
     table |= {"size": tile, "border": border}
     return WangBorders(atlas, match, keep, filled, table)
 

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from texloom.stages.common.grids.wang import CORNERS, SIDES, WangSet
+from texloom.stages.common.similarity.neighbourhoods import Rectangles
+from texloom.stages.synthesis.tiles.tile_materials import TileMaterials
 from texloom.stages.synthesis.tiles.wang_borders import Synthesis, Torus, WangParams, core, to_borders
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
@@ -48,6 +50,7 @@ def wang_tiles(
     guidance: ScalarMap | None = None,
     weight: float = 1.0,
     generators: Vectors | None = None,
+    rectangles: Rectangles | None = None,
 ) -> WangTiles:
     """Synthesise the interiors of Wang tiles between their borders.
 
@@ -61,6 +64,7 @@ def wang_tiles(
     image : the exemplar; its masked pixels are never copied.
     borders, match, keep, filled, layout : see `wang_borders`.
     guidance, weight, generators : of the exemplar, see `optimise`.
+    rectangles : of several exemplars, see `wang_borders`.
 
     References
     ----------
@@ -69,10 +73,11 @@ def wang_tiles(
     """
     tiles, size = WangSet.of(layout), int(layout["size"])
     border = int(layout["border"])
-    synthesis = Synthesis(image, guidance, weight, generators, size, border, params)
+    materials = None if rectangles is None else TileMaterials.of(image, rectangles)
+    synthesis = Synthesis(image, guidance, weight, generators, size, border, params, materials)
     to_row, to_column = to_borders((borders.height, borders.width), size)
     shared = np.minimum(to_row[:, None], to_column) < core(border)
-    made = synthesis.completed(Torus(borders, match), keep, shared, filled, rng)
+    made = synthesis.completed(Torus(borders, match), keep, shared, filled, tiles.corners, rng)
     down, across = (_least_change(made.image, axis, size, border // 2) for axis in (0, 1))
     shifted = made.at(np.arange(borders.height)[:, None] + down, np.arange(borders.width) + across)
     return WangTiles(shifted.image.wrapping(True), shifted.match, _table(tiles, size))
