@@ -53,7 +53,7 @@ DROPS = {
     "synthesis.atlas", "synthesis.best_crop", "synthesis.coarse_level", "synthesis.compact_oriented",
     "synthesis.control_features",
     "synthesis.histogram_summary", "synthesis.initialise", "synthesis.layout", "synthesis.on_surface",
-    "synthesis.place_texture", "synthesis.seam_carving", "synthesis.wang_borders", "synthesis.whole_periods",
+    "synthesis.place_texture", "synthesis.seam_carving", "synthesis.tile_sheets", "synthesis.wang_borders", "synthesis.whole_periods",
     "synthesis.reapply",  # it wraps as the earlier result
     "evaluation.contact_sheet", "evaluation.energy_curve", "evaluation.lit_preview", "evaluation.sequence",
     "evaluation.source_positions", "evaluation.surface_views", "evaluation.thumbnail", "evaluation.wang_tiling",

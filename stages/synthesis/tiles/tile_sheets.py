@@ -146,7 +146,7 @@ def _laid(image: Image, places: Int64[np.ndarray, "m n 2"], size: int) -> Image:
     pixels = image.pixels[rows[:, :, :, None], columns[:, :, None, :]]
     height, width = places.shape[0] * size, places.shape[1] * size
     sheet = np.moveaxis(pixels, 2, 1).reshape(height, width, -1)
-    return Image(np.ascontiguousarray(sheet), image.channels)
+    return image.elsewhere(np.ascontiguousarray(sheet))
 
 
 def _files(
