@@ -18,7 +18,7 @@ from texloom.pipelines.media.delivery import AS_IS, Delivery
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.facts import Wraps
 
-Takes = Literal["array", "picture", "image", "value", "html", "csv", "glsl", "mtlx"]
+Takes = Literal["array", "picture", "image", "value", "html", "csv", "mtlx", "glsl", "hlsl", "gdshader", "osl"]
 
 _ROOM = "texloom.pipelines.media.writers"
 _LOG = logging.getLogger(__name__)
@@ -84,11 +84,15 @@ MODELS = (".glb", ".usda", ".mtlx")
 
 WRITERS = (
     Writer(".exr", "array", "plain"),
+    Writer(".data.png", "array", "data_png"),
     Writer(".png", "picture", "plain"),
     Writer(".json", "value", "plain"),
     Writer(".html", "html", "plain"),
     Writer(".csv", "csv", "plain"),
     Writer(".glsl", "glsl", "plain"),
+    Writer(".hlsl", "hlsl", "plain"),
+    Writer(".gdshader", "gdshader", "plain"),
+    Writer(".osl", "osl", "plain"),
     Writer(".wang.mtlx", "mtlx", "plain"),
     Writer(".jpg", "picture", "pictures"),
     Writer(".webp", "picture", "pictures"),

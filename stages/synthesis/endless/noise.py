@@ -1,0 +1,155 @@
+"""By-example noise in Python: what the shaders compute, the reference that they are tested with."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from jaxtyping import Float32
+
+from texloom.stages.synthesis.endless.decorrelation import MapBasis
+from texloom.stages.synthesis.endless.triangle_grid import sharpened, shifts_of, tiles_at
+from texloom.stages.vocabulary.arrays import Channels
+
+PAGE = 4
+"""components in a picture"""
+
+Components = Annotated[Float32[np.ndarray, "h w 4"], Channels(("R", "G", "B", "A"))]
+"""four components of a Gaussian texture"""
+Tables = Annotated[Float32[np.ndarray, "rows entries 4"], Channels(("R", "G", "B", "A"))]
+"""one row a level of detail, for four components; then the rows of the next four"""
+
+_BAND = 2**18  # points that are computed at once
+
+
+@dataclasses.dataclass(frozen=True)
+class Noise:
+    """A Gaussian texture with its tables, see `texloom.stages.synthesis.endless.gaussian_texture`."""
+
+    pyramid: list[Float32[np.ndarray, "_ _ n"]]
+    """levels of detail of the components, each half as large"""
+    inverse: Tables
+    layout: Mapping[str, Any]
+
+    @staticmethod
+    def of(pages: Sequence[Components | None], inverse: Tables, layout: Mapping[str, Any]) -> Noise:
+        """From the outputs of the stage."""
+        components = np.concatenate([page for page in pages if page is not None], axis=2)
+        return Noise(Noise.pyramid_of(components), inverse, layout)
+
+    @staticmethod
+    def pyramid_of(components: Float32[np.ndarray, "h w n"]) -> list[Float32[np.ndarray, "_ _ n"]]:
+        """All levels of detail down to a single pixel."""
+        levels = [components]
+        while max(levels[-1].shape[:2]) > 1:
+            levels.append(Noise.halved(levels[-1]))
+        return levels
+
+    @staticmethod
+    def halved(planes: Float32[np.ndarray, "h w n"]) -> Float32[np.ndarray, "k m n"]:
+        """Half the size, rounded down, by averages over the area of each pixel."""
+        for axis in (0, 1):
+            size = planes.shape[axis]
+            half = max(1, size // 2)
+            if size == 2 * half:
+                shape = (*planes.shape[:axis], half, 2, *planes.shape[axis + 1 :])
+                planes = planes.reshape(shape).mean(axis=axis + 1, dtype=np.float64).astype(np.float32)
+            elif size > 1:
+                moved = np.moveaxis(planes, axis, 0).astype(np.float64)
+                sums = np.concatenate([np.zeros_like(moved[:1]), np.cumsum(moved, axis=0)])
+                edges = np.arange(half + 1) * size / half
+                whole = np.minimum(edges.astype(np.int64), size - 1)
+                part = (edges - whole).reshape(-1, *[1] * (moved.ndim - 1))
+                at = sums[whole] + part * moved[whole]
+                planes = np.moveaxis(np.diff(at, axis=0) * (half / size), 0, axis).astype(np.float32)
+        return planes
+
+    def maps(
+        self, rows: Float32[np.ndarray, "H W"], columns: Float32[np.ndarray, "H W"], level: float = 0.0
+    ) -> dict[str, Float32[np.ndarray, "H W c"]]:
+        """The maps at places of the plane, by name: linear light, normals, values.
+
+        Parameters
+        ----------
+        rows, columns : px of the texture; whole numbers are centres of pixels.
+        level : of detail, 0 and more; between two whole ones their mean, as trilinear filtering has it.
+        """
+        step = max(1, _BAND // rows.shape[1])
+        bands = [slice(top, top + step) for top in range(0, len(rows), step)]
+        parts = [self._band(rows[band], columns[band], level) for band in bands]
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+    def _band(self, rows: np.ndarray, columns: np.ndarray, level: float) -> dict[str, np.ndarray]:
+        blended = self._blended(rows, columns, level)
+        low, span = (np.array(self.layout[name], np.float32) for name in ("low", "span"))
+        components = self._looked_up(blended, level)[..., : len(low)] * span + low
+        made, first = {}, 0
+        for record in self.layout["maps"]:
+            basis = MapBasis.of(record)
+            made[basis.name] = basis.values(components[..., first : first + basis.count])
+            first += basis.count
+        return made
+
+    def _blended(self, rows: np.ndarray, columns: np.ndarray, level: float) -> np.ndarray:
+        """The Gaussian values of the three tiles of a point, blended so that their variance is kept."""
+        vertices, weights = tiles_at(rows, columns, self.layout["spacing"])
+        weights = sharpened(weights, self.layout["sharpness"])
+        down, across = shifts_of(vertices, self.pyramid[0].shape[:2])
+        total = np.zeros((*rows.shape, self.pyramid[0].shape[2]), np.float32)
+        for tile in range(3):
+            texels = self._texels(
+                rows + down[tile].astype(np.float32), columns + across[tile].astype(np.float32), level
+            )
+            total += weights[tile][..., None] * (texels - np.float32(0.5))
+        return np.asarray(total / np.sqrt(np.square(weights).sum(axis=0))[..., None] + np.float32(0.5))
+
+    def _texels(self, rows: np.ndarray, columns: np.ndarray, level: float) -> np.ndarray:
+        """The texture, filtered, at places of the plane."""
+        level = min(max(level, 0.0), len(self.pyramid) - 1.0)
+        lower = int(level)
+        between = np.float32(level - lower)
+        value = _bilinear(self.pyramid[lower], rows, columns, self.pyramid[0].shape[:2])
+        if between == 0:
+            return value
+        upper = _bilinear(self.pyramid[lower + 1], rows, columns, self.pyramid[0].shape[:2])
+        return np.asarray(value + between * (upper - value))
+
+    def _looked_up(self, values: np.ndarray, level: float) -> np.ndarray:
+        """The tables at Gaussian ``values``."""
+        levels, entries = self.layout["levels"], self.layout["entries"]
+        level = min(max(level, 0.0), levels - 1.0)
+        lower = int(level)
+        upper, between = min(lower + 1, levels - 1), np.float32(level - lower)
+        places = np.clip(values, 0, 1) * np.float32(entries - 1)
+        left = np.minimum(places.astype(np.int64), entries - 2)
+        part = places - left
+        made = np.empty_like(values)
+        for page in range(values.shape[2] // PAGE):
+            for channel in range(PAGE):
+                own = page * PAGE + channel
+                table = self.inverse[page * levels + lower, :, channel]
+                if between:
+                    above = self.inverse[page * levels + upper, :, channel]
+                    table = table + between * (above - table)
+                first = table[left[..., own]]
+                made[..., own] = first + part[..., own] * (table[left[..., own] + 1] - first)
+        return made
+
+
+def _bilinear(planes: np.ndarray, rows: np.ndarray, columns: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """A torus that stands for a texture of ``size``, at places of that texture's pixels."""
+    height, width = planes.shape[:2]
+    half = np.float32(0.5)
+    y = (rows + half) * np.float32(height / size[0]) - half
+    x = (columns + half) * np.float32(width / size[1]) - half
+    top, left = np.floor(y), np.floor(x)
+    t, s = (y - top)[..., None], (x - left)[..., None]
+    up, near = top.astype(np.int64) % height, left.astype(np.int64) % width
+    if not t.any() and not s.any():
+        return np.asarray(planes[up, near])
+    low, far = (up + 1) % height, (near + 1) % width
+    upper = planes[up, near] + s * (planes[up, far] - planes[up, near])
+    lower = planes[low, near] + s * (planes[low, far] - planes[low, near])
+    return np.asarray(upper + t * (lower - upper))
