@@ -76,7 +76,7 @@ class Connections:
             image, like, mesh = entry.value.image, entry.value.like, entry.value.mesh
             if entry.value.only is not None:
                 only = self._references(dataclasses.replace(entry, value=entry.value.only), "only")
-            if file.endswith("/") or (like is not None and file.endswith(".png")):
+            if file.endswith("/") or (like is not None and (file.endswith(".png") or entry.value.if_maps)):
                 if like is not None and (not isinstance(like, str) or like not in self.draft.sources):
                     raise entry.fail(f"no source {shown(like)}{hint(str(like), self.draft.sources)}", "like")
                 if like is not None:

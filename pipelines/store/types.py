@@ -8,13 +8,30 @@ import typing
 from typing import Annotated, Any
 
 from texloom.pipelines.store import exr
-from texloom.stages.vocabulary.arrays import Channels, Glsl, Image, Layers, MaterialX, Mesh, Page, Spreadsheet
+from texloom.stages.vocabulary.arrays import (
+    Channels,
+    Glsl,
+    Godot,
+    Hlsl,
+    Image,
+    Layers,
+    MaterialX,
+    Mesh,
+    Osl,
+    Page,
+    Spreadsheet,
+)
 from texloom.stages.vocabulary.voted_patches import VotedPatches
 
-TEXTS = {"html": Page, "csv": Spreadsheet, "glsl": Glsl, "mtlx": MaterialX}
+TEXTS = {
+    "html": Page, "csv": Spreadsheet, "mtlx": MaterialX, "glsl": Glsl, "hlsl": Hlsl, "gdshader": Godot, "osl": Osl,
+}  # fmt: skip
 """kinds of text that are files of their own, by suffix"""
 
-TEXT_NAMES = {"html": "a page", "csv": "a spreadsheet", "glsl": "a shader", "mtlx": "a MaterialX document"}
+TEXT_NAMES = {
+    "html": "a page", "csv": "a spreadsheet", "mtlx": "a MaterialX document",
+    **dict.fromkeys(("glsl", "hlsl", "gdshader", "osl"), "a shader"),
+}  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)

@@ -205,6 +205,15 @@ Spreadsheet = Annotated[str, "csv"]
 Glsl = Annotated[str, "glsl"]
 """source text of a shader in GLSL"""
 
+Hlsl = Annotated[str, "hlsl"]
+"""source text of a shader in HLSL"""
+
+Godot = Annotated[str, "gdshader"]
+"""source text of a shader in the language of Godot 4"""
+
+Osl = Annotated[str, "osl"]
+"""source text of a shader in Open Shading Language"""
+
 MaterialX = Annotated[str, "mtlx"]
 """a MaterialX document"""
 
