@@ -82,7 +82,7 @@ class Noise:
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     def _band(self, rows: np.ndarray, columns: np.ndarray, level: float) -> dict[str, np.ndarray]:
-        blended = self._blended(rows, columns, level)
+        blended = self.gaussian(rows, columns, level)
         low, span = (np.array(self.layout[name], np.float32) for name in ("low", "span"))
         components = self._looked_up(blended, level)[..., : len(low)] * span + low
         made, first = {}, 0
@@ -92,8 +92,10 @@ class Noise:
             first += basis.count
         return made
 
-    def _blended(self, rows: np.ndarray, columns: np.ndarray, level: float) -> np.ndarray:
-        """The Gaussian values of the three tiles of a point, blended so that their variance is kept."""
+    def gaussian(
+        self, rows: Float32[np.ndarray, "H W"], columns: Float32[np.ndarray, "H W"], level: float = 0.0
+    ) -> Float32[np.ndarray, "H W n"]:
+        """The Gaussian values of the three tiles of each place, blended so that their variance is kept."""
         vertices, weights = tiles_at(rows, columns, self.layout["spacing"])
         weights = sharpened(weights, self.layout["sharpness"])
         down, across = shifts_of(vertices, self.pyramid[0].shape[:2])
