@@ -10,7 +10,8 @@ from pydantic import Field
 
 from texloom.stages.numerics.normal_distribution import normal_quantiles, normal_shares
 from texloom.stages.synthesis.endless.decorrelation import AveragedMap, MapBasis, averageable, basis_of
-from texloom.stages.synthesis.endless.noise import PAGE, Components, Noise, Tables
+from texloom.stages.synthesis.endless.noise import PAGE, Components, Tables
+from texloom.stages.synthesis.endless.pyramid import halved, pyramid_of
 from texloom.stages.synthesis.endless.triangle_grid import SHARE
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, Params, stage
@@ -113,12 +114,12 @@ def _tables(
     maps: Sequence[AveragedMap], bases: Sequence[MapBasis], gaussian: Float32[np.ndarray, "h w n"], entries: int
 ) -> tuple[Float64[np.ndarray, "levels entries n"], int]:
     """Components by Gaussian value for each level of detail, and the number of levels."""
-    pyramid = Noise.pyramid_of(gaussian)
+    pyramid = pyramid_of(gaussian)
     tables = np.full((len(pyramid), entries, gaussian.shape[2]), 0.5)
     averaged = list(maps)
     for level, smaller in enumerate(pyramid):
         if level:
-            averaged = [(*about, Noise.halved(values)) for *about, values in averaged]
+            averaged = [(*about, halved(values)) for *about, values in averaged]
         components = _components(averaged, bases)
         for index in range(components.shape[2]):
             spread = float(smaller[..., index].std(dtype=np.float64))

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.stages.synthesis.endless.decorrelation import MapBasis
+from texloom.stages.synthesis.endless.pyramid import pyramid_of, texels
 from texloom.stages.synthesis.endless.triangle_grid import sharpened, shifts_of, tiles_at
 from texloom.stages.vocabulary.arrays import Channels
 
@@ -37,34 +38,7 @@ class Noise:
     def of(pages: Sequence[Components | None], inverse: Tables, layout: Mapping[str, Any]) -> Noise:
         """From the outputs of the stage."""
         components = np.concatenate([page for page in pages if page is not None], axis=2)
-        return Noise(Noise.pyramid_of(components), inverse, layout)
-
-    @staticmethod
-    def pyramid_of(components: Float32[np.ndarray, "h w n"]) -> list[Float32[np.ndarray, "_ _ n"]]:
-        """All levels of detail down to a single pixel."""
-        levels = [components]
-        while max(levels[-1].shape[:2]) > 1:
-            levels.append(Noise.halved(levels[-1]))
-        return levels
-
-    @staticmethod
-    def halved(planes: Float32[np.ndarray, "h w n"]) -> Float32[np.ndarray, "k m n"]:
-        """Half the size, rounded down, by averages over the area of each pixel."""
-        for axis in (0, 1):
-            size = planes.shape[axis]
-            half = max(1, size // 2)
-            if size == 2 * half:
-                shape = (*planes.shape[:axis], half, 2, *planes.shape[axis + 1 :])
-                planes = planes.reshape(shape).mean(axis=axis + 1, dtype=np.float64).astype(np.float32)
-            elif size > 1:
-                moved = np.moveaxis(planes, axis, 0).astype(np.float64)
-                sums = np.concatenate([np.zeros_like(moved[:1]), np.cumsum(moved, axis=0)])
-                edges = np.arange(half + 1) * size / half
-                whole = np.minimum(edges.astype(np.int64), size - 1)
-                part = (edges - whole).reshape(-1, *[1] * (moved.ndim - 1))
-                at = sums[whole] + part * moved[whole]
-                planes = np.moveaxis(np.diff(at, axis=0) * (half / size), 0, axis).astype(np.float32)
-        return planes
+        return Noise(pyramid_of(components), inverse, layout)
 
     def maps(
         self, rows: Float32[np.ndarray, "H W"], columns: Float32[np.ndarray, "H W"], level: float = 0.0
@@ -101,22 +75,11 @@ class Noise:
         down, across = shifts_of(vertices, self.pyramid[0].shape[:2])
         total = np.zeros((*rows.shape, self.pyramid[0].shape[2]), np.float32)
         for tile in range(3):
-            texels = self._texels(
-                rows + down[tile].astype(np.float32), columns + across[tile].astype(np.float32), level
+            found = texels(
+                self.pyramid, rows + down[tile].astype(np.float32), columns + across[tile].astype(np.float32), level
             )
-            total += weights[tile][..., None] * (texels - np.float32(0.5))
+            total += weights[tile][..., None] * (found - np.float32(0.5))
         return np.asarray(total / np.sqrt(np.square(weights).sum(axis=0))[..., None] + np.float32(0.5))
-
-    def _texels(self, rows: np.ndarray, columns: np.ndarray, level: float) -> np.ndarray:
-        """The texture, filtered, at places of the plane."""
-        level = min(max(level, 0.0), len(self.pyramid) - 1.0)
-        lower = int(level)
-        between = np.float32(level - lower)
-        value = _bilinear(self.pyramid[lower], rows, columns, self.pyramid[0].shape[:2])
-        if between == 0:
-            return value
-        upper = _bilinear(self.pyramid[lower + 1], rows, columns, self.pyramid[0].shape[:2])
-        return np.asarray(value + between * (upper - value))
 
     def _looked_up(self, values: np.ndarray, level: float) -> np.ndarray:
         """The tables at Gaussian ``values``."""
@@ -138,20 +101,3 @@ class Noise:
                 first = table[left[..., own]]
                 made[..., own] = first + part[..., own] * (table[left[..., own] + 1] - first)
         return made
-
-
-def _bilinear(planes: np.ndarray, rows: np.ndarray, columns: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """A torus that stands for a texture of ``size``, at places of that texture's pixels."""
-    height, width = planes.shape[:2]
-    half = np.float32(0.5)
-    y = (rows + half) * np.float32(height / size[0]) - half
-    x = (columns + half) * np.float32(width / size[1]) - half
-    top, left = np.floor(y), np.floor(x)
-    t, s = (y - top)[..., None], (x - left)[..., None]
-    up, near = top.astype(np.int64) % height, left.astype(np.int64) % width
-    if not t.any() and not s.any():
-        return np.asarray(planes[up, near])
-    low, far = (up + 1) % height, (near + 1) % width
-    upper = planes[up, near] + s * (planes[up, far] - planes[up, near])
-    lower = planes[low, near] + s * (planes[low, far] - planes[low, near])
-    return np.asarray(upper + t * (lower - upper))

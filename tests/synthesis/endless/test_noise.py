@@ -12,6 +12,7 @@ from texloom.stages.common.grids.wang import hashed
 from texloom.stages.evaluation.endless_plane import EndlessPlaneParams, endless_plane
 from texloom.stages.synthesis.endless.gaussian_texture import SIGMA, GaussianTextureParams, gaussian_texture
 from texloom.stages.synthesis.endless.noise import Noise
+from texloom.stages.synthesis.endless.pyramid import halved, pyramid_of
 from texloom.stages.synthesis.endless.triangle_grid import sharpened, shifts_of, tiles_at
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -131,9 +132,9 @@ def test_levels_have_the_tone_of_the_plane_seen_from_afar(level: int) -> None:
 
 def test_halves_are_averages_over_areas() -> None:
     values = np.arange(5, dtype=np.float32)[:, None, None]
-    np.testing.assert_allclose(Noise.halved(values)[:, 0, 0], [(0 + 1 + 2 / 2) / 2.5, (2 / 2 + 3 + 4) / 2.5])
+    np.testing.assert_allclose(halved(values)[:, 0, 0], [(0 + 1 + 2 / 2) / 2.5, (2 / 2 + 3 + 4) / 2.5])
     planes = np.random.default_rng(1).random((38, 53, 2)).astype(np.float32)
-    levels = Noise.pyramid_of(planes)
+    levels = pyramid_of(planes)
     assert [level.shape[:2] for level in levels] == [(38, 53), (19, 26), (9, 13), (4, 6), (2, 3), (1, 1)]
     for level in levels:
         np.testing.assert_allclose(level.mean(axis=(0, 1)), planes.mean(axis=(0, 1)), atol=1e-5)
