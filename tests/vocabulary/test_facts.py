@@ -55,7 +55,7 @@ DROPS = {
     "synthesis.histogram_summary", "synthesis.initialise", "synthesis.layout", "synthesis.on_surface",
     "synthesis.place_texture", "synthesis.seam_carving", "synthesis.wang_borders", "synthesis.whole_periods",
     "synthesis.reapply",  # it wraps as the earlier result
-    "evaluation.contact_sheet", "evaluation.endless_plane", "evaluation.energy_curve",
+    "evaluation.contact_sheet", "evaluation.endless_plane", "evaluation.energy_curve", "evaluation.hex_plane",
     "evaluation.lit_preview", "evaluation.sequence",
     "evaluation.source_positions", "evaluation.surface_views", "evaluation.thumbnail", "evaluation.wang_tiling",
 }  # fmt: skip

@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -50,34 +51,42 @@ def endless_shaders(layout: dict[str, Any]) -> EndlessShaders:
     ----------
     [HeitzNeyret2018]_, [DeliotHeitz2019]_ listings 1.1 to 1.4.
     """
+    kinds = (("glsl", "glsl"), ("hlsl", "hlsl"), ("gdshader", "glsl"), ("osl", "osl"))
+    found = {kind: templates().get_template(f"{Path(__file__).stem}.{name}.j2") for kind, name in kinds}
+    texts = {kind: template.render(_values(layout, kind)) + "\n" for kind, template in found.items()}
+    return EndlessShaders(texts["glsl"], texts["hlsl"], texts["gdshader"], texts["osl"])
+
+
+def templates() -> Any:
+    """The templates of shaders of this room, a `jinja2.Environment`."""
     import jinja2
 
-    environment = jinja2.Environment(
+    return jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         autoescape=False,  # noqa: S701 shaders are no HTML; texts in them are names made of letters
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates = {
-        kind: environment.get_template(f"{Path(__file__).stem}.{name}.j2")
-        for kind, name in (("glsl", "glsl"), ("hlsl", "hlsl"), ("gdshader", "glsl"), ("osl", "osl"))
-    }
-    texts = {kind: template.render(_values(layout, kind)) + "\n" for kind, template in templates.items()}
-    return EndlessShaders(texts["glsl"], texts["hlsl"], texts["gdshader"], texts["osl"])
+
+
+def named(maps: Iterable[str]) -> list[str]:
+    """Names of maps that shaders can have, each once."""
+    names = list[str]()
+    for one in maps:
+        name = re.sub(r"\W", "_", one, flags=re.ASCII)
+        names.append(name if name not in names and name[0].isalpha() else f"map_{len(names) + 1}")
+    return names
 
 
 def _values(layout: dict[str, Any], kind: str) -> dict[str, Any]:
     """What a template fills in."""
     bases = [MapBasis.of(record) for record in layout["maps"]]
     low, span = layout["low"], layout["span"]
-    maps, first, names = [], 0, list[str]()
-    for basis in bases:
+    maps, first = [], 0
+    for basis, name in zip(bases, named(basis.name for basis in bases), strict=True):
         if len(basis.channels) > _COMPONENTS:
             raise InputError(f"layout: {basis.name} has {len(basis.channels)} channels; shaders have at most four")
-        name = re.sub(r"\W", "_", basis.name, flags=re.ASCII)
-        name = name if name not in names and name[0].isalpha() else f"map_{len(names) + 1}"
-        names.append(name)
         parts = [
             {
                 "page": index // PAGE, "channel": index % PAGE,

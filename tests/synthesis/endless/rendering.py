@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -60,3 +63,15 @@ def textures_of(noise: Noise) -> dict[str, Any]:
         for page in range(pages)
     }
     return {**made, "inverse_table": [noise.inverse]}
+
+
+def validated(source: Path, text: str, *options: str) -> None:
+    """Fail with what the compiler says, unless it takes the text; skip without it."""
+    validator = shutil.which("glslangValidator")
+    if validator is None:
+        pytest.skip("no glslangValidator")
+    source.write_text(text)
+    run = subprocess.run(
+        [validator, *options, source.name], cwd=source.parent, check=False, capture_output=True, text=True
+    )
+    assert run.returncode == 0, run.stdout

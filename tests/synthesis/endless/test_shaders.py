@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.synthesis.endless.exemplars import colors, made, material, places
-from tests.synthesis.endless.rendering import rendered, textures_of
+from tests.synthesis.endless.rendering import rendered, textures_of, validated
 from texloom.stages.synthesis.endless.endless_shaders import EndlessShaders, endless_shaders, number
 from texloom.stages.synthesis.endless.noise import Noise
 from texloom.stages.vocabulary.arrays import Image
@@ -73,18 +73,6 @@ def test_another_arrangement_would_be_found(set_of_maps: tuple[Noise, EndlessSha
 
 
 # -- compilers
-
-
-def validated(source: Path, text: str, *options: str) -> None:
-    """Fail with what the compiler says, unless it takes the text; skip without it."""
-    validator = shutil.which("glslangValidator")
-    if validator is None:
-        pytest.skip("no glslangValidator")
-    source.write_text(text)
-    run = subprocess.run(
-        [validator, *options, source.name], cwd=source.parent, check=False, capture_output=True, text=True
-    )
-    assert run.returncode == 0, run.stdout
 
 
 @pytest.mark.parametrize("version", ["330", "300 es\nprecision highp float;\nprecision highp int;"])
