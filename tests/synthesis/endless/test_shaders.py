@@ -96,6 +96,35 @@ def test_hlsl_compiles(set_of_maps: tuple[Noise, EndlessShaders], tmp_path: Path
     assert (tmp_path / "endless.spv").stat().st_size > 1000
 
 
+def test_hlsl_renders_the_reference(set_of_maps: tuple[Noise, EndlessShaders], tmp_path: Path) -> None:
+    """Translated to GLSL by way of SPIR-V; at level 0, where filtering of graphics cards is exact enough."""
+    translator = shutil.which("spirv-cross")
+    if translator is None:
+        pytest.skip("no spirv-cross")
+    noise, shaders = set_of_maps
+    main = (
+        "Texture2D gaussian_1 : register(t0); Texture2D gaussian_2 : register(t1);\n"
+        "Texture2D inverse_table : register(t2);\n"
+        "SamplerState one : register(s3); SamplerState two : register(s4);\n"
+        "float4 main(float4 at : SV_Position) : SV_Target {\n"
+        "    float2 uv = (at.xy + float2(-211.0, -150.0)) / ENDLESS_SIZE;\n"
+        "    float3 color; float3 normal; float roughness;\n"
+        "    Endless_float(gaussian_1, gaussian_2, one, inverse_table, two, uv, color, normal, roughness);\n"
+        "    return float4(color, roughness);\n}\n"
+    )
+    validated(tmp_path / "a.hlsl", shaders.hlsl + main, *["-D", "-e", "main", "-S", "frag", "-V", "-o", "a.spv"])
+    command = [translator, "a.spv", "--version", "330", "--no-es", "--output", "a.glsl"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    text = (tmp_path / "a.glsl").read_text()
+    samplers = re.findall(r"uniform sampler2D (\w+);", text)
+    textures = {name: levels for own, levels in textures_of(noise).items() for name in samplers if own in name}
+    assert len(textures) == 3
+    maps = noise.maps(*places(SIDE))
+    found = rendered(text, textures, SIDE)
+    expected = np.concatenate([maps["color"], maps["roughness"]], axis=2)
+    assert (np.abs(found - expected).max(axis=2) <= 1 / 255).mean() >= 0.999
+
+
 def test_the_function_of_the_godot_shader_compiles_as_glsl(
     set_of_maps: tuple[Noise, EndlessShaders], tmp_path: Path
 ) -> None:
