@@ -62,4 +62,4 @@ def contours() -> Image.Image:
 
 
 if __name__ == "__main__":
-    contours().save(PICTURES / "contours.webp", quality=70, method=6)
+    contours().save(PICTURES / "contours.webp", quality=45, method=6)

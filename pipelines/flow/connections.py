@@ -20,6 +20,7 @@ from texloom.stages.vocabulary.voted_patches import VotedPatches
 
 _EXPORTABLE = {
     "array": "a picture or field",
+    "data": "a field",
     "picture": "a picture or field",
     "image": "an image",
     "value": "a table or number",
@@ -76,7 +77,7 @@ class Connections:
             image, like, mesh = entry.value.image, entry.value.like, entry.value.mesh
             if entry.value.only is not None:
                 only = self._references(dataclasses.replace(entry, value=entry.value.only), "only")
-            if file.endswith("/") or (like is not None and file.endswith(".png")):
+            if file.endswith("/") or (like is not None and (file.endswith(".png") or entry.value.if_maps)):
                 if like is not None and (not isinstance(like, str) or like not in self.draft.sources):
                     raise entry.fail(f"no source {shown(like)}{hint(str(like), self.draft.sources)}", "like")
                 if like is not None:
@@ -230,10 +231,12 @@ class Connections:
         if writer is None:
             raise entry.fail(f"must end in {WRITTEN}")
         takes = writer.takes
-        if kind != ("array" if takes in ("picture", "image") else takes):
+        if kind != ("array" if takes in ("data", "picture", "image") else takes):
             raise entry.fail(f"must be {_EXPORTABLE[takes]}, but {reference} is {made}")
         if takes == "picture" and not made.is_picture:
             raise entry.fail(f"must be a picture, but {reference} is {made}; export it as .exr")
+        if takes == "data" and made.plain is Image:
+            raise entry.fail(f"must be a field, but {reference} is an image; export it as .png")
         if takes == "image" and made.plain is not Image:
             raise entry.fail(f"must be an image, whose maps it will bind, but {reference} is {made}")
         writer.check_installed(f"{entry.path}: {entry.place}")

@@ -11,11 +11,14 @@ from texloom.pipelines.store import exr
 from texloom.stages.vocabulary.arrays import (
     Channels,
     Glsl,
+    GodotShader,
     GodotTileset,
+    Hlsl,
     Image,
     Layers,
     MaterialX,
     Mesh,
+    Osl,
     Page,
     Spreadsheet,
     TiledTileset,
@@ -23,23 +26,16 @@ from texloom.stages.vocabulary.arrays import (
 from texloom.stages.vocabulary.voted_patches import VotedPatches
 
 TEXTS = {
-    "html": Page,
-    "csv": Spreadsheet,
-    "glsl": Glsl,
-    "mtlx": MaterialX,
-    "tsx": TiledTileset,
-    "tres": GodotTileset,
-}
+    "html": Page, "csv": Spreadsheet, "mtlx": MaterialX, "tsx": TiledTileset, "tres": GodotTileset,
+    "glsl": Glsl, "hlsl": Hlsl, "gdshader": GodotShader, "osl": Osl,
+}  # fmt: skip
 """kinds of text that are files of their own, by suffix"""
 
 TEXT_NAMES = {
-    "html": "a page",
-    "csv": "a spreadsheet",
-    "glsl": "a shader",
-    "mtlx": "a MaterialX document",
-    "tsx": "a tile set of Tiled",
-    "tres": "a tile set of Godot",
-}
+    "html": "a page", "csv": "a spreadsheet", "mtlx": "a MaterialX document",
+    "tsx": "a tile set of Tiled", "tres": "a tile set of Godot",
+    **dict.fromkeys(("glsl", "hlsl", "gdshader", "osl"), "a shader"),
+}  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)

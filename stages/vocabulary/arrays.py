@@ -205,6 +205,15 @@ Spreadsheet = Annotated[str, "csv"]
 Glsl = Annotated[str, "glsl"]
 """source text of a shader in GLSL"""
 
+Hlsl = Annotated[str, "hlsl"]
+"""source text of a shader in HLSL"""
+
+GodotShader = Annotated[str, "gdshader"]
+"""source text of a shader in the language of Godot 4"""
+
+Osl = Annotated[str, "osl"]
+"""source text of a shader in Open Shading Language"""
+
 TiledTileset = Annotated[str, "tsx"]
 """a tile set of Tiled"""
 

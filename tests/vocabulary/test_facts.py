@@ -53,9 +53,11 @@ DROPS = {
     "synthesis.atlas", "synthesis.best_crop", "synthesis.coarse_level", "synthesis.compact_oriented",
     "synthesis.control_features",
     "synthesis.histogram_summary", "synthesis.initialise", "synthesis.layout", "synthesis.on_surface",
-    "synthesis.place_texture", "synthesis.seam_carving", "synthesis.tile_sheets", "synthesis.wang_borders", "synthesis.whole_periods",
+    "synthesis.place_texture", "synthesis.seam_carving", "synthesis.tile_sheets", "synthesis.wang_borders",
+    "synthesis.whole_periods",
     "synthesis.reapply",  # it wraps as the earlier result
-    "evaluation.contact_sheet", "evaluation.energy_curve", "evaluation.lit_preview", "evaluation.sequence",
+    "evaluation.contact_sheet", "evaluation.endless_plane", "evaluation.energy_curve", "evaluation.hex_plane",
+    "evaluation.lit_preview", "evaluation.sequence",
     "evaluation.source_positions", "evaluation.surface_views", "evaluation.thumbnail", "evaluation.wang_tiling",
 }  # fmt: skip
 """stages that return another picture than one that may repeat"""

@@ -18,7 +18,9 @@ from texloom.pipelines.media.delivery import AS_IS, Delivery
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.facts import Wraps
 
-Takes = Literal["array", "picture", "image", "value", "html", "csv", "glsl", "mtlx", "tsx", "tres"]
+Takes = Literal[
+    "array", "data", "picture", "image", "value", "html", "csv", "mtlx", "glsl", "hlsl", "gdshader", "osl", "tsx", "tres",
+]  # fmt: skip
 
 _ROOM = "texloom.pipelines.media.writers"
 _LOG = logging.getLogger(__name__)
@@ -36,7 +38,8 @@ class Writer:
 
     suffix: str
     takes: Takes
-    """``array``: any array; ``picture``: one with rows and columns; ``image``: an `Image`; the others: that type"""
+    """``array``: any array; ``data``: one that is no `Image`; ``picture``: one with rows and columns; ``image``: an
+    `Image`; the others: that type"""
     module: str
     """its ``write(job)`` writes a `Job` and returns names to digests"""
     needs: str = ""
@@ -84,11 +87,15 @@ MODELS = (".glb", ".usda", ".mtlx")
 
 WRITERS = (
     Writer(".exr", "array", "plain"),
+    Writer(".data.png", "data", "data_png"),
     Writer(".png", "picture", "plain"),
     Writer(".json", "value", "plain"),
     Writer(".html", "html", "plain"),
     Writer(".csv", "csv", "plain"),
     Writer(".glsl", "glsl", "plain"),
+    Writer(".hlsl", "hlsl", "plain"),
+    Writer(".gdshader", "gdshader", "plain"),
+    Writer(".osl", "osl", "plain"),
     Writer(".wang.mtlx", "mtlx", "plain"),
     Writer(".tsx", "tsx", "plain"),
     Writer(".tres", "tres", "plain"),

@@ -412,6 +412,12 @@ def test_outputs_that_can_be_pictures(write: Any) -> None:
     )
     text = textwrap.dedent(flow).replace("it.png", "it.exr")
     assert load_flow(write(text=text + "lattice.generators")).exports
+    assert load_flow(write(text=text + "{image: edges.strength, like: s, if_maps: true}")).of_maps == ("it.exr",)
+    text = textwrap.dedent(flow).replace("it.png", "it.data.png")
+    assert load_flow(write(text=text + "edges.strength")).exports
+    assert refusal(write(text=text + "start.image")) == (
+        "exports.it.data.png: must be a field, but start.image is an image; export it as .png"
+    )
 
 
 def test_a_cycle_names_its_steps(write: Any) -> None:

@@ -6,7 +6,7 @@ import dataclasses
 import json
 import struct
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import MaterialX
@@ -14,6 +14,7 @@ import numpy as np
 import OpenEXR
 import PIL.Image
 import pytest
+from jaxtyping import Float32
 
 from texloom.pipelines.media import conventions
 from texloom.pipelines.media.color_spaces import ACESCG, PRIMARIES, REC709, conversion
@@ -25,7 +26,7 @@ from texloom.pipelines.media.writers.registry import SUFFIXES, WRITERS, Job, wri
 from texloom.pipelines.store.atomic import file_digest
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.stages.vocabulary import scratch
-from texloom.stages.vocabulary.arrays import Image, ScalarMap
+from texloom.stages.vocabulary.arrays import Channels, Image, ScalarMap
 from texloom.stages.vocabulary.color import srgb_from_linear
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.facts import Facts, Wraps
@@ -80,7 +81,9 @@ def made(path: Path, value: Any, hint: Any = Image, delivery: Delivery = AS_IS, 
 def test_each_suffix_has_its_writer() -> None:
     assert writer_of("a.slopes.tx") is not writer_of("a.tx")
     assert writer_of("texture.bmp") is None
-    assert {writer.suffix for writer in WRITERS} - set(SUFFIXES) == {".slopes.tx", ".hex.mtlx", ".wang.mtlx"}
+    assert {writer.suffix for writer in WRITERS} - set(SUFFIXES) == {
+        ".slopes.tx", ".hex.mtlx", ".wang.mtlx", ".data.png",
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "webp", "tif"])
@@ -98,6 +101,27 @@ def test_pictures(image: Image, tmp_path: Path, suffix: str) -> None:
 def test_fields_as_tiff_are_floats(tmp_path: Path, rng: np.random.Generator) -> None:
     field = rng.normal(size=(9, 7)).astype(np.float32)
     np.testing.assert_array_equal(png(made(tmp_path / "field.tif", field, ScalarMap)), field)
+
+
+def test_data_as_png_has_16_bits_and_is_not_stretched(tmp_path: Path, rng: np.random.Generator) -> None:
+    planes = (rng.random((6, 5, 4)) * 0.5 + 0.2).astype(np.float32)
+    hint = Annotated[Float32[np.ndarray, "h w 4"], Channels(("R", "G", "B", "A"))]
+    np.testing.assert_array_equal(png(made(tmp_path / "a.data.png", planes, hint)), codes(planes, 65535))
+    field = planes[..., 0].copy()
+    np.testing.assert_array_equal(png(made(tmp_path / "b.data.png", field, ScalarMap)), codes(field, 65535))
+
+
+def test_data_that_a_png_cannot_hold_is_refused(image: Image, tmp_path: Path) -> None:
+    hint = Float32[np.ndarray, "h w c"]
+    for value, kind, message in (
+        (np.full((3, 3), 1.5, np.float32), ScalarMap, "outside of 0..1"),
+        (np.full((3, 3), np.nan, np.float32), ScalarMap, "outside of 0..1"),
+        (np.zeros((3, 3, 5), np.float32), hint, "at most 4 planes"),
+        (image, Image, "export it as .png"),
+    ):
+        with pytest.raises(ArtifactError, match=message):
+            write(Job(tmp_path / "a.data.png", value, kind, {}))
+    assert not list(tmp_path.iterdir())
 
 
 def test_alpha_of_pictures(tmp_path: Path, rng: np.random.Generator) -> None:

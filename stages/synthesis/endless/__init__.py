@@ -1,0 +1,1 @@
+"""Textures without end: by-example noise and hex tiling for shaders."""

@@ -1,0 +1,136 @@
+"""Whether a texture may be made endless by blending: whether blends look like it."""
+
+import dataclasses
+import logging
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32
+
+from texloom.stages.numerics.filters import gaussian_blur
+from texloom.stages.synthesis.endless.gaussian_texture import (
+    GaussianTexture,
+    GaussianTextureParams,
+    gaussian_texture,
+)
+from texloom.stages.synthesis.endless.noise import Noise
+from texloom.stages.synthesis.endless.pyramid import halved
+from texloom.stages.synthesis.endless.triangle_grid import tiles_at
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError, Params, stage
+
+LIMITS = {"difference": (0.09, 0.15), "repetition": (0.3, 0.4)}
+"""up to which blends are like the texture, and from which they are not; set on 38 photographs"""
+
+_SIDE = 512  # px, above which it is measured at half the size
+_PLANE = 512  # px of the plane that is compared
+_BLENDED = 0.55  # largest weight of a tile where tiles are blended
+_SCALES = (1.0, 2.0, 4.0, 8.0)  # px
+_LEVELS = 256
+_LOG = logging.getLogger(__name__)
+
+
+class EndlessSuitabilityParams(Params):
+    """What happens with textures that do not suit."""
+
+    accept: bool = False
+    """go on with a texture whose structure would be blended away"""
+
+
+@dataclasses.dataclass(frozen=True)
+class EndlessSuitability:
+    """What was measured."""
+
+    table: dict[str, Any]
+    """`difference`: between cumulative histograms of gradients of the texture and of blends of it, at the scale of
+    the largest one, 0..1; `differences` at scales of 1, 2, 4 and 8 px; `repetition`: the largest autocorrelation
+    beyond a sixth of its shorter side; `verdict`: `stochastic`, `doubtful` or `structured`"""
+
+
+@stage(version=1)
+def endless_suitability(image: Image, params: EndlessSuitabilityParams) -> EndlessSuitability:
+    """Measure whether blends of a texture look like the texture itself, as those of stochastic ones do.
+
+    Blends keep the histogram of any texture, but contours of two tiles show through each other, with less contrast.
+    So gradients of the first component of colour are compared: those where tiles are blended, in the published way,
+    with those of the texture. What repeats loses its order in tiles that are shifted at random; it is found by its
+    autocorrelation.
+
+    Parameters
+    ----------
+    image : an exemplar, with or without borders.
+
+    Raises
+    ------
+    InputError
+        it is structured, and ``accept`` is false.
+
+    References
+    ----------
+    [HeitzNeyret2018]_ say which textures suit; the measures are ours.
+    """
+    while min(image.height, image.width) > _SIDE:
+        image = image.with_pixels(halved(image.pixels))
+    color = image.with_pixels(np.ascontiguousarray(image.color), ("R", "G", "B")).wrapping(True)
+    texture = gaussian_texture(color, GaussianTextureParams(sharpness=1))
+    differences = _differences(texture)
+    found = {"difference": max(differences), "repetition": _repetition(texture.first[..., 0])}
+    worst = max(sum(value > limit for limit in LIMITS[name]) for name, value in found.items())
+    verdict = ("stochastic", "doubtful", "structured")[worst]
+    why = " and ".join(
+        f"its {name} is {value:.3f}, that of stochastic textures below {LIMITS[name][0]}"
+        for name, value in found.items()
+        if value > LIMITS[name][0]
+    )
+    if verdict == "structured" and not params.accept:
+        raise InputError(
+            f"image: blending would destroy its structure: {why}; the flow wang_tiles keeps it, --set accept=true "
+            "goes on"
+        )
+    if verdict != "stochastic":
+        _LOG.warning("blending may destroy its structure: %s; the flow wang_tiles keeps it", why)
+    return EndlessSuitability({**found, "differences": differences, "verdict": verdict})
+
+
+def _differences(texture: GaussianTexture) -> list[float]:
+    rows, columns = (one.astype(np.float32) for one in np.mgrid[:_PLANE, :_PLANE])
+    blended = Noise.of((texture.first,), texture.inverse, texture.layout).gaussian(rows, columns)[..., 0]
+    zone = tiles_at(rows, columns, texture.layout["spacing"])[1].max(axis=0) < _BLENDED
+    return [
+        _largest_gap(_gradients(texture.first[..., 0], scale)[1:-1, 1:-1], _gradients(blended, scale)[zone])
+        for scale in _SCALES
+    ]
+
+
+def _repetition(plane: Float32[np.ndarray, "h w"]) -> float:
+    """The largest autocorrelation beyond a sixth of the shorter side, without slow changes."""
+    side = min(plane.shape)
+    detail = (plane - gaussian_blur(plane, side / 8)).astype(np.float64)
+    spread = float(np.square(detail).mean())
+    if spread < 1e-12:
+        return 0.0
+    height, width = plane.shape
+    shape = (2 * height, 2 * width)
+    sums = np.fft.irfft2(np.abs(np.fft.rfft2(detail, shape)) ** 2, shape)
+    down, across = (np.minimum(np.arange(2 * size), 2 * size - np.arange(2 * size)) for size in (height, width))
+    pairs = (height - down)[:, None] * (width - across)
+    far = (
+        (down[:, None] ** 2 + across**2 > (side / 6) ** 2) & (down[:, None] < 0.6 * height) & (across < 0.6 * width)
+    )
+    return float((sums[far] / pairs[far]).max()) / spread
+
+
+def _gradients(plane: Float32[np.ndarray, "h w"], scale: float) -> Float32[np.ndarray, "h w"]:
+    smooth = gaussian_blur(plane, scale)
+    down, across = (np.roll(smooth, -1, axis) - np.roll(smooth, 1, axis) for axis in (0, 1))
+    return np.sqrt(down * down + across * across)
+
+
+def _largest_gap(first: np.ndarray, second: np.ndarray) -> float:
+    """Largest difference of two cumulative histograms, as in the test of Kolmogorov and Smirnov."""
+    one, other = np.sort(first, axis=None), np.sort(second, axis=None)
+    levels = np.concatenate(
+        [values[np.linspace(0, len(values) - 1, _LEVELS).astype(np.int64)] for values in (one, other)]
+    )
+    shares = [np.searchsorted(values, levels, side="right") / len(values) for values in (one, other)]
+    return float(np.abs(shares[0] - shares[1]).max())

@@ -1,0 +1,59 @@
+"""Whether a texture may be made endless by blending."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+import pytest
+
+from tests.synthetic import picture, smooth_noise, wall
+from texloom.stages.synthesis.endless.endless_suitability import EndlessSuitabilityParams, endless_suitability
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
+
+ACCEPT = EndlessSuitabilityParams(accept=True)
+
+
+def noise(side: int = 160) -> Image:
+    values = smooth_noise((side, side, 3), 1.5, np.random.default_rng(2))
+    return picture((values - values.min()) / np.ptp(values))
+
+
+def outlines(side: int = 160) -> Image:
+    """Dark contours of light regions, which lie at random."""
+    values = smooth_noise((side, side), 10, np.random.default_rng(4))
+    return picture(np.where(np.abs(values / values.std()) < 0.12, 0.05, 0.8))
+
+
+def test_noise_is_stochastic(caplog: pytest.LogCaptureFixture) -> None:
+    table = endless_suitability(noise(), EndlessSuitabilityParams()).table
+    assert table["verdict"] == "stochastic"
+    assert table["difference"] == max(table["differences"]) < 0.06
+    assert table["repetition"] < 0.3
+    assert not caplog.records
+
+
+def test_bricks_repeat() -> None:
+    bricks = wall((160, 200), 25.0, 0.0, np.random.default_rng(3))
+    assert endless_suitability(bricks, ACCEPT).table["repetition"] > 0.4
+    with pytest.raises(
+        InputError, match=r"repetition is 0\.\d+, .* wang_tiles keeps it, --set accept=true goes on"
+    ):
+        endless_suitability(bricks, EndlessSuitabilityParams())
+
+
+def test_contours_would_be_blended_away(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING):
+        table = endless_suitability(outlines(), ACCEPT).table
+    assert table["verdict"] == "structured"
+    assert table["difference"] > 0.15
+    assert "wang_tiles keeps it" in caplog.text
+    with pytest.raises(InputError, match="its difference is"):
+        endless_suitability(outlines(), EndlessSuitabilityParams())
+
+
+def test_large_pictures_are_measured_at_reduced_size_and_flat_ones_at_all() -> None:
+    assert endless_suitability(noise(600), EndlessSuitabilityParams()).table["verdict"] == "stochastic"
+    flat = endless_suitability(picture(np.full((40, 40), 0.5)), EndlessSuitabilityParams()).table
+    assert flat["difference"] == flat["repetition"] == 0
