@@ -65,7 +65,7 @@ class Exporter:
             like = self.run.flow.likes.get(file)
             source = None if like is None else scope.source(like)
             check_same(self.run, scope, file)
-            if file in self.run.flow.of_maps and (source is None or not source.maps):
+            if file in self.run.flow.of_maps and (source is None or not source.holds_maps):
                 continue
             surface = self.run.flow.surfaces.get(file)
             delivery = self._delivery(scope)

@@ -63,7 +63,7 @@ def about_material(reference: Path) -> dict[str, Any]:
 
 
 def _about_map(one: Map) -> dict[str, Any]:
-    said = {"channel": one.plane, "inverted": one.inverted, "green": one.facts.green}
+    said = {"channel": one.plane, "inverted": one.inverted, "curve": one.curve, "green": one.facts.green}
     file = {"file": Path(one.reference).name, "bits": one.bits}
     return {**file, **{name: value for name, value in said.items() if value}}
 

@@ -61,6 +61,8 @@ class Claim:
     inverted: bool = False
     green: str = ""
     """where it points, by the name"""
+    curve: str = ""
+    """that its values went through, one of `texloom.pipelines.media.curves.CURVES`"""
 
     @property
     def path(self) -> Path:

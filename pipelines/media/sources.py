@@ -25,6 +25,7 @@ from texloom.pipelines.media import (
     udim,
     voted_results,
 )
+from texloom.pipelines.media.conventions import ROLES
 from texloom.pipelines.media.headers import Refusal
 from texloom.pipelines.media.material_maps import Map
 from texloom.pipelines.media.part import WHOLE, Part
@@ -95,6 +96,11 @@ class Source:
             if self._is_array
             else Path(udim.plain_name(re.sub(r"^[a-z][a-z0-9]+:", "", self.reference))).stem
         )
+
+    @property
+    def holds_maps(self) -> bool:
+        """Whether it is a material: files of maps, or an EXR that holds several, as texloom writes it."""
+        return bool(self.maps) or len({*self.map_bits} & {*ROLES}) > 1
 
     @cached_property
     def label(self) -> str:
