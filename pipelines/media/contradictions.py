@@ -149,6 +149,7 @@ def _ignored(maps: Sequence[Map]) -> Iterator[str]:
         files.setdefault(one.reference, []).append(one)
     for reference, held in files.items():
         used = {plane for one in held for plane in (one.plane or "RGBY")}
+        used |= {twin.plane for one in maps for twin in one.twins if twin.reference == reference}
         used |= {"A"} if any(one.role == "albedo" for one in held) else set()
         left = [name for name in held[0].file_channels if name not in used]
         if len(held[0].file_channels) == 1 and not held[0].plane:  # one of any name is the map

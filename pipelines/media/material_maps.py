@@ -148,7 +148,7 @@ def _planes(one: Map, height: int, width: int) -> Image:
     elif one.role == "normal":
         pixels = unit(_vectors(one, pixels), rounding(min(one.bits, 16)))
     elif len(one.channels) == 1:
-        pixels = _grey(pixels[..., : 1 if image.channels[0] == "Y" else 3])
+        pixels = _grey(pixels[..., : 1 if image.channels[0] == "Y" else 3], one.role)
         if one.bits != 32 and one.facts.range is not None:  # heights that texloom has normalised
             pixels = one.facts.range[0] + np.float32(one.facts.range[1] - one.facts.range[0]) * pixels
     else:
@@ -270,13 +270,16 @@ def _vectors(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarr
     return vectors
 
 
-def _grey(pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 1"]:
+def _grey(pixels: Float32[np.ndarray, "h w c"], role: str) -> Float32[np.ndarray, "h w 1"]:
     """One value a pixel: the median of three that hardly differ."""
     if pixels.shape[2] == 1:
         return pixels
     ordered = np.sort(pixels, axis=2)
     if (ordered[..., 2] - ordered[..., 0]).max() > GREY:
-        raise Refusal("is in colour, but such a map has one value a pixel; save it in grey")
+        raise Refusal(
+            f"is in colour, but {role} has one value a pixel; save it in grey, or where it holds several maps, name "
+            f"them in a YAML file of maps, as '{role}: {{file: NAME, channel: R}}'"
+        )
     return np.ascontiguousarray(ordered[..., 1:2])
 
 

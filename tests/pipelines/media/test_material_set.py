@@ -306,7 +306,8 @@ def test_errors_name_the_file(folder: Path, rng: np.random.Generator) -> None:
     with pytest.raises(InputError, match=r"moss_Roughness\.png has changed since the run began"):
         source.read()
     assert problem(folder) == (
-        "moss_Roughness.png is in colour, but such a map has one value a pixel; save it in grey"
+        "moss_Roughness.png is in colour, but roughness has one value a pixel; save it in grey, or where it holds "
+        "several maps, name them in a YAML file of maps, as 'roughness: {file: NAME, channel: R}'"
     )
     save(folder / "rough.png", rng.integers(0, 256, SIDES).astype(np.uint8))
     assert problem(folder).startswith("has several files for roughness: moss_Roughness.png and rough.png")
