@@ -20,6 +20,7 @@ from texloom.pipelines.media.material_set import (
     same_material,
     told_of_several,
 )
+from texloom.pipelines.media.meshes import SUFFIXES as MESHES
 from texloom.pipelines.media.stack import SCHEME, path_of
 from texloom.pipelines.media.udim import joined
 from texloom.stages.vocabulary.declare import InputError
@@ -95,19 +96,21 @@ class Matching(NamedTuple):
 def matching(pattern: str) -> Matching:
     """The files and folders that an absolute pattern matches, by name.
 
-    Where pictures are among them, without files that lie beside pictures, such as ``Thumbs.db`` or ``moss.mtlx``.
+    Where pictures or folders are among them, without files that lie beside such, as ``Thumbs.db`` or ``moss.mtlx``.
     """
     found = sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207 (absolute)
     kinds = {one: splitext(one)[1].lower() for one in found}  # noqa: PTH122
-    if not any(kind in formats.SUFFIXES for kind in kinds.values()):
-        return Matching(found, "")
     others = [one for one, kind in kinds.items() if kind not in (*formats.SUFFIXES, *_READ)]
-    left = [one for one in others if not isdir(one)]  # noqa: PTH112
+    files = [one for one in others if not isdir(one)]  # noqa: PTH112
+    has_pictures = any(kind in formats.SUFFIXES for kind in kinds.values())
+    if not has_pictures and len(files) == len(others):
+        return Matching(found, "")
+    left = [one for one in files if has_pictures or kinds[one] not in MESHES]
     if not left:
         return Matching(found, "")
     shown = ", ".join(map(basename, left[:_LISTED])) + (", ..." if len(left) > _LISTED else "")
     count = "1 file" if len(left) == 1 else f"{len(left)} files"
-    return Matching([one for one in found if one not in {*left}], f"{count} beside the pictures ignored: {shown}")
+    return Matching([one for one in found if one not in {*left}], f"{count} beside the others ignored: {shown}")
 
 
 def _is_library(reference: str, takes_maps: bool) -> bool:

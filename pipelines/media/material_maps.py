@@ -277,8 +277,8 @@ def _grey(pixels: Float32[np.ndarray, "h w c"], role: str) -> Float32[np.ndarray
     ordered = np.sort(pixels, axis=2)
     if (ordered[..., 2] - ordered[..., 0]).max() > GREY:
         raise Refusal(
-            f"is in colour, but {role} has one value a pixel; save it in grey, or where it holds several maps, name "
-            f"them in a YAML file of maps, as '{role}: {{file: NAME, channel: R}}'"
+            f"is in colour, but {role} has one value a pixel; save it in grey, or where it holds several maps, "
+            f"name them in a YAML file of maps, as '{role}: {{file: NAME, channel: R}}'"
         )
     return np.ascontiguousarray(ordered[..., 1:2])
 

@@ -304,10 +304,12 @@ def _proposal(path: Path, named: _Roles) -> str:
     left = [one.name for one in pictures if one.name not in {*taken, *map(str, files.values())}]
     listed = ", ".join(f"{role}: {file}" for role, file in files.items())
     others = f", and what {', '.join(left)} are" if left else ""
-    return (
-        f"if these are one material, write {path.name}/{path.name}.yaml with its maps, as {{{listed}}}{others}; "
-        f"if each is a texture of its own, give '{path.name}/*{pictures_in(path)[0].suffix}'"
+    written = (
+        f"if these are one material, write {path.name}/{path.name}.yaml with its maps, as {{{listed}}}{others}"
     )
+    if same_material(list(map(str, pictures))):  # so that a pattern is refused too
+        return written
+    return f"{written}; if each is a texture of its own, give '{path.name}/*{pictures_in(path)[0].suffix}'"
 
 
 def _yaml_of(given: Claim) -> str:

@@ -15,6 +15,8 @@ from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.media.arrays import file_source, kinds_of, masked
 from texloom.pipelines.media.map_names import recognised
 from texloom.pipelines.media.sources import Source, open_source
+from texloom.pipelines.store import codec
+from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import linear_from_srgb
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.facts import MapFacts
@@ -247,6 +249,19 @@ def test_unknown_files_are_left_out_with_a_note(folder: Path, rng: np.random.Gen
         f"{place}: other.png ignored: the name is that of no map",
         f"{place}: 5 files beside the maps ignored: preview.png, ._moss_BaseColor.png, Thumbs.db, moss.blend, ...",
     )
+
+
+def test_an_exr_of_all_maps_is_counted_beside_them(folder: Path) -> None:
+    image = open_source("exemplar", str(folder)).read()
+    codec.export(image, Image, folder / "material.exr", {})
+    source = open_source("exemplar", str(folder))
+    (note,) = source.notes
+    assert note.endswith(": 1 file beside the maps ignored: material.exr")
+    assert source.holds_maps
+    assert open_source("exemplar", str(folder / "material.exr")).holds_maps
+    codec.export(Image(image.pixels[..., :3].copy(), ("R", "G", "B")), Image, folder / "material.exr", {})
+    assert "material.exr ignored: the name is that of no map" in open_source("exemplar", str(folder)).notes[0]
+    assert not open_source("exemplar", str(folder / "material.exr")).holds_maps
 
 
 def test_files_that_are_never_read_are_told(folder: Path) -> None:
