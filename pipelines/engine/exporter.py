@@ -90,7 +90,8 @@ class Exporter:
                 self.told.append(f"{file}: not written, as there is no {reference} here")
                 continue
             if not self._shows(export.path.name, reference):  # what shows a result, as a preview does, may clip
-                self.told += [f"{export.path.name}: {note}" for note in state.get("told", ())]
+                told = [f"{export.path.name}: {note}" for note in state.get("told", ())]
+                self.told += [note for note in dict.fromkeys(told) if note not in self.told]
             self.states[place] = state
             written[prefix + file] = export.path
         return written

@@ -48,6 +48,24 @@ def checked(maps: Sequence[Map]) -> tuple[tuple[Map, ...], tuple[str, ...]]:
     return _with_green(maps, green), (*filter(None, lines), *told)
 
 
+def told_of_alpha(seen: known_files.Inspected, reference: str) -> str:
+    """How many pixels the alpha of a picture excludes, if it does; decodes it the first time."""
+    if "A" not in seen.channels:
+        return ""
+    known, digest = known_files.current(), f"alpha {_VERSION}{seen.digest}"
+    found = None if known is None else known.told(digest)
+    if found is None:
+        share = float((locate.decode(reference, seen.digest).pixels[..., seen.channels.index("A")] < HALF).mean())
+        found = (
+            (f"alpha is below a half in {100 * share:.2g} % of the pixels, which are never copied",)
+            if share
+            else ()
+        )
+        if known is not None:
+            known.tell(digest, found)
+    return "".join(found)
+
+
 def _with_green(maps: Sequence[Map], green: str) -> tuple[Map, ...]:
     """The maps, with green of normals where content has decided it."""
     return tuple(

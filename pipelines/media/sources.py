@@ -37,6 +37,7 @@ from texloom.stages.vocabulary.voted_patches import VotedPatches
 
 SourceValue: TypeAlias = Image | np.ndarray | VotedPatches
 """a picture or map set, a `texloom.stages.vocabulary.arrays.Mesh`, or the patches of an earlier result"""
+_COPIED = ("exemplar", "exemplars", "picture")  # sources whose pixels are copied, but those that alpha excludes
 _MAX_FILES = 10_000  # among which a similar name is searched
 
 
@@ -175,7 +176,8 @@ def open_source(name: str, reference: str) -> Source:
             )
         seen = locate.inspect(reference)
         _check_memory(seen.memory)
-    notes = _notes(name, reference, seen.note, _told_of_texel(seen.texel_size))
+        excluded = contradictions.told_of_alpha(seen, reference) if name in _COPIED else ""
+    notes = _notes(name, reference, seen.note, excluded, _told_of_texel(seen.texel_size))
     roles = dict.fromkeys("albedo" if one in [*"RGBYA"] else one.partition(".")[0] for one in seen.channels)
     bits_of = {role: seen.original_bits.get(role, seen.bits) for role in roles}
     return Source(
