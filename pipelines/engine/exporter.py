@@ -74,7 +74,7 @@ class Exporter:
                 is_folder=file.endswith("/"),
                 origin=self._origin(reference, scope),
                 about=self._about(file, reference, scope),
-                like=() if source is None else source.maps,
+                like=() if source is None else source.maps or source.remembered,
                 delivery=delivery,
                 material=self._material(like, scope) if delivery.layout else "",
                 bits=self._bits(file, reference, scope),
@@ -169,6 +169,12 @@ class Exporter:
             about[TEXEL_SIZE] = texel_size
         if file.endswith((".exr", "/")):
             about["bits"] = self._bits(file, reference, scope)  # so that PNGs made from it one day have as many
+            fed = feeding(self.run.flow, reference)
+            named = [
+                scope.source(one).names for one in self.run.flow.sources if one in fed and scope.has_source(one)
+            ]
+            if names := next(filter(None, named), {}):
+                about["names"] = names  # and are called like those that it was made from
         if file.endswith(".html"):
             about["run"] = self._facts(scope)
         return about
