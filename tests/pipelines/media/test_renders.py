@@ -23,7 +23,7 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.normals import NORMAL, unit
 
 SIDE = 96
-SHOWN = ("blender", "gltf", "unreal", "unity", "arnold", "substance")
+SHOWN = ("blender", "gltf", "unreal", "unity", "unity_standard", "godot", "arnold", "substance")
 """layouts that `render_sphere.py` shows as their programs do"""
 BLENDER = os.environ.get("TEXLOOM_BLENDER") or (sys.executable if importlib.util.find_spec("bpy") else "")
 
