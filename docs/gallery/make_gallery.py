@@ -246,7 +246,7 @@ def draw(rows: list[list[str]], path: Path, width: int, height: int) -> None:
             left += each.width + GAP
         top += max(each.height for each in row) + GAP
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.save(path, quality=75, method=6)
+    figure.save(path, quality=65, method=6)
 
 
 def picture(name: str) -> Image.Image:

@@ -30,7 +30,9 @@ MAX_PLANES = 15
 VALUE_STRENGTH = 3.2
 """range of a value, in deviations of colour"""
 
-_LABEL_STRENGTH = 1.6  # distance of two labels, in deviations of colour
+LABEL_STRENGTH = 1.6
+"""distance of two labels, in deviations of colour"""
+
 _MIN_SPREAD, _MAX_SPREAD = 8.0, 60.0  # CIELAB units of deviation of colour that count
 _WINDOW = 10  # px, in which a guide is compared
 _MIN_COARSENESS = 0.1
@@ -116,7 +118,7 @@ def guide(image: Image, exemplar_guide: Image, target_guide: Image, params: Guid
     valid = valid_pixels(image)
     own, target, colors = _read(exemplar_guide, target_guide, valid, params)
     own = resize(own, image.height, image.width, bilinear=True)
-    factor = VALUE_STRENGTH if colors is None else _LABEL_STRENGTH
+    factor = VALUE_STRENGTH if colors is None else LABEL_STRENGTH
     factor *= min(1.0, _coarseness(own) / _coarseness(target))
     asked = valid_pixels(target_guide)
     if asked is not None:

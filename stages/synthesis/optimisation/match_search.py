@@ -11,6 +11,7 @@ from texloom.stages.kernels.core.elementary_functions import exp, log
 from texloom.stages.kernels.core.threads import spans
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.correspondence import Patches
+from texloom.stages.synthesis.optimisation.several_exemplars import Balance
 from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.scratch import bands, empty, run_bands, run_released
 
@@ -79,6 +80,7 @@ class Search:
     allowed : the permitted exemplar patches, which include all initial matches; none permits all.
     expected : use of each exemplar patch, relative to even use, at which its occurrence penalty is ``occurrence``;
         none for even use of all.
+    balance : of several exemplars, each of which is to give its share; none for one.
     """
 
     def __init__(
@@ -93,6 +95,7 @@ class Search:
         overuse: float,
         allowed: Allowed | None = None,
         expected: Float32[np.ndarray, "p q"] | None = None,
+        balance: Balance | None = None,
     ):
         from texloom.stages.kernels.patchmatch.search import ALL_ACTIVE, PatchShape
 
@@ -109,6 +112,7 @@ class Search:
         self.penalty_per_use = self.even_penalty / even
         self.penalty_limit = int(overuse * self.even_penalty)
         self.expected = expected
+        self.balance = balance
         self.compared = 0
         """patch distances so far, whole or until they exceeded the best"""
         self.forbidden = None if allowed is None else ~allowed.places
@@ -155,6 +159,8 @@ class Search:
             everywhere = sweep_number == 0 or radii.size > 0 or effort.fill_tries > 0
             changed = 0
             for number, phase in enumerate(self.phases):
+                if self.balance is not None:
+                    self.balance.adjust(self.counts, distance / row.size / self.unit)
                 self._set_penalties()
                 if number == 0:
                     unused = self._little_used() if fills else (np.zeros(1, np.int32),) * 2
@@ -195,6 +201,8 @@ class Search:
         occurrence_penalty(self.counts, self.shape.size, self.penalty_per_use, self.penalty)
         if self.expected is not None:
             np.rint(self.penalty / self.expected, out=self.penalty)
+        if self.balance is not None:
+            self.penalty += self.balance.penalty(self.unit)
         if self.forbidden is not None:
             self.penalty[self.forbidden] = _FORBIDDEN
 

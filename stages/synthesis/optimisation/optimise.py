@@ -12,6 +12,7 @@ from pydantic import Field
 
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.common.grids.working_size import Halvings
+from texloom.stages.common.similarity.neighbourhoods import Rectangles
 from texloom.stages.synthesis.optimisation import correspondence
 from texloom.stages.synthesis.optimisation.border import Border
 from texloom.stages.synthesis.optimisation.cell_completion import CellCompletion
@@ -34,6 +35,7 @@ from texloom.stages.synthesis.optimisation.inputs import check_patches, check_st
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase, min_spacing
 from texloom.stages.synthesis.optimisation.match_search import Search, occurrence_map
 from texloom.stages.synthesis.optimisation.scale import Rounds
+from texloom.stages.synthesis.optimisation.several_exemplars import SeveralExemplars, largest_block
 from texloom.stages.synthesis.optimisation.starts import best_start
 from texloom.stages.synthesis.optimisation.vote import HistogramVote, mean_vote, result_image, vote_pixels, window
 from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, ScalarMap, Vectors
@@ -50,6 +52,7 @@ from texloom.stages.vocabulary.voted_patches import VotedPatches
 _LOG = logging.getLogger(__name__)
 
 _MIN_CELL = 8  # px between lattice lines at the first scale; smaller cells would not be resolved
+_PATCHES_A_BLOCK = 1.5  # at the first scale, of blocks of several exemplars; smaller ones would vanish
 _PHASE_SHARE = 0.8  # of the scales, coarsest first, at which the lattice is enforced; finer ones preserve it
 _LINES = 0.5  # of `regularity` for straight lines at uneven distances; the full one leads to few of their pieces
 _OVERUSE = 2.0  # use, in multiples of the average, above which random search rejects a patch
@@ -181,6 +184,7 @@ class _Optimisation:
         regularity: float,
         fixed: FixedPixels | None,
         share: ScalarMap | None,
+        several: SeveralExemplars | None,
         params: OptimiseParams,
     ):
         exemplar = FilledExemplar.of(image)
@@ -193,6 +197,7 @@ class _Optimisation:
         self.start = start
         self.fixed = fixed
         self.share = share
+        self.several = several
         self.params = params
         self.final = window(params.patch_size, params.schedule.final_sigma)
         self.wrap = params.tileable or NOWHERE
@@ -228,9 +233,10 @@ class _Optimisation:
         exemplar, given, where = features
         channels = exemplar.shape[1] // scale.exemplar[1]
         expected, expected_places = self._expected(scale)
+        balance = None if self.several is None else self.several.at(scale.exemplar, size, scale.places)
         search = Search(
             exemplar, channels, size, scale.places, scale.patches, wrap, params.occurrence_at(scale), _OVERUSE,
-            scale.allowed, expected_places,
+            scale.allowed, expected_places, balance,
         )  # fmt: skip
         histogram = None
         if scale.within(params.histogram_share):
@@ -313,6 +319,7 @@ def optimise(
     guiding: Bool[np.ndarray, "_ _"] | None = None,
     contours: ScalarMap | None = None,
     share: ScalarMap | None = None,
+    rectangles: Rectangles | None = None,
     checkpoints: Checkpoints = NoCheckpoints(),  # noqa: B008
 ) -> Optimised:
     """Make every patch of the result similar to a patch of the exemplar, and use the exemplar uniformly.
@@ -354,6 +361,8 @@ def optimise(
         nothing is kept or guided, those of the result that show parts of several are replaced by whole ones at the
         end; see `CellCompletion`. Not in the paper.
     share : use of each exemplar pixel that is wanted, relative to even use, above 0; none for even use.
+    rectangles : of several exemplars in one picture, see `exemplar_sheet`; without a guide each gives its share of
+        the result, by a penalty on all patches of those that give more.
     guiding : true where pixels of ``keep`` are only matched to: the result has the votes of its patches there,
         which resemble them. None for none.
 
@@ -390,6 +399,10 @@ def optimise(
     params = params.model_copy(update={"tileable": wrap})
     border = Border(params.patch_size if params.border else 1)
     guides = _guides(image, start, exemplar_guide, target_guide, border)
+    several = None
+    if rectangles is not None and guides is None:
+        shape = (image.height, image.width)
+        several = SeveralExemplars.of(rectangles, valid_pixels(image), share, shape).around(border)
     sides = image.height, image.width
     image, start = border.around_image(image), border.moved(start)
     phase, regularity = None, params.regularity
@@ -399,13 +412,18 @@ def optimise(
         phase = LatticePhase(generators, start, wrap, None if given is None else keep, params.period)
     margin, usable = params.beyond, valid_pixels(image)
     fixed = None if keep is None else FixedPixels(keep, start, margin, given, guiding)
-    cells = 0
+    resolved = 0.0  # px at the first scale for each px of the exemplar
     if generators is not None and phase is not None:
-        cells = math.ceil(_MIN_CELL * min(image.height, image.width) / min_spacing(generators))
+        resolved = _MIN_CELL / min_spacing(generators)
+    elif rectangles is not None and several is not None:
+        resolved = _PATCHES_A_BLOCK * params.patch_size / largest_block(rectangles, start.shape[:2])
+    cells = math.ceil(resolved * min(image.height, image.width))
     scales = patch_scales(image, start, params, params.occurrence > 0, cells)
     distance = None if guidance is None else border.around(guidance)
     share = None if share is None else border.around(share)
-    optimisation = _Optimisation(image, start, distance, weight, guides, phase, regularity, fixed, share, params)
+    optimisation = _Optimisation(
+        image, start, distance, weight, guides, phase, regularity, fixed, share, several, params
+    )
     del distance
     randoms, tried = rng.spawn(len(scales)), min(_TRIED_SCALES, len(scales) - 1)
     others = [] if keep is not None or not tried else [rng.spawn(tried) for _ in range(params.starts - 1)]

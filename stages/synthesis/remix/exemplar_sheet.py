@@ -22,6 +22,7 @@ _LOG = logging.getLogger(__name__)
 _GAP = 32  # px between two exemplars, which no patch may cross, also where pictures are reduced
 _MIN_SIDE = 32  # px
 _SCALES_ALIKE = 4.0  # ratio of sides from which exemplars are said to be of different size
+_CLIPPED = 0.01  # share of pixels from which clipped ones are said
 _MIN_SPREAD = 1.0  # CIELAB units; less contrast is not stretched
 
 
@@ -47,6 +48,8 @@ class ExemplarSheet:
     """position and size of each exemplar, in the order of `names`"""
     names: list[str]
     """of the exemplars, without those that failed"""
+    wanted: list[float]
+    """how much of the texture is to come from each, 0..1, together 1"""
 
 
 @stage(version=1)
@@ -82,9 +85,9 @@ def exemplar_sheet(
     _tell_sizes(names, images)
     shares = _shares(params.weights, names)
     if params.match_tone and len(images) > 1:
-        images = _alike(images, usable, params.match_tone)
+        images = _alike(names, images, usable, params.match_tone)
     rectangles, shape = arranged([(image.height, image.width) for image in images], _GAP)
-    area = sum(map(np.count_nonzero, usable))
+    areas = np.array(list(map(np.count_nonzero, usable)))
     canvas = np.zeros((*shape, len(images[0].channels)), np.float32)
     valid, share = np.zeros(shape, bool), np.ones(shape, np.float32)
     for number, (image, (row, column, height, width)) in enumerate(zip(images, rectangles.tolist(), strict=True)):
@@ -92,12 +95,13 @@ def exemplar_sheet(
         canvas[place] = image.pixels
         valid[place] = usable[number]
         if shares is not None:
-            share[place] = shares[number] * area / np.count_nonzero(usable[number])
+            share[place] = shares[number] * areas.sum() / areas[number]
     return ExemplarSheet(
         image=with_usable(images[0].elsewhere(canvas), valid),
         share=None if shares is None else share,
         rectangles=rectangles,
         names=names,
+        wanted=(areas / areas.sum() if shares is None else shares).tolist(),
     )
 
 
@@ -150,17 +154,24 @@ def _tell_sizes(names: Sequence[str], images: Sequence[Image]) -> None:
         )  # fmt: skip
 
 
-def _alike(images: Sequence[Image], usable: Sequence[np.ndarray], strength: float) -> list[Image]:
+def _alike(
+    names: Sequence[str], images: Sequence[Image], usable: Sequence[np.ndarray], strength: float
+) -> list[Image]:
     """The images with means and deviations of CIELAB moved towards those of all."""
     labs = [lab_from_linear(image.color) for image in images]
     measured = [_mean_and_spread(lab[own]) for lab, own in zip(labs, usable, strict=True)]
     means, spreads = np.array(measured).swapaxes(0, 1)
     wanted_mean, wanted_spread = means.mean(axis=0), spreads.mean(axis=0)
     made = []
-    for image, lab, mean, spread in zip(images, labs, means, spreads, strict=True):
+    for name, image, own, lab, mean, spread in zip(names, images, usable, labs, means, spreads, strict=True):
         ratio = wanted_spread / np.maximum(spread, _MIN_SPREAD)
         moved = (lab - mean) * (1 + strength * (ratio - 1)) + mean + strength * (wanted_mean - mean)
-        color = np.maximum(linear_from_lab(moved.astype(np.float32)), 0)
+        color = linear_from_lab(moved.astype(np.float32))
+        if (clipped := float((color[own] < 0).any(axis=1).mean())) > _CLIPPED:
+            _LOG.warning(
+                "%s: match_tone clips %.0f %% of the pixels, which get darker than black", name, 100 * clipped
+            )
+        color = np.maximum(color, 0)
         planes = color if image.channels[0] != "Y" else color.mean(axis=2, keepdims=True)
         made.append(image.with_pixels(np.concatenate([planes, image.pixels[..., planes.shape[2] :]], axis=2)))
     return made

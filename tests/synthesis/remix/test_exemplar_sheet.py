@@ -10,7 +10,7 @@ import pytest
 from tests.synthetic import masked, picture
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
 from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
-from texloom.stages.synthesis.remix.exemplar_origin import ExemplarOriginParams, exemplar_origin
+from texloom.stages.synthesis.remix.exemplar_origin import ExemplarOrigin, ExemplarOriginParams, exemplar_origin
 from texloom.stages.synthesis.remix.exemplar_sheet import ExemplarSheet, ExemplarSheetParams, exemplar_sheet
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import lab_from_linear
@@ -144,25 +144,56 @@ def test_exemplars_of_other_sizes_are_told(
     assert "b has 4 times the side of a" in caplog.text
 
 
-@pytest.mark.parametrize("weights", [{}, {"a": 4.0}])
-def test_a_texture_is_of_all_as_weights_ask(two: list[Image | None], weights: dict[str, float]) -> None:
-    made = sheet(two, weights=weights)
-    start = initialise(made.image, InitialiseParams(size=(96, 96)), np.random.default_rng(1), share=made.share)
+def remixed(made: ExemplarSheet, **params: Any) -> ExemplarOrigin:
+    start = initialise(
+        made.image, InitialiseParams(size=(96, 96)), np.random.default_rng(1),
+        share=made.share, rectangles=made.rectangles,
+    )  # fmt: skip
     texture = optimise(
-        made.image, start.match, OptimiseParams(preset="fast", patch_size=6), np.random.default_rng(2),
-        share=made.share,
+        made.image, start.match, OptimiseParams(preset="fast", patch_size=6, **params), np.random.default_rng(2),
+        share=made.share, rectangles=made.rectangles,
     )  # fmt: skip
     assert texture.image.channels == ("R", "G", "B")
-    found = exemplar_origin(texture.match, made.rectangles, made.names, ExemplarOriginParams())
+    found = exemplar_origin(texture.match, made.rectangles, made.names, made.wanted, ExemplarOriginParams())
+    number = found.origin[..., 0].astype(int)
+    at = made.rectangles[number, :2] + found.origin[..., 1:]
+    np.testing.assert_array_equal(at, texture.match)
+    assert (found.origin[..., 1:] < made.rectangles[number, 2:]).all()
+    return found
+
+
+@pytest.mark.parametrize("weights", [{}, {"a": 4.0}])
+def test_a_texture_is_of_all_as_weights_ask(two: list[Image | None], weights: dict[str, float]) -> None:
+    found = remixed(sheet(two, weights=weights))
     number = found.origin[..., 0]
     share = number.mean()
-    assert found.table["exemplars"][1] == {"name": "b", "share": pytest.approx(share, abs=1e-4)}
     wanted = 64 * 40 / (64 * 40 + 48 * 64) if not weights else 0.2
-    assert share == pytest.approx(wanted, abs=0.12)
-    for exemplar, (height, width) in enumerate(SIZES):
-        of_one = found.origin[number == exemplar]
-        assert (of_one[:, 1:] < (height, width)).all()
-        at = made.rectangles[exemplar, :2] + of_one[:, 1:].astype(int)
-        np.testing.assert_array_equal(at, texture.match[number == exemplar])
+    assert found.table["exemplars"][1] == {
+        "name": "b", "share": pytest.approx(share, abs=1e-4), "wanted": pytest.approx(wanted, abs=1e-4)
+    }  # fmt: skip
+    assert share == pytest.approx(wanted, abs=0.05)
+    for exemplar in (0, 1):
         colours = found.picture.pixels[number == exemplar]
         assert (colours == colours[0]).all()
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+def test_the_smoother_exemplar_does_not_take_over(rng: np.random.Generator, tileable: bool) -> None:
+    rough, smooth = noise(rng, (64, 64), (0.5, 0.5, 0.5), 0.9), noise(rng, (64, 64), (0.4, 0.4, 0.4), 0.01)
+    found = remixed(sheet([rough, smooth], weights={"a": 3.0}), tileable=tileable)
+    assert found.table["exemplars"][0]["share"] == pytest.approx(0.75, abs=0.06)
+
+
+def test_shares_far_from_those_wanted_are_told(two: list[Image | None], caplog: pytest.LogCaptureFixture) -> None:
+    made = sheet(two, weights={"b": 3.0})
+    match = np.zeros((8, 8, 2), np.uint32)
+    exemplar_origin(match, made.rectangles, made.names, made.wanted, ExemplarOriginParams())
+    assert caplog.messages == [
+        "a: 100 % of the texture, where 25 % were wanted", "b: 0 % of the texture, where 75 % were wanted",
+    ]  # fmt: skip
+
+
+def test_tones_that_get_clipped_are_told(rng: np.random.Generator, caplog: pytest.LogCaptureFixture) -> None:
+    dark, checks = noise(rng, (40, 40), (0.05,) * 3, 0.1), (rng.random((40, 40, 1)) > 0.5).repeat(3, axis=2)
+    sheet([dark, picture(checks.astype(np.float32))], match_tone=1.0)
+    assert "a: match_tone clips" in caplog.text
