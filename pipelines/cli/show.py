@@ -94,13 +94,14 @@ def _folders_of_pictures(files: Sequence[Path], folder: Path) -> dict[Path, Path
 
 
 def _table(facts: dict[str, Any]) -> str:
-    """The maps of a material: role, file, channel, bits, and what is said and plausible of normals."""
-    plausible = facts.get("plausible_green", {}).get("green", "")
-    rows = [("role", "file", "channel", "bits", "green", "plausible")]
+    """The maps of a material, one a line: what is said of each, and what is plausible by measure."""
+    rows = [("role", "file", "channel", "bits", "green", "tiling", "plausible")]
     for role, one in facts["files"].items():
         channel = f"{'1-' if one.get('inverted') else ''}{one.get('channel', 'all')}"
         green = one.get("green", "up, assumed") if role == "normal" else ""
-        rows.append((role, one["file"], channel, str(one["bits"]), green, plausible if role == "normal" else ""))
+        measured = ", ".join(f"{axis} {wraps}" for axis, wraps in one.get("plausible_wraps", {}).items())
+        tiling = one.get("wraps") or f"measured: {measured}"
+        rows.append((role, one["file"], channel, str(one["bits"]), green, tiling, one.get("plausible", "")))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
 

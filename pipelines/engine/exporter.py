@@ -65,7 +65,7 @@ class Exporter:
             like = self.run.flow.likes.get(file)
             source = None if like is None else scope.source(like)
             check_same(self.run, scope, file)
-            if file in self.run.flow.of_maps and (source is None or not source.maps):
+            if file in self.run.flow.of_maps and (source is None or not source.holds_maps):
                 continue
             surface = self.run.flow.surfaces.get(file)
             delivery = self._delivery(scope)
@@ -74,7 +74,7 @@ class Exporter:
                 is_folder=file.endswith("/"),
                 origin=self._origin(reference, scope),
                 about=self._about(file, reference, scope),
-                like=() if source is None else source.maps,
+                like=() if source is None else source.maps or source.remembered,
                 delivery=delivery,
                 material=self._material(like, scope) if delivery.layout else "",
                 bits=self._bits(file, reference, scope),
@@ -90,7 +90,8 @@ class Exporter:
                 self.told.append(f"{file}: not written, as there is no {reference} here")
                 continue
             if not self._shows(export.path.name, reference):  # what shows a result, as a preview does, may clip
-                self.told += [f"{export.path.name}: {note}" for note in state.get("told", ())]
+                told = [f"{export.path.name}: {note}" for note in state.get("told", ())]
+                self.told += [note for note in dict.fromkeys(told) if note not in self.told]
             self.states[place] = state
             written[prefix + file] = export.path
         return written
@@ -168,6 +169,12 @@ class Exporter:
             about[TEXEL_SIZE] = texel_size
         if file.endswith((".exr", "/")):
             about["bits"] = self._bits(file, reference, scope)  # so that PNGs made from it one day have as many
+            fed = feeding(self.run.flow, reference)
+            named = [
+                scope.source(one).names for one in self.run.flow.sources if one in fed and scope.has_source(one)
+            ]
+            if names := next(filter(None, named), {}):
+                about["names"] = names  # and are called like those that it was made from
         if file.endswith(".html"):
             about["run"] = self._facts(scope)
         return about

@@ -113,7 +113,10 @@ class Export:
             "origin": self.origin,
             "about": self.about,
             "like": [
-                [one.role, one.stem, one.bits, one.directx, one.plane, one.inverted, Path(one.reference).name]
+                [
+                    *(one.role, one.stem, one.bits, one.directx, one.plane, one.inverted, one.curve),
+                    Path(one.reference).name,
+                ]
                 for first in self.like
                 for one in (first, *first.twins)
             ],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import glob
 import itertools
 import math
 import os
@@ -16,7 +15,7 @@ from typing import Any
 
 from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.model import Each, Flow
-from texloom.pipelines.flow.source_files import is_pattern
+from texloom.pipelines.flow.source_files import is_pattern, matching
 from texloom.pipelines.media import udim
 from texloom.pipelines.media.material_set import holds_maps
 
@@ -150,7 +149,7 @@ def _matching_pattern(pattern: str) -> dict[str, str]:
     """The files and map sets that match a pattern, with what the wildcards match."""
     expression = re.compile(_groups(pattern))
     words: dict[str, str] = {}
-    for path in sorted(glob.glob(pattern, recursive=True)):  # noqa: PTH207 (patterns are absolute)
+    for path in matching(pattern).files:
         match = expression.fullmatch(path)
         if match is not None and (_is_file(path) or _is_map_set(Path(path))):
             words[path] = "-".join(word.strip("/").replace("/", "-") for word in match.groups() if word)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Sequence
+from os.path import basename, isdir, splitext  # as text, as there may be thousands
 from pathlib import Path
+from typing import NamedTuple
 
 from texloom.pipelines.errors import one_line, refused
 from texloom.pipelines.flow.model import Each
@@ -18,10 +20,13 @@ from texloom.pipelines.media.material_set import (
     same_material,
     told_of_several,
 )
+from texloom.pipelines.media.meshes import SUFFIXES as MESHES
 from texloom.pipelines.media.stack import SCHEME, path_of
 from texloom.pipelines.media.udim import joined
 from texloom.stages.vocabulary.declare import InputError
 
+_READ = (".json", ".yaml", ".yml")  # strokes and maps
+_LISTED = 4  # files in a note
 _MOST_MAPS = 64  # files that may be maps of one material; to read the names of thousands takes seconds
 
 
@@ -46,8 +51,8 @@ def source_of(name: str, references: Sequence[str], pair: str | None, takes_maps
     first = references[0]
     if len(references) == 1 and not is_pattern(first) and not _is_library(first, takes_maps):
         return first
-    patterns = {one: sorted(glob.glob(one)) for one in references if is_pattern(one)}  # noqa: PTH207 (absolute)
-    given = [file for one in references for file in patterns.get(one, [one])]
+    patterns = {one: matching(one) for one in references if is_pattern(one)}
+    given = [file for one in references for file in (patterns[one].files if one in patterns else [one])]
     folder = same_material(given) if takes_maps or len(given) <= _MOST_MAPS else None
     if takes_maps and folder is not None:
         raise refused(f"sources.{name}: these files are maps of one material; give their folder, {folder}")
@@ -56,6 +61,7 @@ def source_of(name: str, references: Sequence[str], pair: str | None, takes_maps
     except InputError as error:
         raise refused(f"sources.{name}: {error}") from None
     notes = [f"sources.{name}: {reference}: {told}" for reference in references if (told := _unread(reference))]
+    notes += [f"sources.{name}: {one}: {found.told}" for one, found in patterns.items() if found.told]
     if folder is not None:
         notes.append(
             f"sources.{name}: these files are maps of one material, and each is taken by itself; "
@@ -77,6 +83,34 @@ def stack_of(name: str, references: Sequence[str]) -> str:
 def is_pattern(reference: str) -> bool:
     """Whether a reference is a pattern of files; a file or folder of just that name is not."""
     return bool(set("*?[") & set(reference)) and not Path(reference).exists()
+
+
+class Matching(NamedTuple):
+    """What a pattern matches."""
+
+    files: list[str]
+    told: str
+    """of files that are left out; empty: there are none"""
+
+
+def matching(pattern: str) -> Matching:
+    """The files and folders that an absolute pattern matches, by name.
+
+    Where pictures or folders are among them, without files that lie beside such, as ``Thumbs.db`` or ``moss.mtlx``.
+    """
+    found = sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207 (absolute)
+    kinds = {one: splitext(one)[1].lower() for one in found}  # noqa: PTH122
+    others = [one for one, kind in kinds.items() if kind not in (*formats.SUFFIXES, *_READ)]
+    files = [one for one in others if not isdir(one)]  # noqa: PTH112
+    has_pictures = any(kind in formats.SUFFIXES for kind in kinds.values())
+    if not has_pictures and len(files) == len(others):
+        return Matching(found, "")
+    left = [one for one in files if has_pictures or kinds[one] not in MESHES]
+    if not left:
+        return Matching(found, "")
+    shown = ", ".join(map(basename, left[:_LISTED])) + (", ..." if len(left) > _LISTED else "")
+    count = "1 file" if len(left) == 1 else f"{len(left)} files"
+    return Matching([one for one in found if one not in {*left}], f"{count} beside the others ignored: {shown}")
 
 
 def _is_library(reference: str, takes_maps: bool) -> bool:

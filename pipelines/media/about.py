@@ -17,6 +17,7 @@ from texloom.pipelines.media.plausibility import plausible_green, plausible_inte
 from texloom.pipelines.memory import check_memory
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import Facts
 
 
 def about_picture(path: Path) -> dict[str, Any]:
@@ -43,8 +44,9 @@ def about_material(reference: Path) -> dict[str, Any]:
 
     Returns
     -------
-    as of `_known`, with ``files``: file, ``bits``, and ``channel``, ``inverted`` and ``green`` where they apply, by
-    role; and ``notes`` on the others, and on what the content contradicts.
+    as of `_known`, with ``files`` by role: file, ``bits``, ``channel``, ``inverted``, ``curve`` and ``green`` where
+    they apply, ``wraps`` or ``plausible_wraps``, and ``plausible``: where green points, whether heights are depths,
+    and ``see notes`` where content contradicts what is said; and ``notes`` on the other files, and on that.
     """
     try:
         opened, notes = material_set.open_set(str(reference))
@@ -58,14 +60,33 @@ def about_material(reference: Path) -> dict[str, Any]:
         raise InputError(one_line(f"{reference}: {error}")) from None
     except OSError as error:
         raise InputError(f"{reference}: {error.strerror or error}") from None
-    files = {one.role: _about_map(one) for one in opened}
-    return {**_known(image, texel_size), "files": files, **({"notes": list(notes)} if notes else {})}
+    known = _known(image, texel_size)
+    measured = known.get("plausible_green", {})
+    plausible = {"normal": measured.get("green"), "height": measured.get("height")}
+    files = {}
+    for one in opened:
+        files[one.role] = _about_map(one) | _wraps_of(one, image)
+        is_told = any(note.startswith(f"{one.role}: ") for note in notes)
+        if words := [*filter(None, [plausible.get(one.role)]), *(["see notes"] if is_told else [])]:
+            files[one.role]["plausible"] = ", ".join(words)
+    return {**known, "files": files, **({"notes": list(notes)} if notes else {})}
 
 
 def _about_map(one: Map) -> dict[str, Any]:
-    said = {"channel": one.plane, "inverted": one.inverted, "green": one.facts.green}
+    said = {"channel": one.plane, "inverted": one.inverted, "curve": one.curve, "green": one.facts.green}
     file = {"file": Path(one.reference).name, "bits": one.bits}
     return {**file, **{name: value for name, value in said.items() if value}}
+
+
+def _wraps_of(one: Map, image: Image) -> dict[str, Any]:
+    """Whether a map's file says that it wraps, or for ``x`` and ``y`` whether that is plausible."""
+    said = Facts.of(locate.inspect(one.reference, one.role not in COLORS).facts).wraps
+    if said:
+        return {"wraps": str(said)}
+    planes = image.pixels[..., [image.channels.index(name) for name in one.channels if name != "A"]]
+    lowest, span = planes.min(), max(float(np.ptp(planes)), 1e-9)
+    shown = Image((planes - lowest) / np.float32(span), ("R", "G", "B") if planes.shape[2] == 3 else ("Y",))
+    return {"plausible_wraps": {axis: one["wraps"] for axis, one in plausible_wraps(shown).items()}}
 
 
 def _known(image: Image, texel_size: float | None) -> dict[str, Any]:

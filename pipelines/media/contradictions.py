@@ -8,7 +8,7 @@ are rebuilt, are told too.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +16,14 @@ from jaxtyping import Float32
 
 from texloom.pipelines.media import known_files, locate, material_maps
 from texloom.pipelines.media.conventions import COLORS, CONVENTION_OF
-from texloom.pipelines.media.curves import told_of_curves
+from texloom.pipelines.media.curves import CURVES, curves_of, told_of_curve
 from texloom.pipelines.media.material_maps import Map
 from texloom.pipelines.media.plausibility import decisive_green, plausible_green, plausible_integrable_green
 from texloom.stages.vocabulary.arrays import Image
-from texloom.stages.vocabulary.color import linear_from_srgb, srgb_from_linear
 from texloom.stages.vocabulary.masks import HALF
 from texloom.stages.vocabulary.normals import NORMAL, rebuilt
 
-_VERSION = "5"  # raised when other lines are told of the same files
+_VERSION = "6"  # raised when other lines are told of the same files
 _EMPTY = 2 / 255  # largest difference in a channel that holds nothing
 _OFF = 0.1  # of unit length
 _MANY = 0.1  # share of pixels
@@ -47,6 +46,24 @@ def checked(maps: Sequence[Map]) -> tuple[tuple[Map, ...], tuple[str, ...]]:
     green, measure, *told = found
     lines = [_told_of_green(one, green, measure) for one in maps if one.implied is not None]
     return _with_green(maps, green), (*filter(None, lines), *told)
+
+
+def told_of_alpha(seen: known_files.Inspected, reference: str) -> str:
+    """How many pixels the alpha of a picture excludes, if it does; decodes it the first time."""
+    if "A" not in seen.channels:
+        return ""
+    known, digest = known_files.current(), f"alpha {_VERSION}{seen.digest}"
+    found = None if known is None else known.told(digest)
+    if found is None:
+        share = float((locate.decode(reference, seen.digest).pixels[..., seen.channels.index("A")] < HALF).mean())
+        found = (
+            (f"alpha is below a half in {100 * share:.2g} % of the pixels, which are never copied",)
+            if share
+            else ()
+        )
+        if known is not None:
+            known.tell(digest, found)
+    return "".join(found)
 
 
 def _with_green(maps: Sequence[Map], green: str) -> tuple[Map, ...]:
@@ -91,12 +108,16 @@ def _found(maps: Sequence[Map]) -> tuple[str, ...]:
     normal = by_role.get("normal")
     roles = set().union(*together, [] if normal is None else ["normal"])
     codes = dict(_codes(maps))
+
+    def told_of(found: Iterable[tuple[str, str, str]]) -> tuple[str, ...]:
+        return tuple(told_of_curve(role, _entry(by_role[role]), curve, measure) for role, curve, measure in found)
+
     if not roles:
-        return tuple(told_of_curves(codes))
+        return told_of(curves_of(codes))
     measured = tuple(one for one in maps if one.role in roles)  # the others need not be decoded
     image = material_maps.read(measured, maps[0].height, maps[0].width)
     is_depth = "height" in by_role and by_role["height"].inverted
-    curves = tuple(told_of_curves(codes, image, is_depth))
+    curves = told_of(curves_of(codes, image, is_depth))
     if normal is None:
         return (*contradictions(image, None), *curves)
     pixels = locate.decode(normal.reference, normal.digest, data=True).pixels
@@ -107,12 +128,23 @@ def _found(maps: Sequence[Map]) -> tuple[str, ...]:
     return (told, *contradictions(image, None, is_depth), *curves)
 
 
+def _entry(one: Map) -> str:
+    """What a YAML file says of a map's file, without the braces."""
+    channel = f", channel: {one.plane}" if one.plane else ""
+    return f"file: {Path(one.reference).name}{channel}{', invert: true' * one.inverted}"
+
+
 def _codes(maps: Sequence[Map]) -> Iterator[tuple[str, np.ndarray]]:
-    """Roles and integers of files of 8 bits that hold data, one value a pixel, as they are stored."""
+    """Roles and values of files that hold data, one value a pixel, as they are stored: integers, or floats."""
     for one in maps:
-        if one.bits == 8 and one.channels == (one.role,) and one.facts.range is None:
-            values = material_maps.read((one,), one.height, one.width).pixels[..., 0]
-            yield one.role, np.rint(255 * (1 - values if one.inverted else values)).astype(np.uint8)
+        if one.channels == (one.role,) and one.facts.range is None and not one.curve:
+            values = material_maps.read((one,), one.height, one.width).pixels[..., 0].astype(np.float64)
+            values = 1 - values if one.inverted else values
+            if one.bits == 32:
+                yield one.role, values
+            else:
+                dtype = np.uint8 if one.bits == 8 else np.uint16
+                yield one.role, np.rint((2**one.bits - 1) * values).astype(dtype)
 
 
 def _excluded(albedo: Map) -> Iterator[str]:
@@ -135,6 +167,7 @@ def _ignored(maps: Sequence[Map]) -> Iterator[str]:
         files.setdefault(one.reference, []).append(one)
     for reference, held in files.items():
         used = {plane for one in held for plane in (one.plane or "RGBY")}
+        used |= {twin.plane for one in maps for twin in one.twins if twin.reference == reference}
         used |= {"A"} if any(one.role == "albedo" for one in held) else set()
         left = [name for name in held[0].file_channels if name not in used]
         if len(held[0].file_channels) == 1 and not held[0].plane:  # one of any name is the map
@@ -182,13 +215,15 @@ def _of_vectors(raw: Float32[np.ndarray, "h w 3"]) -> Iterator[str]:
     error = _length_error(vectors)
     if error > _OFF:
         codes = (vectors.astype(np.float64) + 1) / 2
-        curves = {
-            "an sRGB curve is taken off": linear_from_srgb(codes),
-            "an sRGB curve is put on": srgb_from_linear(codes),
-        }
-        for what, values in curves.items():
+        for name, (_, undone) in CURVES.items():
+            values = np.asarray(undone(codes))
             if _length_error(values * 2 - 1) < min(error / 2, _OFF) and np.median(values[..., 2]) > 0.5:
-                yield f"normal: lengths are wrong by {error:.2f}, and right if {what}; save it again as raw data"
+                yield told_of_curve(
+                    "normal",
+                    "file: NAME",
+                    name,
+                    f"lengths of vectors are wrong by {error:.2f}, and right without it",
+                )
                 return
     if error > _FAR:
         yield f"normal: the vectors' lengths, 1 in a normal map, are wrong by {error:.2f}; is this file one?"

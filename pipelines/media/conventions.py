@@ -107,6 +107,7 @@ _PACKED = (
     ),
     *(_read(f"albedo{word}", *["albedo"] * 3, "height") for word in ("Height", "Bump")),
     *(_read(f"normal{word}", *["normal"] * 3, "roughness") for word in ("Roughness", "Rough")),
+    _read("ddna", *["normal"] * 3, GLOSS),
     # either of Texture Haven, or the ao of a material whose name ends in rough
     *(_read("roughAO", "roughness", "ao"), _read("roughAO", "ao")),
 )
@@ -118,7 +119,7 @@ LAYOUTS: Mapping[str, Layout] = {
                 *("albedo", "albedo", 8, "basecolor", "basecolour", "base", "diffuse", "diff", "dif"),
                 *("diffuseoriginal", "color", "colour", "col", "alb"),
             ),
-            _one("normal", "normal", 16, "normals", "nor", "nrm", "norm", "nml", "nmap", "ddn", "ddna"),
+            _one("normal", "normal", 16, "normals", "nor", "nrm", "norm", "nml", "nmap", "ddn"),
             _one("roughness", "roughness", 8, "rough", "rgh"),
             _one("metallic", "metallic", 8, "metalness", "metal", "met", "mtl"),
             _one("ao", "ao", 8, "ambientocclusion", "occlusion", "ambient", "occ"),
@@ -127,7 +128,7 @@ LAYOUTS: Mapping[str, Layout] = {
             _one("opacity", "opacity", 8, "alpha", "transparency"),
             _one("emissive", "emissive", 8, "emission", "emit", "glow", "selfillum"),
             _one("mask", "mask", 8, "usable"),
-            _one("bump", "bump", 16),
+            _one("bump", "bump", 16, "bumpmap"),
             _one("cavity", "cavity", 8),
             _one("translucency", "translucency", 8, "sss", "scattering"),
             _one("fuzz", "fuzz", 8),

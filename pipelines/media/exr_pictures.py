@@ -53,7 +53,8 @@ def header_of(file: BinaryIO, data: bool) -> Picture:
     facts = codec.facts_in(headers[0], part, height, width)
     bits = codec.original_bits(headers[0])
     texel_size = codec.texel_size_in(headers[0], part, height, width)
-    return Picture(height, width, tuple(names.values()), 32, memory, decode, facts, note, bits, texel_size)
+    known = facts, note, bits, texel_size, codec.names_of_maps(headers[0])
+    return Picture(height, width, tuple(names.values()), 32, memory, decode, *known)
 
 
 def stack_header_of(file: BinaryIO) -> Picture:

@@ -47,6 +47,8 @@ class Picture(Header):
     """as ``bits``, of what texloom made each map, by its role, in a file of floats from, where that is known"""
     texel_size: float | None = None
     """side of a pixel, m, where texloom has written it"""
+    names: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """of the files that maps came from, by role, without suffix, where texloom has written it"""
 
 
 def check_size(height: int, width: int) -> None:

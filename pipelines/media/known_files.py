@@ -36,6 +36,8 @@ class Inspected(Header):
     """what texloom has written into it, see `Facts.record`"""
     texel_size: float | None = None
     """side of a pixel, m, where texloom has written it"""
+    names: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    """of the files that maps came from, by role, without suffix, where texloom has written it"""
 
 
 class KnownFiles:

@@ -65,7 +65,7 @@ def inspect(reference: str, data: bool = False, layered: bool = False) -> Inspec
         read = pictures.read_header(file, data, layered)
         header = read.height, read.width, read.channels, read.bits, read.memory
         facts = read.facts.record()
-        seen = Inspected(*header, _digest(file), read.note, read.original_bits, facts, read.texel_size)
+        seen = Inspected(*header, _digest(file), read.note, read.original_bits, facts, read.texel_size, read.names)
     if known is not None:
         known.add(path, state, seen)
     return seen

@@ -61,6 +61,8 @@ class Claim:
     inverted: bool = False
     green: str = ""
     """where it points, by the name"""
+    curve: str = ""
+    """that its values went through, one of `texloom.pipelines.media.curves.CURVES`"""
 
     @property
     def path(self) -> Path:
@@ -185,8 +187,9 @@ def read_names(paths: Sequence[Path], is_grey: Callable[[Path], bool | None]) ->
     shared = _shared(list(words.values()))
     found |= {path: None for path, one in found.items() if one and len(one[0]) == 1 and words[path] == shared}
     options = {path: one for path, one in found.items() if one is not None}
-    if not any(one.roles == ("normal",) or len(key) > 2 for key, some, _ in options.values() for one in some):
-        options = {path: one for path, one in options.items() if len(one[0]) > 1}
+    named = any(one.roles == ("normal",) or len(key) > 1 for key, some, _ in options.values() for one in some)
+    if not named and not _letters_tell({path: one[0] for path, one in options.items()}, is_grey):
+        options = {}
     unknown = [path for path in words if path not in options]
     chosen, doubts, layouts = _decided(options, is_grey)
     # as in Minecraft's resource packs: stone.png, stone_n.png
@@ -198,6 +201,15 @@ def read_names(paths: Sequence[Path], is_grey: Callable[[Path], bool | None]) ->
     previews = tuple(path for path in unknown if _is_preview(words[path]) or path in bare)
     rest = tuple(path for path in unknown if path not in previews)
     return Named(claims, rest, previews, doubts, layouts, several, smaller)
+
+
+def _letters_tell(keys: Mapping[Path, str], is_grey: Callable[[Path], bool | None]) -> bool:
+    """Whether names that end in single letters are of maps: they are no run of the alphabet, and one has colour."""
+    letters = sorted({*keys.values()})
+    if len(letters) < 2 or ord(letters[-1]) - ord(letters[0]) < len(letters):
+        return False
+    greys = [is_grey(path) for path in keys]
+    return greys.count(False) == 1 or not any(grey is not None for grey in greys)
 
 
 def several_materials(paths: Sequence[Path], is_grey: Callable[[Path], bool | None]) -> dict[str, Named]:

@@ -19,6 +19,7 @@ from jaxtyping import Float32
 
 from texloom.pipelines.media import locate as picture_files
 from texloom.pipelines.media.conventions import COLORS
+from texloom.pipelines.media.curves import CURVES
 from texloom.pipelines.media.headers import Refusal
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.facts import Facts, MapFacts
@@ -58,6 +59,8 @@ class Map:
     """the channel of the file that holds it: ``R``, ``G``, ``B`` or ``A``; empty: it is the file's only map"""
     inverted: bool = False
     """whether the file holds 1 minus it, as gloss is of roughness"""
+    curve: str = ""
+    """that the file's values went through, one of `texloom.pipelines.media.curves.CURVES`; reading undoes it"""
     file_channels: tuple[str, ...] = ()
     """channels of the file"""
     twins: tuple[Map, ...] = ()
@@ -100,7 +103,7 @@ def normal_codes(one: Map, height: int, width: int) -> tuple[np.ndarray, np.ndar
 
     None where the size is another one, the file holds floats, or is not there any more.
     """
-    if (one.height, one.width) != (height, width) or one.bits not in (8, 16) or not one.is_plain:
+    if (one.height, one.width) != (height, width) or one.bits not in (8, 16) or not one.is_plain or one.curve:
         return None
     try:
         pixels = _decoded(one).pixels
@@ -124,7 +127,9 @@ def memory_of(maps: Sequence[Map]) -> int:
 
 def digest_of(maps: Sequence[Map]) -> str:
     """SHA-256 of the roles and contents of the maps, without their files' names."""
-    parts = [[one.role, one.channels, one.facts.record(), one.digest, one.plane, one.inverted] for one in maps]
+    parts = [
+        [one.role, one.channels, one.facts.record(), one.digest, one.plane, one.inverted, one.curve] for one in maps
+    ]
     return hashlib.sha256(json.dumps([_VERSION, parts]).encode()).hexdigest()
 
 
@@ -143,11 +148,13 @@ def _planes(one: Map, height: int, width: int) -> Image:
     elif one.role == "normal":
         pixels = unit(_vectors(one, pixels), rounding(min(one.bits, 16)))
     elif len(one.channels) == 1:
-        pixels = _grey(pixels[..., : 1 if image.channels[0] == "Y" else 3])
+        pixels = _grey(pixels[..., : 1 if image.channels[0] == "Y" else 3], one.role)
         if one.bits != 32 and one.facts.range is not None:  # heights that texloom has normalised
             pixels = one.facts.range[0] + np.float32(one.facts.range[1] - one.facts.range[0]) * pixels
     else:
         pixels = pixels[..., :3]
+    if one.role != "normal":
+        pixels = _undone(one, pixels)
     if one.inverted:
         pixels = 1 - pixels
     facts = Facts(image.wraps, _known(one, pixels))
@@ -215,10 +222,36 @@ def stored_vectors(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np
 
     Where x is in alpha, z is -1, to be rebuilt.
     """
-    colors = pixels[..., :3]
+    colors = _undone(one, pixels[..., :3])
     if has_x_in_alpha(pixels):
         colors = np.dstack([pixels[..., 3], pixels[..., 1], np.zeros_like(pixels[..., 0])])
     return colors.copy() if one.bits == 32 and colors.min() < 0 else colors * 2 - 1
+
+
+def _undone(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w c"]:
+    """Values of a file, alpha last, without the curve that they went through."""
+    if not one.curve:
+        return pixels
+    colors = pixels[..., :3]
+    if colors.min() < 0 or colors.max() > 1:
+        raise Refusal(f"has values outside 0..1, of which no curve can be undone; leave out 'curve: {one.curve}'")
+    undone = np.asarray(CURVES[one.curve][1](colors), np.float32)
+    return np.concatenate([undone, pixels[..., 3:]], axis=2)
+
+
+def with_curve(image: Image, one: Map) -> Image:
+    """The image with the curve of a map's file on that map, so that it is written as the file has it."""
+    if not one.curve:
+        return image
+    places = [place for place, name in enumerate(image.channels) if name in one.channels and name != "A"]
+    pixels = image.pixels.copy()
+    values = pixels[..., places]
+    signs = np.array([1, -1, 1] if one.role == "normal" and one.directx else [1] * len(places), np.float32)
+    values = (values * signs + 1) / 2 if one.role == "normal" else 1 - values if one.inverted else values
+    values = np.asarray(CURVES[one.curve][0](np.clip(values, 0, 1)), np.float32)
+    values = (values * 2 - 1) * signs if one.role == "normal" else 1 - values if one.inverted else values
+    pixels[..., places] = values
+    return image.with_pixels(pixels)
 
 
 def holds_vectors(one: Map) -> bool:
@@ -237,13 +270,16 @@ def _vectors(one: Map, pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarr
     return vectors
 
 
-def _grey(pixels: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 1"]:
+def _grey(pixels: Float32[np.ndarray, "h w c"], role: str) -> Float32[np.ndarray, "h w 1"]:
     """One value a pixel: the median of three that hardly differ."""
     if pixels.shape[2] == 1:
         return pixels
     ordered = np.sort(pixels, axis=2)
     if (ordered[..., 2] - ordered[..., 0]).max() > GREY:
-        raise Refusal("is in colour, but such a map has one value a pixel; save it in grey")
+        raise Refusal(
+            f"is in colour, but {role} has one value a pixel; save it in grey, or where it holds several maps, "
+            f"name them in a YAML file of maps, as '{role}: {{file: NAME, channel: R}}'"
+        )
     return np.ascontiguousarray(ordered[..., 1:2])
 
 

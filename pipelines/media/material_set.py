@@ -7,6 +7,7 @@ roles, with paths relative to its own folder:
     albedo: moss/color.png
     roughness: {file: moss/arm.jpg, channel: G}
     metallic: {file: moss/arm.jpg, channel: B, invert: false}
+    ao: {file: moss/ao.png, curve: srgb}   # through which its values went, which is undone; or inverse_srgb
     normal: moss/n.png
     height: moss/bump16.tif
     normal_convention: directx   # green points down; else the file name says it, or texloom's header
@@ -92,7 +93,19 @@ def same_material(references: Sequence[str]) -> Path | None:
         return None
     named = read_names(sorted(paths), _is_grey)
     is_one = "albedo" in named.claims and "albedo" not in named.several and len(named.claims) > 1
-    return paths[0].parent if is_one and not named.unknown else None
+    unknown = [path for path in named.unknown if not _holds_maps(path)]
+    return paths[0].parent if is_one and (not unknown or shared_words(paths)) else None
+
+
+def _holds_maps(path: Path) -> bool:
+    """Whether a file is an EXR with several maps, as texloom writes it beside their files."""
+    if path.suffix.lower() != ".exr":
+        return False
+    try:
+        channels = picture_files.inspect(str(path)).channels
+    except (Refusal, OSError):
+        return False
+    return len({"albedo" if name in "RGBY" else name.partition(".")[0] for name in channels} & {*ROLES}) > 1
 
 
 def names_in(folder: Path) -> Named:
@@ -223,11 +236,12 @@ def _of_folder(folder: Path) -> tuple[_Roles, dict[str, Any], list[str]]:
         names = " and ".join(path.name for path in alike)
         raise Refusal(f"has several files for {role}: {names}; remove one, or list those that count in YAML")
     notes = []
-    if named.unknown:
-        notes.append(f"{', '.join(path.name for path in named.unknown)} ignored: the name is that of no map")
+    whole = [path for path in named.unknown if _holds_maps(path)]
+    if unknown := [path.name for path in named.unknown if path not in whole]:
+        notes.append(f"{', '.join(unknown)} ignored: the name is that of no map")
     if named.smaller:
         notes.append(_told_of_smaller(named.smaller))
-    companions = [path.name for path in named.previews]
+    companions = [path.name for path in (*whole, *named.previews)]
     others = sorted(path.name for path in folder.iterdir() if not path.is_dir() and path not in pictures)
     if unread := told_of_unread(name for name in others if not name.startswith(".")):
         notes.append(unread)
@@ -290,10 +304,12 @@ def _proposal(path: Path, named: _Roles) -> str:
     left = [one.name for one in pictures if one.name not in {*taken, *map(str, files.values())}]
     listed = ", ".join(f"{role}: {file}" for role, file in files.items())
     others = f", and what {', '.join(left)} are" if left else ""
-    return (
-        f"if these are one material, write {path.name}/{path.name}.yaml with its maps, as {{{listed}}}{others}; "
-        f"if each is a texture of its own, give '{path.name}/*{pictures_in(path)[0].suffix}'"
+    written = (
+        f"if these are one material, write {path.name}/{path.name}.yaml with its maps, as {{{listed}}}{others}"
     )
+    if same_material(list(map(str, pictures))):  # so that a pattern is refused too
+        return written
+    return f"{written}; if each is a texture of its own, give '{path.name}/*{pictures_in(path)[0].suffix}'"
 
 
 def _yaml_of(given: Claim) -> str:
@@ -354,6 +370,7 @@ def _opened(role: str, given: Claim, settings: Mapping[str, Any]) -> Map:
         *(role, reference, stem, *size, channels, seen.bits, facts, seen.digest, seen.memory, note),
         plane=given.plane,
         inverted=given.inverted,
+        curve=given.curve,
         file_channels=seen.channels,
         implied=implied,
     )

@@ -10,6 +10,7 @@ from typing import Any
 from texloom.pipelines.errors import hint, shown
 from texloom.pipelines.media import locate as picture_files
 from texloom.pipelines.media.conventions import CONVENTION_OF, CONVENTIONS, ROLES
+from texloom.pipelines.media.curves import CURVES
 from texloom.pipelines.media.headers import Refusal
 from texloom.pipelines.media.map_names import Claim, recognised_plane
 from texloom.pipelines.yaml import read_document
@@ -18,6 +19,7 @@ from texloom.stages.vocabulary.facts import UNITS
 
 HEIGHT_UNIT = "height_unit"
 """the key of a YAML file that says the unit of heights"""
+_ENTRY = ("file", "channel", "invert", "curve")
 _KEYS = ("normal_convention", HEIGHT_UNIT, "resample")
 
 
@@ -59,10 +61,10 @@ def of_yaml(path: Path) -> tuple[Mapping[str, Sequence[Claim]], dict[str, Any]]:
 
 
 def _of_entry(key: str, value: Any, folder: Path) -> Claim:
-    """A file, or ``{file: x.png, channel: G, invert: true}``, of a YAML file in ``folder``."""
+    """A file, or ``{file: x.png, channel: G, invert: true, curve: srgb}``, of a YAML file in ``folder``."""
     entry = value if isinstance(value, dict) and "file" in value else {"file": value}
-    if other := next((one for one in entry if one not in ("file", "channel", "invert")), None):
-        raise Refusal(f"{key}: {shown(other)} unknown; there are file, channel and invert")
+    if other := next((one for one in entry if one not in _ENTRY), None):
+        raise Refusal(f"{key}: {shown(other)} unknown; there are {', '.join(_ENTRY[:-1])} and {_ENTRY[-1]}")
     file, channel, invert = entry.get("file"), entry.get("channel", ""), entry.get("invert", False)
     if not isinstance(file, str) or not file:
         raise Refusal(f"{key}: must be a file, got {shown(value)}")
@@ -70,4 +72,6 @@ def _of_entry(key: str, value: Any, folder: Path) -> Claim:
         raise Refusal(f"{key}.channel: must be the name of a channel, such as R, got {shown(channel)}")
     if not isinstance(invert, bool):
         raise Refusal(f"{key}.invert: must be true or false, got {shown(invert)}")
-    return Claim(str(folder / file) if picture_files.is_path(file) else file, channel, invert)
+    if (curve := entry.get("curve", "")) not in ("", *CURVES):
+        raise Refusal(f"{key}.curve: must be {' or '.join(CURVES)}, got {shown(curve)}")
+    return Claim(str(folder / file) if picture_files.is_path(file) else file, channel, invert, curve=curve)

@@ -30,6 +30,9 @@ class Relief:
     unit: str = ""
     """of ``low`` and ``high``, one of `texloom.stages.vocabulary.facts.UNITS`; empty where none is known"""
 
+    is_assumed: bool = False
+    """whether nobody said the unit"""
+
     @property
     def is_normalised(self) -> bool:
         """Whether the file holds other values than the map."""
@@ -62,10 +65,11 @@ class Relief:
     def tell(self) -> None:
         """Warn that a file holds other values than the map."""
         if self.is_normalised:
-            text = (
-                "height: %.6g .. %.6g %s became 0..1 in PNG; scale and offset are in documents, EXR has the values"
+            became = "became 0..1 in PNG; scale and offset are in documents, EXR has the values"
+            assumed = (
+                "; the unit is assumed, 'height_unit' in a YAML file of maps says it" if self.is_assumed else ""
             )
-            _LOG.warning(text, self.low, self.high, self.unit)
+            _LOG.warning("height: %.6g .. %.6g %s %s%s", self.low, self.high, self.unit, became, assumed)
 
 
 def relief_of(image: Image) -> Relief:
@@ -87,7 +91,7 @@ def relief_of(image: Image) -> Relief:
         fits = first >= -_ROUNDING and last <= 1 + _ROUNDING and last - first >= _NARROW
     if fits:
         return Relief(unit=known.unit if known.range is not None else "")
-    return Relief(low, high if high > low else low + 1, known.unit or "m")
+    return Relief(low, high if high > low else low + 1, known.unit or "m", not known.unit)
 
 
 UNIT_RELIEF = Relief()

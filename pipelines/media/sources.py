@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -25,17 +25,21 @@ from texloom.pipelines.media import (
     udim,
     voted_results,
 )
+from texloom.pipelines.media.conventions import ROLES
 from texloom.pipelines.media.headers import Refusal
+from texloom.pipelines.media.known_files import Inspected
 from texloom.pipelines.media.material_maps import Map
 from texloom.pipelines.media.part import WHOLE, Part
 from texloom.pipelines.memory import check_memory
 from texloom.pipelines.store.store import Store
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import Facts
 from texloom.stages.vocabulary.voted_patches import VotedPatches
 
 SourceValue: TypeAlias = Image | np.ndarray | VotedPatches
 """a picture or map set, a `texloom.stages.vocabulary.arrays.Mesh`, or the patches of an earlier result"""
+_COPIED = ("exemplar", "exemplars", "picture")  # sources whose pixels are copied, but those that alpha excludes
 _MAX_FILES = 10_000  # among which a similar name is searched
 
 
@@ -72,6 +76,8 @@ class Source:
     """the source as it is in the file, where a part is taken"""
     texel_size: float | None = None
     """side of a pixel, m, where texloom has written it into the file"""
+    remembered: tuple[Map, ...] = ()
+    """the files that an EXR of a material was made from, by what it says; they may be gone"""
 
     def taken(self, part: Part) -> Source:
         """The part as a source; `SourceError` where it is not inside."""
@@ -95,6 +101,18 @@ class Source:
             if self._is_array
             else Path(udim.plain_name(re.sub(r"^[a-z][a-z0-9]+:", "", self.reference))).stem
         )
+
+    @property
+    def holds_maps(self) -> bool:
+        """Whether it is a material: files of maps, or an EXR that holds several, as texloom writes it."""
+        return bool(self.maps) or len({*self.map_bits} & {*ROLES}) > 1
+
+    @property
+    def names(self) -> dict[str, str]:
+        """The names of the files of maps that hold one alone, by role, without suffix."""
+        stems = [one.stem for one in self.maps]
+        own = [one for one in self.maps if one.is_plain and one.role in ROLES and stems.count(one.stem) == 1]
+        return {one.role: one.stem for one in (*own, *self.remembered)}
 
     @cached_property
     def label(self) -> str:
@@ -169,7 +187,8 @@ def open_source(name: str, reference: str) -> Source:
             )
         seen = locate.inspect(reference)
         _check_memory(seen.memory)
-    notes = _notes(name, reference, seen.note, _told_of_texel(seen.texel_size))
+        excluded = contradictions.told_of_alpha(seen, reference) if name in _COPIED else ""
+    notes = _notes(name, reference, seen.note, excluded, _told_of_texel(seen.texel_size))
     roles = dict.fromkeys("albedo" if one in [*"RGBYA"] else one.partition(".")[0] for one in seen.channels)
     bits_of = {role: seen.original_bits.get(role, seen.bits) for role in roles}
     return Source(
@@ -179,12 +198,21 @@ def open_source(name: str, reference: str) -> Source:
         seen.width,
         seen.channels,
         seen.digest,
-        (),
-        notes,
-        bits_of["albedo"],
-        bits_of,
+        notes=notes,
+        bits=bits_of["albedo"],
+        map_bits=bits_of,
         texel_size=seen.texel_size,
+        remembered=tuple(_remembered(reference, seen, roles)),
     )
+
+
+def _remembered(reference: str, seen: Inspected, roles: Collection[str]) -> Iterator[Map]:
+    """The files that the maps of an EXR were made from, as far as it says; with its own, float, values."""
+    facts = Facts.of(seen.facts)
+    for role, stem in seen.names.items():
+        if role in roles:
+            size = seen.height, seen.width
+            yield Map(role, reference, stem, *size, (), 32, facts.of_map(role), seen.digest, seen.memory)
 
 
 def _told_of_texel(length: float | None) -> str:

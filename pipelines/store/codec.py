@@ -423,6 +423,17 @@ def original_bits(header: Mapping[str, Any]) -> dict[str, int]:
     return {role: own for role, own in bits.items() if own in (8, 16, 32)} if isinstance(bits, dict) else {}
 
 
+def names_of_maps(header: Mapping[str, Any]) -> dict[str, str]:
+    """What files the maps in an exported EXR came from, by role, without suffix, where it says so."""
+    try:
+        names = json.loads(header["texloom.provenance"])["names"]
+    except (KeyError, TypeError, ValueError, RecursionError):
+        return {}
+    found = {role: str(own) for role, own in names.items()} if isinstance(names, dict) else {}
+    is_safe = all(0 < len(own) <= _MAX_LABEL and re.fullmatch(r"\w[\w .()-]*", own) for own in found.values())
+    return found if is_safe and len({own.lower() for own in found.values()}) == len(found) else {}
+
+
 def texel_size_in(header: Mapping[str, Any], part: str, height: int, width: int) -> float | None:
     """The side of a pixel, m, that an exported EXR says of a part of this size; None where it says nothing."""
     try:

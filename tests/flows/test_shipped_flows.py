@@ -98,13 +98,21 @@ def test_maps_of_a_material_that_is_edited_stay(
         save(tmp_path / "stones" / f"{name}.png", levels)
     save(tmp_path / "holes.png", hole.astype(np.uint8) * 255)
     holes = {"holes": tmp_path / "holes.png"} if flow == "fill" else {}
-    edited = ran(tmp_path / "out", flow, {"picture": tmp_path / "stones", **holes}, **params)["maps/"]
+    exports = ran(tmp_path / "out", flow, {"picture": tmp_path / "stones", **holes}, **params)
+    edited = exports["maps/"]
     kept = ~hole if holes else np.pad(np.ones((SIDES[0] - 20, SIDES[1] - 20), bool), 10)
     for name in maps:
         made, before = saved(edited / f"{name}.png"), saved(tmp_path / "stones" / f"{name}.png")
         assert made.dtype == before.dtype
         np.testing.assert_array_equal(made[kept], before[kept], err_msg=name)
         assert (made != before)[~kept].any()
+    if holes:  # the EXR knows the names and bits of the files
+        again = ran(tmp_path / "again", flow, {"picture": exports["texture.exr"], **holes}, **params)["maps/"]
+        assert {path.stem for path in again.glob("*.png")} == {*maps}
+        for name in maps:
+            made, before = saved(again / f"{name}.png"), saved(edited / f"{name}.png")
+            assert made.dtype == before.dtype
+            np.testing.assert_array_equal(made[kept], before[kept], err_msg=name)
 
 
 def test_masked_places_leave_no_trace(ran: Any, gravel: np.ndarray, tmp_path: Path) -> None:

@@ -12,25 +12,30 @@ import numpy as np
 
 SOCKETS = {
     "usda": {
-        "Base Color": "moss_base_color.png sRGB",
-        "Emission Color": "moss_emissive.png sRGB",
-        "Metallic": "moss_metallic.png Non-Color Red",
-        "Roughness": "moss_roughness.png Non-Color Red",
-        "Alpha": "moss_opacity.png Non-Color Red",
-        "Normal": "moss_normal.png Non-Color",
-        "Displacement": "moss_height.png Non-Color Red",
+        "Base Color": "{}_base_color.png sRGB",
+        "Emission Color": "{}_emissive.png sRGB",
+        "Metallic": "{}_metallic.png Non-Color Red",
+        "Roughness": "{}_roughness.png Non-Color Red",
+        "Alpha": "{}_opacity.png Non-Color Red",
+        "Normal": "{}_normal.png Non-Color",
+        "Displacement": "{}_height.png Non-Color Red",
     },
     "glb": {
-        "Base Color": "moss_baseColor sRGB",
-        "Emission Color": "moss_emissive sRGB",
-        "Metallic": "moss_occlusionRoughnessMetallic Non-Color Blue",
-        "Roughness": "moss_occlusionRoughnessMetallic Non-Color Green",
-        "Normal": "moss_normal Non-Color",
+        "Base Color": "{}_baseColor sRGB",
+        "Emission Color": "{}_emissive sRGB",
+        "Metallic": "{}_occlusionRoughnessMetallic Non-Color Blue",
+        "Roughness": "{}_occlusionRoughnessMetallic Non-Color Green",
+        "Normal": "{}_normal Non-Color",
     },
 }
 """what feeds each socket of the surface and of the output"""
 TEXEL = 0.001  # m
 RELIEF = 0.05  # of the texture's side, white over black
+
+
+def ascii_name(name: str) -> str:
+    """A material's name as USD has it: letters that are not ASCII by their numbers."""
+    return "".join(one if one.isascii() else f"u{ord(one):04x}" for one in name)
 
 
 def fed(socket: bpy.types.NodeSocket) -> str:
@@ -49,30 +54,42 @@ def fed(socket: bpy.types.NodeSocket) -> str:
 def main(folder: Path) -> None:
     """Raises `AssertionError` where Blender has something else than was written."""
     expected = json.loads((folder / "expected.json").read_text())
-    for layout, suffix in (("blender", "usda"), ("gltf", "glb")):
-        bpy.ops.wm.read_factory_settings(use_empty=True)
-        file = str(folder / layout / f"moss.{suffix}")
-        if suffix == "glb":
-            bpy.ops.import_scene.gltf(filepath=file)
-        else:
-            bpy.ops.wm.usd_import(filepath=file)
-        (material,) = [one for one in bpy.data.materials if one.name != "Dots Stroke"]
-        nodes = material.node_tree.nodes
-        surface = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
-        output = next(node for node in nodes if node.type == "OUTPUT_MATERIAL")
-        found = {
-            name: fed((output if name == "Displacement" else surface).inputs[name]) for name in SOCKETS[suffix]
-        }
-        assert found == SOCKETS[suffix], found
-        if suffix == "usda":
-            displacement = next(node for node in nodes if node.type == "DISPLACEMENT")
-            scale, wanted = displacement.inputs["Scale"].default_value, RELIEF * expected["side"] * TEXEL
-            assert abs(scale - wanted) < 1e-5, (scale, wanted)
-        picture = next(one for one in bpy.data.images if one.name.startswith(("moss_base_color", "moss_baseColor")))
-        means = np.array(picture.pixels[:]).reshape(-1, 4)[:, :3].mean(axis=0)
-        wanted = [expected["means"][name] for name in "RGB"]
-        assert np.allclose(means, wanted, atol=0.01), (means, wanted)
-        print(f"Blender {bpy.app.version_string}: .{suffix} right ({len(found)} sockets, colour spaces, pixels)")
+    for number, name in enumerate(expected["names"]):
+        for layout, suffix in (("blender", "usda"), ("gltf", "glb")):
+            count = check(folder / str(number) / layout / f"{name}.{suffix}", expected, name)
+            print(
+                f"Blender {bpy.app.version_string}: {name}.{suffix} right ({count} sockets, colour spaces, pixels)"
+            )
+
+
+def check(file: Path, expected: dict, name: str) -> int:
+    """Import a material's document; how many sockets its pictures feed."""
+    suffix = file.suffix[1:]
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    if suffix == "glb":
+        bpy.ops.import_scene.gltf(filepath=str(file))
+    else:
+        bpy.ops.wm.usd_import(filepath=str(file))
+    (material,) = [one for one in bpy.data.materials if one.name != "Dots Stroke"]
+    assert material.name == (ascii_name(name) if suffix == "usda" else name), material.name
+    nodes = material.node_tree.nodes
+    surface = next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
+    output = next(node for node in nodes if node.type == "OUTPUT_MATERIAL")
+    sockets = {
+        socket: fed((output if socket == "Displacement" else surface).inputs[socket]) for socket in SOCKETS[suffix]
+    }
+    wanted = {socket: what.format(name) for socket, what in SOCKETS[suffix].items()}
+    assert sockets == wanted, sockets
+    if suffix == "usda":
+        displacement = next(node for node in nodes if node.type == "DISPLACEMENT")
+        scale, right = displacement.inputs["Scale"].default_value, RELIEF * expected["side"] * TEXEL
+        assert abs(scale - right) < 1e-5, (scale, right)
+    starts = (f"{name}_base_color", f"{name}_baseColor")
+    picture = next(one for one in bpy.data.images if one.name.startswith(starts))
+    means = np.array(picture.pixels[:]).reshape(-1, 4)[:, :3].mean(axis=0)
+    right = [expected["means"][channel] for channel in "RGB"]
+    assert np.allclose(means, right, atol=0.01), (means, right)
+    return len(sockets)
 
 
 if __name__ == "__main__":

@@ -9,11 +9,11 @@ import sys
 from pathlib import Path
 
 
-def usd(folder: Path) -> str:
+def usd(folder: Path, name: str) -> str:
     """The stage opens, all assets are there, and the colour spaces are said."""
     from pxr import Usd, UsdShade
 
-    stage = Usd.Stage.Open(str(folder / "blender" / "moss.usda"))
+    stage = Usd.Stage.Open(str(folder / "blender" / f"{name}.usda"))
     spaces = {}
     for prim in stage.Traverse():
         shader = UsdShade.Shader(prim)
@@ -21,18 +21,19 @@ def usd(folder: Path) -> str:
             file = shader.GetInput("file").Get()
             assert Path(file.resolvedPath).is_file(), file
             spaces[Path(file.path).name] = shader.GetInput("sourceColorSpace").Get()
-    colors = {"moss_base_color.png", "moss_emissive.png"}
+    colors = {f"{name}_base_color.png", f"{name}_emissive.png"}
     assert set(spaces) > colors, spaces
-    assert all((space == "sRGB") == (name in colors) for name, space in spaces.items()), spaces
+    assert all((space == "sRGB") == (file in colors) for file, space in spaces.items()), spaces
     return f"{len(spaces)} textures"
 
 
-def gltf(folder: Path) -> str:
+def gltf(folder: Path, name: str) -> str:
     """The material has its textures, each an embedded PNG."""
     import pygltflib
 
-    document = pygltflib.GLTF2().load(str(folder / "gltf" / "moss.glb"))
+    document = pygltflib.GLTF2().load(str(folder / "gltf" / f"{name}.glb"))
     (material,) = document.materials
+    assert material.name == name, material.name
     surface = material.pbrMetallicRoughness
     textures = [
         surface.baseColorTexture, surface.metallicRoughnessTexture, material.normalTexture,
@@ -46,7 +47,7 @@ def gltf(folder: Path) -> str:
     return f"{len(document.images)} pictures"
 
 
-def materialx(folder: Path) -> str:
+def materialx(folder: Path, name: str) -> str:
     """The documents are valid with the standard libraries, and their files are there."""
     import MaterialX
 
@@ -55,7 +56,7 @@ def materialx(folder: Path) -> str:
     MaterialX.loadLibraries(folders, paths, library)
     counts = []
     for layout in ("materialx", "arnold"):
-        file = folder / layout / "moss.mtlx"
+        file = folder / layout / f"{name}.mtlx"
         if not file.is_file():
             continue
         document = MaterialX.createDocument()
@@ -72,11 +73,11 @@ def materialx(folder: Path) -> str:
     return f"{' and '.join(map(str, counts))} pictures"
 
 
-def textures(folder: Path) -> str:
+def textures(folder: Path, _: str) -> str:
     """PNGs have the size and channels, .tx files are tiled and have levels."""
     import OpenImageIO
 
-    expected = json.loads((folder / "expected.json").read_text())
+    expected = json.loads((folder.parent / "expected.json").read_text())
     count = 0
     for path in [*folder.rglob("*.png"), *folder.rglob("*.tx")]:
         picture = OpenImageIO.ImageInput.open(str(path))
@@ -98,11 +99,13 @@ READERS = {
 
 
 if __name__ == "__main__":
-    skipped = []
-    for name, (module, check) in READERS.items():
+    skipped, written = [], Path(sys.argv[1])
+    materials = json.loads((written / "expected.json").read_text())["names"]
+    for reader, (module, check) in READERS.items():
         if importlib.util.find_spec(module) is None:
-            skipped.append(name)
-        else:
-            print(f"{name}: right ({check(Path(sys.argv[1]))})")
+            skipped.append(reader)
+            continue
+        for number, material in enumerate(materials):
+            print(f"{reader}: {material} right ({check(written / str(number), material)})")
     if skipped:
         print(f"skipped: {', '.join(skipped)}: not installed")

@@ -13,27 +13,35 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.layouts import material
-from texloom.pipelines.media.conventions import COLORS, ROLES
+from texloom.pipelines.media.conventions import COLORS
 from texloom.pipelines.media.delivery import LAYOUTS, SAME, Delivery
-from texloom.pipelines.media.writers.layouts import write_layout
+from texloom.pipelines.media.writers.layouts import material_name, write_layout
 from texloom.stages.vocabulary.color import srgb_from_linear
 
 SIDE = 64
+NAMES = ("moss", material_name("Möß grün 苔 мох"))
 
 
 def main(folder: Path) -> None:
-    """One folder a layout, and ``expected.json``: mean of each channel as files have them, sRGB of colours."""
+    """One folder a material and layout, and ``expected.json``: what readers have to find.
+
+    ``means`` of each channel as files have them, sRGB of colours; ``names`` of the materials, whose folders have
+    their numbers, as some programs cannot open folders of any name.
+    """
     image = material(SIDE, SIDE).wrapping(True)
-    for name in LAYOUTS:
-        if name != SAME and (name != "arnold" or importlib.util.find_spec("OpenImageIO")):
-            write_layout(image, folder / name, "moss", Delivery(name, texel_size=0.001), {})
+    layouts = [name for name in LAYOUTS if name != SAME]
+    if importlib.util.find_spec("OpenImageIO") is None:
+        layouts.remove("arnold")
+    for number, name in enumerate(NAMES):
+        for layout in layouts:
+            write_layout(image, folder / str(number) / layout, name, Delivery(layout, texel_size=0.001), {})
     encoded = {"R", "G", "B", *(f"{role}.{letter}" for role in COLORS for letter in "RGB")}
     means = {}
     for place, name in enumerate(image.channels):
         values = image.pixels[..., place]
         values = srgb_from_linear(values) if name in encoded else values
         means[name] = float(np.mean((values + 1) / 2 if name.startswith("normal.") else values))
-    (folder / "expected.json").write_text(json.dumps({"means": means, "roles": ROLES, "side": SIDE}))
+    (folder / "expected.json").write_text(json.dumps({"means": means, "names": NAMES, "side": SIDE}))
 
 
 if __name__ == "__main__":

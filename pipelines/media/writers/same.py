@@ -22,7 +22,7 @@ from texloom.pipelines.media.material_export import (
     keep_codes,
     with_unit_normals,
 )
-from texloom.pipelines.media.material_maps import Map, holds_vectors, unread, with_x_in_alpha
+from texloom.pipelines.media.material_maps import Map, holds_vectors, unread, with_curve, with_x_in_alpha
 from texloom.pipelines.media.picture_facts import is_in_blocks
 from texloom.pipelines.media.relief import relief_of
 from texloom.pipelines.media.writers.encodings import can_encode, encoded
@@ -112,8 +112,9 @@ def _values(image: Image, held: Sequence[Map], delivery: Delivery) -> np.ndarray
         _LOG.warning("%s: %s written white", Path(first.reference).name, ", ".join(left))
     for one in held:
         names = channels_of(one.role, image.channels)
-        codes = _floats(image, names, one, delivery) if is_float else codes_of(
-            image, names, one.role, one.bits, one.directx
+        curved = with_curve(image, one)
+        codes = _floats(curved, names, one, delivery) if is_float else codes_of(
+            curved, names, one.role, one.bits, one.directx
         )  # fmt: skip
         if one.role == "normal" and not is_float:
             codes = with_x_in_alpha(one, codes)

@@ -76,16 +76,16 @@ def stage(
         "    )",
         "    {",
         *geometry,
-        f"        rel material:binding = </{name}/material>",
+        f"        rel material:binding = </{name}/{name}>",
         '        uniform token subdivisionScheme = "none"',
         "    }",
         "",
-        '    def Material "material"',
+        f'    def Material "{name}"',
         "    {",
-        f"        token outputs:surface.connect = </{name}/material/shader.outputs:surface>",
+        f"        token outputs:surface.connect = </{name}/{name}/shader.outputs:surface>",
     ]
     if any(one.role == "height" for one in bound):
-        lines.append(f"        token outputs:displacement.connect = </{name}/material/shader.outputs:displacement>")
+        lines.append(f"        token outputs:displacement.connect = </{name}/{name}/shader.outputs:displacement>")
     lines += [*_shader(name, bound), *_coordinates()]
     for one in bound:
         lines += _texture(name, one, one.relief.displacement(width), up, wraps)
@@ -139,7 +139,7 @@ def _shader(name: str, maps: Sequence[BoundMap]) -> list[str]:
     for one in maps:
         shader_input, kind = _INPUTS[one.role]
         output = "rgb" if kind.endswith("3f") else "r"
-        source = f"</{name}/material/{one.role}.outputs:{output}>"
+        source = f"</{name}/{name}/{one.role}.outputs:{output}>"
         lines.append(f"            {kind} inputs:{shader_input}.connect = {source}")
     return [*lines, "            token outputs:displacement", "            token outputs:surface", "        }"]
 
@@ -167,7 +167,7 @@ def _texture(name: str, one: BoundMap, displacement: tuple[float, float], up: st
         "        {",
         '            uniform token info:id = "UsdUVTexture"',
         f"            asset inputs:file = @{up}{_path(one.file)}@",
-        f"            float2 inputs:st.connect = </{name}/material/st.outputs:result>",
+        f"            float2 inputs:st.connect = </{name}/{name}/st.outputs:result>",
         f'            token inputs:sourceColorSpace = "{space}"',
         f'            token inputs:wrapS = "{_WRAP_MODES[wraps.across]}"',
         f'            token inputs:wrapT = "{_WRAP_MODES[wraps.down]}"',

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import logging
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -20,9 +21,12 @@ from texloom.stages.vocabulary.normals import NORMAL, with_unit_normals
 from texloom.stages.vocabulary.scratch import bands, empty, release
 from texloom.stages.vocabulary.sizes import format_size
 
+_LOG = logging.getLogger(__name__)
 _LARGEST = 4096**2  # pixels of a result that is integrated as a whole
 _SIDE = 2048  # px; of the parts of larger ones
 _REACHES = 16  # margin of a part in reaches, over which a correction falls below 1e-6 of itself
+_ROOM = 0.1  # of the exemplar's range, by which heights may lie beyond it; 95 % of corrections need at most .08
+_TOLD = 0.01  # share of pixels that are cut by more than a level of 8 bits
 _ROUNDING = 1e-6  # of the exemplar's range; gradients that differ by less are equal
 
 
@@ -45,7 +49,8 @@ class GradientDomain:
     """The result with corrected maps."""
 
     image: Image
-    """the maps integrated from gradients, within the exemplar's range; all others unchanged"""
+    """the maps integrated from gradients, within the exemplar's range, heights by a tenth beyond it; all others
+    unchanged"""
 
 
 def check_maps(params: GradientDomainParams, known: Mapping[str, Any]) -> None:
@@ -168,12 +173,37 @@ def _integrated(
                 change = screened_poisson(excess, params.reach, wrap)
             else:
                 change = screened_poisson_beside(excess, params.reach, wrap, open_pixels)
-            corrected = np.clip(pixels[..., place] + change, known.min(), known.max())
-            pixels[..., place] = np.where(open_pixels, corrected, pixels[..., place])
+            lowest, highest = _bounds(channel, known, exemplar)
+            corrected = pixels[..., place] + change
+            if channel == "height":
+                _tell_cut(corrected[open_pixels], lowest, highest, float(np.ptp(known)))
+            pixels[..., place] = np.where(open_pixels, np.clip(corrected, lowest, highest), pixels[..., place])
     if "normal" in params.maps:
         whole = with_unit_normals(pixels, image.channels)
         pixels = np.where(open_pixels[..., None], whole, pixels)
     return np.asarray(pixels)
+
+
+def _tell_cut(values: np.ndarray, lowest: float, highest: float, span: float) -> None:
+    share = float(((values < lowest - span / 255) | (values > highest + span / 255)).mean())
+    if share >= _TOLD:
+        told = "height: %.2g %% of the corrected pixels would lie outside %.3g .. %.3g, and are cut to it"
+        _LOG.warning(told, 100 * share, lowest, highest)
+
+
+def _bounds(channel: str, known: np.ndarray, exemplar: Image) -> tuple[float, float]:
+    """What the corrected values of a channel may be, of which ``known`` are the exemplar's.
+
+    Heights may lie a little beyond those of the exemplar, where a rise continues on another one; those of integers
+    within 0..1.
+    """
+    lowest, highest = float(known.min()), float(known.max())
+    if channel != "height":
+        return lowest, highest
+    room = _ROOM * (highest - lowest)
+    is_float = exemplar.facts.of_map("height").range is not None
+    least, most = (-np.inf, np.inf) if is_float else (min(0.0, lowest), max(1.0, highest))
+    return max(least, lowest - room), min(most, highest + room)
 
 
 def _excess(

@@ -12,6 +12,7 @@ import pytest
 from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.media.sources import open_source
 from texloom.stages.vocabulary.declare import InputError
 
 FILES = (
@@ -139,9 +140,33 @@ def test_pictures_that_are_not_read_are_told(folder: Path) -> None:
         opened("empty")
 
 
-@pytest.mark.parametrize("given", [["moss/*.png"], ["moss/moss_albedo.png", "moss/moss_height.png"]])
-def test_maps_of_one_material_are_never_taken_for_several_unsaid(given: list[str]) -> None:
+def test_what_lies_beside_pictures_that_a_pattern_matches_is_counted(folder: Path) -> None:
+    assert names("*") == ["[x]", "a", "b", "colors", "moss"]
+    (source,) = opened("*").sources.values()
+    assert source.notes == (f"sources.exemplar: {folder}/*: 1 file beside the others ignored: notes.txt",)
+    (folder / "library" / "Thumbs.db").write_text("words")
+    assert names("library/*", flow="materials") == ["oak", "tin"]
+    for name in ("a.obj", "b.txt"):  # of a kind that the flow may know
+        (folder / "empty" / name).write_text("words")
+    assert names("empty/*") == ["a", "b", "readme"]
+
+
+def test_a_material_in_doubt_is_not_referred_to_a_pattern_that_is_refused(folder: Path) -> None:
+    for name in ("x_c", "x_n", "x_s", "x_a"):
+        place = folder / "doubt" / f"{name}.png"
+        place.parent.mkdir(exist_ok=True)
+        level = np.arange(400, dtype=np.uint8).reshape(20, 20)
+        PIL.Image.fromarray(np.dstack([level, level, 255 - level]) if name in ("x_c", "x_n") else level).save(place)
+    with pytest.raises(InputError, match=r"doubt: x_a.png \(opacity or ao\); if these are one .* x_a.png}$"):
+        open_source("exemplar", "doubt")
+    with pytest.raises(InputError, match=r"maps of one material; give their folder"):
+        opened("doubt/*.png", flow="materials")
+
+
+@pytest.mark.parametrize("given", [["moss/*.png"], ["moss/*"], ["moss/moss_albedo.png", "moss/moss_height.png"]])
+def test_maps_of_one_material_are_never_taken_for_several_unsaid(folder: Path, given: list[str]) -> None:
+    (folder / "moss" / "material.mtlx").write_text("words")
     with pytest.raises(InputError, match=r"maps of one material; give their folder, .*moss"):
         opened(*given, flow="materials")
-    (told,) = opened(*given).sources["exemplar"].notes
+    *_, told = opened(*given).sources["exemplar"].notes
     assert "moss, keeps them in register" in told

@@ -13,7 +13,11 @@ import bpy
 
 TABLES = {
     "unreal": {"_BC": "color", "_ORM": "orm", "_N": "normal down"},
+    # the mask map of HDRP, and Standard's metallic with smoothness in alpha, as Unity's manual has them
     "unity": {"_BaseMap": "color", "_MaskMap": "mask", "_Normal": "normal up"},
+    "unity_standard": {"_AlbedoTransparency": "color", "_MetallicSmoothness": "mask", "_Normal": "normal up"},
+    # ORMMaterial3D of Godot's class reference
+    "godot": {"_albedo": "color", "_orm": "orm", "_normal": "normal up"},
     "arnold": {
         "_baseColor": "linear color", "_specularRoughness": "roughness", "_metalness": "metallic",
         "_normal": "normal up",

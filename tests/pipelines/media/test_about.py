@@ -42,12 +42,19 @@ def test_materials_tell_what_their_files_say(tmp_path: Path) -> None:
     PIL.Image.fromarray(level).save(tmp_path / "other.png")
     known = about_material(tmp_path)
     assert known["maps"] == {"normal": {"green": "down"}}
-    assert known["files"]["normal"] == {"file": "normal_dx.png", "bits": 8, "green": "down"}
+    unclear = dict.fromkeys("xy", "unclear")
+    assert known["files"]["normal"] == {
+        "file": "normal_dx.png", "bits": 8, "green": "down", "plausible_wraps": unclear,
+        "plausible": "does not fit the height, see notes",
+    }  # fmt: skip
     assert known["notes"][0] == "other.png ignored: the name is that of no map"
     assert known["plausible_green"]["green"] in ("up", "down", "does not fit the height")
     PIL.Image.fromarray(level).save(tmp_path / "roughness.png")
     PIL.Image.fromarray(level).save(tmp_path / "specular.png")
-    assert "roughness: seems to be gloss" in about_material(tmp_path)["notes"][-1]
+    known = about_material(tmp_path)
+    assert "roughness: seems to be gloss" in known["notes"][-1]
+    assert known["files"]["roughness"]["plausible"] == "see notes"
+    assert "plausible" not in known["files"]["specular"]
     (tmp_path / "albedo.png").unlink()
     with pytest.raises(InputError, match="has no albedo"):
         about_material(tmp_path)
@@ -61,6 +68,7 @@ def test_what_texloom_wrote_of_size_and_tiling_is_told(tmp_path: Path) -> None:
     write_layout(image, tmp_path, "moss", delivery, {"texel_size": 0.0005})
     for known in (about_material(tmp_path), about_picture(tmp_path / "T_moss_BC.png")):
         assert (known["texel_size"], known["wraps"]) == ("0.5 mm", "both")
+    assert about_material(tmp_path)["files"]["albedo"]["wraps"] == "both"
 
 
 def test_what_is_no_picture_is_refused(tmp_path: Path) -> None:

@@ -7,10 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import tifffile
 from scipy.ndimage import gaussian_filter
 
 from texloom.pipelines.media.delivery import Delivery
-from texloom.pipelines.media.sources import open_source
+from texloom.pipelines.media.sources import SourceError, open_source
 from texloom.pipelines.media.writers.same import write_same
 from texloom.stages.vocabulary.color import linear_from_srgb, srgb_from_linear
 
@@ -186,7 +187,7 @@ def test_flat_normals_stay(tmp_path: Path) -> None:
 def test_normals_through_a_curve_and_pictures_that_are_none(tmp_path: Path) -> None:
     _, normal = surface()
     (note,) = told(tmp_path / "curve", np.asarray(srgb_from_linear((normal + 1) / 2)) * 2 - 1)
-    assert "right if an sRGB curve is taken off" in note
+    assert note.startswith("normal: an sRGB curve seems to have been put on (lengths of vectors")
     assert any(
         "is this file one?" in note for note in told(tmp_path / "none", np.full((*SIDES, 3), 0.2) * surface()[1])
     )
@@ -216,5 +217,74 @@ def test_data_through_a_curve_by_their_levels(tmp_path: Path) -> None:
         found = told(tmp_path / what, roughness=np.asarray(curve(levels)), metallic=levels)
         assert list(found) == [
             f"roughness: an sRGB curve seems to have been {what} (some levels hold twice the pixels of others, as "
-            "such a curve leaves them); save it again as raw data"
+            "such a curve leaves them); in a YAML file of maps "
+            + f"'roughness: {{file: roughness.png, curve: {'srgb' if what == 'put on' else 'inverse_srgb'}}}' "
+            + ("takes it off" if what == "put on" else "puts it on again")
         ]
+
+
+@pytest.mark.parametrize("made", ["at 16 bits", "of 8 bits", "floats"])
+@pytest.mark.parametrize("name", ["srgb", "inverse_srgb"])
+def test_data_of_more_bits_through_a_curve_and_what_undoes_it(tmp_path: Path, name: str, made: str) -> None:
+    height, _ = surface()
+    folder = tmp_path / "stones"
+    told(folder)
+    most = 2**16 - 1 if made == "at 16 bits" else 255
+    levels = np.rint((0.05 + 0.8 * height) * most) / most  # gloss
+    curve = srgb_from_linear if name == "srgb" else linear_from_srgb
+
+    def write(values: np.ndarray) -> Path:
+        if made == "floats":
+            path = folder / "gloss.tif"
+            tifffile.imwrite(path, values.astype(np.float16).astype(np.float32))
+        else:
+            path = folder / "gloss.png"
+            assert cv2.imwrite(str(path), np.rint(values * 65535).astype(np.uint16))
+        return path
+
+    write(levels)
+    assert [note for note in open_source("exemplar", str(folder)).notes if "curve" in note] == []
+    path = write(np.asarray(curve(levels)))
+    (note,) = [note for note in open_source("exemplar", str(folder)).notes if "curve" in note]
+    assert f"roughness: an sRGB curve seems to have been {'put on' if name == 'srgb' else 'taken off'}" in note
+    entry = f"roughness: {{file: {path.name}, invert: true, curve: {name}}}"
+    assert f"'{entry}'" in note
+
+    (folder / "m.yaml").write_text(f"{{albedo: albedo.png, {entry}}}")
+    source = open_source("exemplar", str(folder / "m.yaml"))
+    assert source.notes == ()
+    image = source.read()
+    np.testing.assert_allclose(image.pixels[..., 3], 1 - levels, atol=2e-3 if made == "floats" else 2e-4)
+    write_same(image, tmp_path / "same", source.maps, Delivery("same"), {})
+    read = tifffile.imread if made == "floats" else lambda one: cv2.imread(str(one), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_allclose(read(tmp_path / "same" / path.name), read(path), rtol=1e-3, atol=1e-3)
+
+
+def test_normals_and_colours_without_a_curve_that_yaml_names(tmp_path: Path) -> None:
+    _, normal = surface()
+    folder = tmp_path / "stones"
+    told(folder, np.asarray(srgb_from_linear((normal * [1, -1, 1] + 1) / 2)) * 2 - 1)
+    (folder / "m.yaml").write_text(
+        "{albedo: {file: albedo.png, curve: inverse_srgb}, normal_dx: {file: normal.png, curve: srgb}}"
+    )
+    source = open_source("exemplar", str(folder / "m.yaml"))
+    assert source.notes == ()
+    image = source.read()
+    codes = cv2.imread(str(folder / "albedo.png"))[..., ::-1]
+    np.testing.assert_allclose(image.pixels[..., :3], codes / 255, atol=1e-6)
+    np.testing.assert_allclose(image.pixels[..., 3:], normal, atol=0.02)
+    write_same(image, tmp_path / "same", source.maps, Delivery("same"), {})
+    for name in ("albedo.png", "normal.png"):
+        was, is_now = (cv2.imread(str(place / name)).astype(int) for place in (folder, tmp_path / "same"))
+        assert np.abs(was - is_now).max() <= (name == "normal.png")
+
+
+def test_a_curve_of_values_outside_the_range_is_refused(tmp_path: Path) -> None:
+    told(tmp_path / "stones")
+    tifffile.imwrite(tmp_path / "stones" / "height.tif", surface()[0].astype(np.float32) - 0.5)
+    (tmp_path / "stones" / "m.yaml").write_text("{albedo: albedo.png, height: {file: height.tif, curve: srgb}}")
+    with pytest.raises(SourceError, match=r"height.tif has values outside 0..1"):
+        open_source("exemplar", str(tmp_path / "stones" / "m.yaml")).read()
+    (tmp_path / "stones" / "m.yaml").write_text("{albedo: albedo.png, height: {file: height.tif, curve: sRGB}}")
+    with pytest.raises(SourceError, match=r"height.curve: must be srgb or inverse_srgb, got 'sRGB'"):
+        open_source("exemplar", str(tmp_path / "stones" / "m.yaml"))

@@ -14,7 +14,7 @@ import pytest
 from texloom.pipelines.media.conventions import COLORS, LAYOUTS, ROLES, role_of
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import channels_of, write_maps
-from texloom.pipelines.media.material_set import looks_like_one
+from texloom.pipelines.media.material_set import holds_one_material, looks_like_one
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.media.writers.layouts import write_layout
 from texloom.pipelines.media.writers.same import write_same
@@ -356,3 +356,20 @@ def psd_of(levels: np.ndarray) -> bytes:
     height, width, planes = levels.shape
     head = struct.pack(">4sH6xHIIHH", b"8BPS", 1, planes, height, width, 8, 3)
     return head + bytes(4 * 3 + 2) + np.moveaxis(levels, 2, 0).tobytes()
+
+
+@pytest.mark.parametrize(("letters", "roles"), [("dh", "albedo height"), ("dhm", ""), ("dr", "albedo roughness")])
+def test_letters_alone_are_maps_where_one_file_has_colour(tmp_path: Path, letters: str, roles: str) -> None:
+    """A metallic map or a mask leave doubt, and what is numbered by letters is no material."""
+    grey = np.arange(400, dtype=np.uint8).reshape(20, 20)
+    for letter in letters:
+        picture = np.dstack([grey, grey, 255 - grey]) if letter == "d" else grey
+        assert cv2.imwrite(str(tmp_path / f"x_{letter}.png"), picture)
+    if roles:
+        assert " ".join(one.role for one in open_source("exemplar", str(tmp_path)).maps) == roles
+    else:
+        with pytest.raises(InputError, match=r"x_m\.png \(metallic or mask\)"):
+            open_source("exemplar", str(tmp_path))
+    for path in list(tmp_path.iterdir()):
+        assert cv2.imwrite(str(path), np.dstack([grey, grey, 255 - grey]))
+    assert not holds_one_material(tmp_path)

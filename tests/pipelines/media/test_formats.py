@@ -35,7 +35,7 @@ def values(rng: np.random.Generator) -> np.ndarray:
 def test_tga(tmp_path: Path, values: np.ndarray, count: int, options: dict) -> None:
     PIL.Image.fromarray(values[..., :count].squeeze()).save(path := tmp_path / "a.tga", **options)
     np.testing.assert_array_equal(coded(read(path), 255), values[..., :count])
-    assert opened(path).notes == ()
+    assert all("alpha is below a half" in note for note in opened(path).notes)
 
 
 def test_tga_without_alpha_in_its_header(tmp_path: Path, values: np.ndarray) -> None:
@@ -403,7 +403,7 @@ def test_what_is_not_read_of_a_tiff_is_told(tmp_path: Path, rng: np.random.Gener
     assert "its last channel is not read" in opened(path).notes[0]
     tifffile.imwrite(path, codes, planarconfig="contig", extrasamples=[2], **options)
     assert opened(path).channels == ("Y", "A")
-    assert not opened(path).notes
+    assert all("alpha is below a half" in note for note in opened(path).notes)
     tifffile.imwrite(path, np.moveaxis(codes, 2, 0), **options)
     assert "has several pages, of which the first is read" in opened(path).notes[0]
 

@@ -15,6 +15,8 @@ from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.media.arrays import file_source, kinds_of, masked
 from texloom.pipelines.media.map_names import recognised
 from texloom.pipelines.media.sources import Source, open_source
+from texloom.pipelines.store import codec
+from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import linear_from_srgb
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.facts import MapFacts
@@ -249,6 +251,19 @@ def test_unknown_files_are_left_out_with_a_note(folder: Path, rng: np.random.Gen
     )
 
 
+def test_an_exr_of_all_maps_is_counted_beside_them(folder: Path) -> None:
+    image = open_source("exemplar", str(folder)).read()
+    codec.export(image, Image, folder / "material.exr", {})
+    source = open_source("exemplar", str(folder))
+    (note,) = source.notes
+    assert note.endswith(": 1 file beside the maps ignored: material.exr")
+    assert source.holds_maps
+    assert open_source("exemplar", str(folder / "material.exr")).holds_maps
+    codec.export(Image(image.pixels[..., :3].copy(), ("R", "G", "B")), Image, folder / "material.exr", {})
+    assert "material.exr ignored: the name is that of no map" in open_source("exemplar", str(folder)).notes[0]
+    assert not open_source("exemplar", str(folder / "material.exr")).holds_maps
+
+
 def test_files_that_are_never_read_are_told(folder: Path) -> None:
     (folder / "moss_AO.jxl").write_text("moss")
     (folder / "moss_Metallic.png").symlink_to("nowhere.png")
@@ -306,7 +321,8 @@ def test_errors_name_the_file(folder: Path, rng: np.random.Generator) -> None:
     with pytest.raises(InputError, match=r"moss_Roughness\.png has changed since the run began"):
         source.read()
     assert problem(folder) == (
-        "moss_Roughness.png is in colour, but such a map has one value a pixel; save it in grey"
+        "moss_Roughness.png is in colour, but roughness has one value a pixel; save it in grey, or where it holds "
+        "several maps, name them in a YAML file of maps, as 'roughness: {file: NAME, channel: R}'"
     )
     save(folder / "rough.png", rng.integers(0, 256, SIDES).astype(np.uint8))
     assert problem(folder).startswith("has several files for roughness: moss_Roughness.png and rough.png")

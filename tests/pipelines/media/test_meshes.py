@@ -296,5 +296,5 @@ def test_the_material_of_a_mesh_in_other_programs(tmp_path: Path) -> None:
     assert len(prim.GetPointsAttr().Get()) == 9
     material = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()[0]
     assert material.ComputeSurfaceSource()[0]
-    scale = UsdShade.Shader(stage.GetPrimAtPath("/square/material/height")).GetInput("scale").Get()
+    scale = UsdShade.Shader(stage.GetPrimAtPath("/square/square/height")).GetInput("scale").Get()
     assert scale[0] == pytest.approx(0.2)

@@ -18,11 +18,12 @@ import pytest
 from tests.synthetic import blobs
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.writers.layouts import write_layout
+from texloom.stages.evaluation.lit_preview import LitPreviewParams, light_directions, lit
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.normals import NORMAL, unit
 
 SIDE = 96
-SHOWN = ("blender", "gltf", "unreal", "unity", "arnold", "substance")
+SHOWN = ("blender", "gltf", "unreal", "unity", "unity_standard", "godot", "arnold", "substance")
 """layouts that `render_sphere.py` shows as their programs do"""
 BLENDER = os.environ.get("TEXLOOM_BLENDER") or (sys.executable if importlib.util.find_spec("bpy") else "")
 
@@ -60,3 +61,28 @@ def test_spheres_of_all_layouts_are_the_same(material: Image, tmp_path: Path) ->
     differences = {name: np.abs(shown(f"{name}.png") - expected).mean() for name in names}
     assert max(differences.values()) < 1, differences
     assert np.abs(shown("wrong/unreal.png") - expected).mean() > 3
+
+
+@pytest.mark.skipif(not BLENDER, reason="TEXLOOM_BLENDER names no interpreter with bpy")
+@pytest.mark.parametrize("place", [0, 2])
+def test_the_preview_is_what_blender_shows(material: Image, place: int, tmp_path: Path) -> None:
+    """Of slopes that hide nothing; metal is brighter there, as its light is also reflected between microfacets."""
+    normals = unit(material.pixels[..., 3:6] * np.array([1, 1, 5], np.float32))
+    planes = [material.pixels[..., :3], normals, material.pixels[..., 6:]]
+    gentle = Image(np.concatenate(planes, axis=2), material.channels)
+    write_layout(gentle.wrapping(True), tmp_path, "moss", Delivery("blender"), {})
+    lights = light_directions(4, 50.0)
+    script = Path(__file__).with_name("render_plane.py")
+    arguments = [str(tmp_path / "moss.usda"), "64", *map(str, lights[place]), str(tmp_path / "plane.npy")]
+    subprocess.run([BLENDER, str(script), *arguments], check=True, capture_output=True)
+    shown = np.load(tmp_path / "plane.npy").clip(0, 1)
+    ours = [lit(gentle, light, LitPreviewParams(brightness=1, ambient=0)).clip(0, 1) for light in lights]
+
+    def likeness(light: int, part: slice) -> float:
+        return float(np.corrcoef(shown[:, part].ravel(), ours[light][:, part].ravel())[0, 1])
+
+    metal, rest, whole = slice(32), slice(32, None), slice(None)
+    assert likeness(place, rest) > 0.99
+    assert likeness(place, metal) > 0.94
+    assert max(likeness(light, whole) for light in range(4) if light != place) < 0.9
+    assert shown[:, rest].mean() == pytest.approx(ours[place][:, rest].mean(), rel=0.03)

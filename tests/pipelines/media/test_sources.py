@@ -712,3 +712,14 @@ def test_opening_imports_no_heavy_library(path: Path) -> None:
 def test_a_source_has_a_name_for_people(reference: str, picture: str, label: str) -> None:
     source = Source("exemplar", reference, 4, 4, ("Y",), "0" * 64)
     assert (source.picture, source.label) == (picture, label)
+
+
+def test_what_alpha_excludes_of_a_picture_is_told(tmp_path: Path) -> None:
+    levels = np.full((8, 8, 4), 255, np.uint8)
+    PIL.Image.fromarray(levels).save(tmp_path / "whole.png")
+    levels[:2, :, 3] = 0
+    PIL.Image.fromarray(levels).save(tmp_path / "cut.png")
+    (note,) = open_source("exemplar", str(tmp_path / "cut.png")).notes
+    assert note.endswith("cut.png: alpha is below a half in 25 % of the pixels, which are never copied")
+    assert open_source("exemplar", str(tmp_path / "whole.png")).notes == ()
+    assert open_source("mask", str(tmp_path / "cut.png")).notes == ()

@@ -291,7 +291,7 @@ def test_usda(image: Image, tmp_path: Path) -> None:
         "occlusion": ("moss_ao.png", "raw"),
         "displacement": ("moss_height.png", "raw"),
     }
-    height = UsdShade.Shader(stage.GetPrimAtPath("/moss/material/height"))
+    height = UsdShade.Shader(stage.GetPrimAtPath("/moss/moss/height"))
     assert height.GetInput("scale").Get()[0] == pytest.approx(0.05 * 0.018)
 
 

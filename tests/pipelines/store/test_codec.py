@@ -726,3 +726,19 @@ def test_a_full_disk_is_an_error_and_leaves_nothing(tmp_path: Path, rng: np.rand
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
         signal.signal(signal.SIGXFSZ, handler)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("names", "read"),
+    [
+        ({"albedo": "Wall_BaseColor", "height": "höhe 2"}, {"albedo": "Wall_BaseColor", "height": "höhe 2"}),
+        ({"albedo": "../a"}, {}),
+        ({"albedo": ".a"}, {}),
+        ({"albedo": "a\n"}, {}),
+        ({"albedo": "a", "height": "A"}, {}),
+        (["a"], {}),
+    ],
+)
+def test_names_of_maps_that_can_be_names_of_files(names: object, read: dict[str, str]) -> None:
+    assert codec.names_of_maps({"texloom.provenance": json.dumps({"names": names})}) == read
+    assert codec.names_of_maps({}) == {}

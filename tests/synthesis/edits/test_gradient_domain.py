@@ -10,6 +10,7 @@ import pytest
 from texloom.stages.synthesis.edits.gradient_domain import GradientDomainParams, gradient_domain
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import Facts, MapFacts
 from texloom.stages.vocabulary.masks import USABLE
 from texloom.stages.vocabulary.normals import NORMAL, rounding
 from texloom.stages.vocabulary.scratch import Scratch, using
@@ -107,7 +108,9 @@ def test_it_is_the_least_squares_solution(
     best = values.copy()
     best[~keep] = np.linalg.lstsq(matrix[:, ~keep.ravel()], sides, rcond=None)[0]
     height = integrated_height(material(own), match, tileable, keep if kept else None, reach=reach)
-    np.testing.assert_allclose(height, np.clip(best, own.min(), own.max()), atol=1e-4)
+    room = 0.1 * np.ptp(own)
+    bounds = max(0, own.min() - room), min(1, own.max() + room)
+    np.testing.assert_allclose(height, np.clip(best, *bounds), atol=1e-4)
     np.testing.assert_array_equal(height[keep], own[match[..., 0], match[..., 1]][keep])
 
 
@@ -225,3 +228,19 @@ def test_large_steps_can_be_left_as_contours() -> None:
     after = integrated_height(exemplar, match, keep=keep, reach=8, limit=0.3)
     assert np.abs(np.diff(after)[:, 29]).min() > 0.9 * np.abs(np.diff(before)[:, 29]).min()
     assert np.abs(np.diff(after)[:, 59]).max() < 0.3 * np.abs(np.diff(before)[:, 59]).min()
+
+
+def test_heights_of_floats_go_on_beyond_the_exemplar_and_what_is_cut_is_told(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    ramp = np.broadcast_to(np.linspace(0.9, 1, 101), (50, 101))
+    match = np.concatenate([indices(50, 101)[:, 61:], indices(50, 101)[:, 61:]], axis=1)
+    exemplar = material(np.ascontiguousarray(ramp))
+    assert integrated_height(exemplar, match, reach=1000.0).max() == 1
+    assert "height: " in caplog.text
+    assert "outside 0.89 .. 1, and are cut to it" in caplog.text
+    caplog.clear()
+    facts = Facts(maps={"height": MapFacts(range=(0.9, 1.0))})
+    height = integrated_height(Image(exemplar.pixels, exemplar.channels, facts), match, reach=1000.0)
+    assert height.max() == pytest.approx(1.01, abs=1e-3)
+    assert caplog.text.count("outside 0.89 .. 1.01") == 1
