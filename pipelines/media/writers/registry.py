@@ -19,7 +19,8 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.facts import Wraps
 
 Takes = Literal[
-    "array", "data", "picture", "image", "value", "html", "csv", "mtlx", "glsl", "hlsl", "gdshader", "osl", "tsx", "tres",
+    "array", "data", "picture", "image", "value",
+    "html", "csv", "mtlx", "tsx", "tres", "glsl", "hlsl", "gdshader", "osl",
 ]  # fmt: skip
 
 _ROOM = "texloom.pipelines.media.writers"
