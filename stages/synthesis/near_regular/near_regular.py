@@ -11,11 +11,11 @@ from pydantic import Field
 from texloom.stages.analysis.regularity.deformed_lattice import Points
 from texloom.stages.analysis.regularity.straighten import Positions
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
-from texloom.stages.synthesis.near_regular.lattice_tiles import Shape, Window, best_shape, course_shape, whole
+from texloom.stages.synthesis.near_regular.cell_outline import CellOutline, cell_outline, course_outline
+from texloom.stages.synthesis.near_regular.lattice_tiles import Window, whole
 from texloom.stages.synthesis.near_regular.output_lattice import OutputLattice, torus_of
-from texloom.stages.synthesis.stitching.cuts import Strips, laid_over
-from texloom.stages.synthesis.stitching.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar
-from texloom.stages.synthesis.stitching.overlap import compared
+from texloom.stages.synthesis.stitching.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
+from texloom.stages.synthesis.stitching.seams import ABSENT, FILLED, FREE, KEPT, SeamCosts, cheapest_cut
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Vectors
 from texloom.stages.vocabulary.declare import InputError, stage
 from texloom.stages.vocabulary.facts import NOWHERE
@@ -36,6 +36,7 @@ _PHASES = 48  # tiles cut from a cell's length along courses
 _MAX_COURSE_TILES = 1024
 _COURSE_SHIFT = 2  # px that a tile may move along its course
 _MAX_COMPARED = 500  # pixels of an overlap by which tiles are chosen
+_OFFSET = 8.0  # CIELAB units, added to gradients: else flat places outweigh broken contours
 _NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
 
 
@@ -132,7 +133,7 @@ def _tile_set(
     courses: bool,
     params: NearRegularParams,
     rng: np.random.Generator,
-) -> tuple[_TileSet, Shape]:
+) -> tuple[_TileSet, CellOutline]:
     """All whole tiles, or as many as memory allows, for a result with ``result_generators``."""
     begins, cells = (vertices, np.arange(len(vertices)))
     if courses:
@@ -144,12 +145,11 @@ def _tile_set(
     # Exemplars of very few cells may have no whole tile with this overlap, but some with a narrower one.
     while True:
         if courses:
-            shape = course_shape(features, vertices, generators)
+            outline = course_outline(features, tile_source.valid, vertices, generators)
         else:
-            shape = best_shape(features, vertices, generators, overlap)
-        window = Window.of(shape.moved(inverse_of(to_exemplar)), overlap)
-        corners = begins + shape.phase
-        kept = np.flatnonzero(whole(window, corners, to_exemplar, tile_source.valid, spare))
+            outline = cell_outline(features, tile_source.valid, vertices, generators, overlap / 2)
+        window = Window.of(outline.moved(matrix_product(outline.generators, inverse_of(to_exemplar))), overlap / 2)
+        kept = np.flatnonzero(whole(window, begins, to_exemplar, tile_source.valid, spare))
         if len(kept) or overlap <= _MIN_OVERLAP:
             break
         overlap = max(_MIN_OVERLAP, overlap // 2)
@@ -165,9 +165,9 @@ def _tile_set(
     if len(kept) > limit:
         kept = np.sort(rng.choice(kept, limit, replace=False))
     offsets = matrix_product(window.offsets, to_exemplar)
-    sources = np.rint(corners[kept][:, None] + offsets[None]).astype(np.int64)
+    sources = np.rint(begins[kept][:, None] + offsets[None]).astype(np.int64)
     numbers = np.unique(cells[kept], return_inverse=True)[1]
-    return _TileSet(window, sources, features[sources[..., 0], sources[..., 1]], numbers), shape
+    return _TileSet(window, sources, features[sources[..., 0], sources[..., 1]], numbers), outline
 
 
 def _moves(shift: int, along: np.ndarray | None) -> list[tuple[int, int]]:
@@ -201,13 +201,13 @@ class _Tiling:
         rng: np.random.Generator,
     ):
         self.params, self.rng = params, rng
-        exemplar = Exemplar(image, compared, 1.0, params.weights)
+        exemplar = Exemplar(image, lab_of, 100.0, params.weights)
         self.exemplar = exemplar.image
         self.tile_source = _TileSource(exemplar, source)
         self.feature_count = self.tile_source.features.shape[2]
         is_torus, torus = bool(params.tileable), torus_of(generators, params.size, params.tileable)
         own = OutputLattice.of(generators, torus, True).generators if is_torus else generators
-        self.tiles, shape = _tile_set(self.tile_source, generators, vertices, own, courses, params, rng)
+        self.tiles, outline = _tile_set(self.tile_source, generators, vertices, own, courses, params, rng)
         if self.tiles.count < _MIN_TILES:
             _LOG.warning(
                 "the exemplar holds %d complete tile, fewer than two: every tile of the result will be the same. "
@@ -217,6 +217,10 @@ class _Tiling:
         self.window = self.tiles.window
         low, high = self.window.offsets.min(axis=0), self.window.offsets.max(axis=0) + 1
         self.low, self.box = low, (int(high[0] - low[0]), int(high[1] - low[1]))
+        # The box of a tile with a pixel around, to which cuts are compared.
+        self.frame = np.moveaxis(np.indices((self.box[0] + 2, self.box[1] + 2)), 0, -1) + (low - 1)
+        self.at = tuple((self.window.offsets - (low - 1)).T)
+        self.costs = SeamCosts(self.tile_source.features, gradients=True, squared=True, offset=_OFFSET)
         height, width = params.size
         if is_torus and (self.box[0] > torus[0] or self.box[1] > torus[1]):
             raise InputError(
@@ -233,7 +237,7 @@ class _Tiling:
         self.uses = np.zeros(self.tiles.count, np.int64)
         self.moves = _moves(params.shift, generators[1] if courses else None)
         # Rows of tiles follow the base.
-        frame = inverse_of(np.array([shape.side, shape.base]))
+        frame = inverse_of(np.array([outline.side, outline.base]))
         row, along = matrix_product(matrix_product(self.lattice.steps, generators), frame).T
         self.order = np.lexsort((along, np.rint(row)))
 
@@ -262,8 +266,7 @@ class _Tiling:
         self.uses[self.tiles.cells[tile]] += 1
         source = self._moved(self.tiles.sources[tile], existing, filled)
         values = self.tile_source.pixels[source[:, 0], source[:, 1]]
-        errors = ((values[:, -self.feature_count :] - existing) ** 2).sum(axis=1)
-        weight = self._weight(errors, filled)[:, None]
+        weight = self._weight(corner, source, filled)[:, None]
         self.result[at] = np.where(weight == 1, values, self.result[at] + weight * (values - self.result[at]))
         self.match[at] = np.where(weight >= 0.5, source, self.match[at])
         self.filled[at] = True
@@ -301,29 +304,23 @@ class _Tiling:
                 best, best_error = source + move, error
         return best
 
-    def _weight(self, errors: np.ndarray, filled: np.ndarray) -> Float32[np.ndarray, "p"]:  # type: ignore[name-defined]
-        """Blending weight of each pixel of a tile: 1 inside the cuts, 0 outside."""
+    def _weight(self, corner: np.ndarray, source: Int64[np.ndarray, "p 2"], filled: np.ndarray) -> np.ndarray:
+        """Blending weight of each pixel of a tile: 1 inside the cut, 0 outside."""
         import cv2
 
-        window, overlap = self.window, self.window.overlap
-        covered = np.append(filled, False)[window.nearest]
-        sampled = np.where(covered, np.append(errors, 0)[window.nearest], 0).astype(np.float32)
-        middle = covered[overlap:-overlap], covered[:, overlap:-overlap]
-        strips = Strips(
-            top=overlap if middle[1][:overlap].any() else 0,
-            left=overlap if middle[0][:, :overlap].any() else 0,
-            bottom=overlap if middle[1][-overlap:].any() else 0,
-            right=overlap if middle[0][:, -overlap:].any() else 0,
-        )
-        weight = laid_over(sampled, strips)[window.at].astype(np.float32)
-        weight[~filled] = 1
-        blend = self.params.blend
-        if blend:
-            plane = np.zeros(self.box, np.float32)
-            plane[tuple((window.offsets - self.low).T)] = weight
-            soft = cv2.blur(plane, (2 * blend + 1, 2 * blend + 1), borderType=cv2.BORDER_REPLICATE)
-            weight = np.where(filled, soft[tuple((window.offsets - self.low).T)], np.float32(1))
-        return np.asarray(weight)
+        at = matrix_product((corner + self.frame) % self.canvas, [self.canvas[1], 1])
+        old = self.match[at].astype(np.int32)
+        new = np.zeros_like(old)
+        new[self.at] = source
+        state = np.where(self.filled[at], KEPT, ABSENT).astype(np.int8)
+        depth, band = self.window.depth, self.window.band
+        state[self.at] = np.where(filled & (depth <= band), FREE, FILLED)
+        taken, _ = cheapest_cut(self.costs, old, new, state)
+        weight = taken.astype(np.float32)
+        if self.params.blend:
+            side = 2 * self.params.blend + 1
+            weight = cv2.blur(weight, (side, side), borderType=cv2.BORDER_REPLICATE)
+        return np.where(filled, weight[self.at], np.float32(1))
 
     def output(self) -> tuple[Image, Correspondence]:
         """The result without its margin, and the sources of its pixels."""
