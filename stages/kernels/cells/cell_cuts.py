@@ -4,8 +4,8 @@ import numpy as np
 
 from texloom.stages.kernels.core.compiled import compiled
 
-KEPT, FREE, FILLED = 0, 1, 2
-"""state of a pixel: keeps its source, may take either, takes the new one"""
+KEPT, FREE, FILLED, ABSENT = 0, 1, 2, 3
+"""state of a pixel: keeps its source, may take either, takes the new one, has none"""
 
 _DOWN, _RIGHT, _UP, _LEFT = 0, 1, 2, 3
 _LARGE = 1 << 60
@@ -21,7 +21,7 @@ def cut_cells(lab, slopes, core, offset, unit, most, old, rows, shifts, state, f
 
     Parameters
     ----------
-    lab : (h, w, 3) float32, the exemplar
+    lab : (h, w, c) float32, the exemplar: its CIELAB colours, or more features
     slopes : (2, h, w) float32, its gradients down and across
     core : (h, w) bool, whether a pixel lies inside a cell
     offset : added to gradients
@@ -35,10 +35,14 @@ def cut_cells(lab, slopes, core, offset, unit, most, old, rows, shifts, state, f
     costs : (windows, 2) int64, of all seams in a window before and after, but those between kept pixels
     """
     for window in range(first, last):
-        top, bottom = rows[window], rows[window + 1]
-        _cut(
-            lab, slopes, core, offset, unit, most, old[top:bottom], shifts[window, 0], shifts[window, 1],
-            shifts[window, 2], state[top:bottom], taken[top:bottom], costs[window],
+        top, bottom, width = rows[window], rows[window + 1], shifts[window, 2]
+        new = np.empty((bottom - top, width, 2), np.int32)
+        for y in range(bottom - top):
+            for x in range(width):
+                new[y, x, 0], new[y, x, 1] = shifts[window, 0] + y, shifts[window, 1] + x
+        cut_window(
+            lab, slopes, core, offset, unit, most, old[top:bottom, :width], new, state[top:bottom, :width],
+            taken[top:bottom, :width], costs[window],
         )  # fmt: skip
 
 
@@ -58,7 +62,7 @@ def _cost(lab, slopes, core, offset, unit, most, axis, y, x, v, u):
     y1, x1 = min(y + down, height - 1), min(x + across, width - 1)
     v0, u0 = max(v - down, 0), max(u - across, 0)
     square = 0.0
-    for channel in range(3):
+    for channel in range(lab.shape[2]):
         here = np.float64(lab[y, x, channel]) - np.float64(lab[v0, u0, channel])
         there = np.float64(lab[y1, x1, channel]) - np.float64(lab[v, u, channel])
         square += here * here + there * there
@@ -69,8 +73,17 @@ def _cost(lab, slopes, core, offset, unit, most, axis, y, x, v, u):
 
 
 @compiled
-def _cut(lab, slopes, core, offset, unit, most, old, row, column, width, state, taken, costs):
-    height = old.shape[0]
+def cut_window(lab, slopes, core, offset, unit, most, old, new, state, taken, costs):
+    """Fill ``taken`` with the pixels of one window that take their new source, see `cut_cells`.
+
+    Parameters
+    ----------
+    old, new : (m, n, 2) int32, sources of its pixels
+    state : (m, n) int8
+    taken : (m, n) bool
+    costs : (2,) int64, of all seams before and after
+    """
+    height, width = state.shape
     capacity = np.zeros((4, height, width), np.int64)  # to the neighbour on each side
     keep, take = np.zeros((height, width), np.int64), np.zeros((height, width), np.int64)
     before = np.int64(0)
@@ -80,15 +93,16 @@ def _cut(lab, slopes, core, offset, unit, most, old, row, column, width, state, 
             for x in range(width - (axis == 1)):
                 v, u = y + (axis == 0), x + (axis == 1)
                 one, other = state[y, x], state[v, u]
-                if one == KEPT and other == KEPT:
+                if (one == KEPT and other == KEPT) or one == ABSENT or other == ABSENT:
                     continue
                 a, b, c, d = old[y, x, 0], old[y, x, 1], old[v, u, 0], old[v, u, 1]
                 stay = _cost(lab, slopes, core, offset, unit, most, axis, a, b, c, d)
                 before += stay
                 if FREE not in (one, other):
                     continue
-                right = _cost(lab, slopes, core, offset, unit, most, axis, a, b, row + v, column + u)
-                left = _cost(lab, slopes, core, offset, unit, most, axis, row + y, column + x, c, d)
+                e, f, g, h = new[y, x, 0], new[y, x, 1], new[v, u, 0], new[v, u, 1]
+                right = _cost(lab, slopes, core, offset, unit, most, axis, a, b, g, h)
+                left = _cost(lab, slopes, core, offset, unit, most, axis, e, f, c, d)
                 if one == FREE and other == FREE:
                     stay = min(stay, left + right)
                     share = min(max(stay // 2, stay - left), right)
@@ -128,11 +142,14 @@ def _cut(lab, slopes, core, offset, unit, most, old, row, column, width, state, 
         for y in range(height - (axis == 0)):
             for x in range(width - (axis == 1)):
                 v, u = y + (axis == 0), x + (axis == 1)
-                if state[y, x] == KEPT and state[v, u] == KEPT:
+                one, other = state[y, x], state[v, u]
+                if (one == KEPT and other == KEPT) or one == ABSENT or other == ABSENT:
                     continue
-                a, b = (row + y, column + x) if taken[y, x] else (np.int64(old[y, x, 0]), np.int64(old[y, x, 1]))
-                c, d = (row + v, column + u) if taken[v, u] else (np.int64(old[v, u, 0]), np.int64(old[v, u, 1]))
-                after += _cost(lab, slopes, core, offset, unit, most, axis, a, b, c, d)
+                first = new[y, x] if taken[y, x] else old[y, x]
+                second = new[v, u] if taken[v, u] else old[v, u]
+                after += _cost(
+                    lab, slopes, core, offset, unit, most, axis, first[0], first[1], second[0], second[1]
+                )
     costs[0], costs[1] = before, after
 
 

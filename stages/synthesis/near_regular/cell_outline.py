@@ -1,7 +1,9 @@
 """The outline of a lattice's cell: the closed line along which the cells of an exemplar are most alike."""
 
+from collections import deque
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
@@ -84,9 +86,9 @@ def _samples(generators: np.ndarray) -> tuple[int, int]:
 def variation(
     features: Float32[np.ndarray, "h w c"],
     valid: Bool[np.ndarray, "h w"],
-    vertices: Float64[np.ndarray, "n 2"],
+    vertices: Float64[np.ndarray, "vertices 2"],
     generators: Float64[np.ndarray, "2 2"],
-) -> Float64[np.ndarray, "m n"]:
+) -> Float64[np.ndarray, "p q"]:
     """Variance between cells at each sample of a cell; where fewer than two are seen, the greatest one of all."""
     count = _samples(generators)
     shares = (np.moveaxis(np.indices(count), 0, -1) + 0.5) / count
@@ -113,7 +115,7 @@ def variation(
 def course_outline(
     features: Float32[np.ndarray, "h w c"],
     valid: Bool[np.ndarray, "h w"],
-    vertices: Float64[np.ndarray, "n 2"],
+    vertices: Float64[np.ndarray, "vertices 2"],
     generators: Float64[np.ndarray, "2 2"],
 ) -> CellOutline:
     """The rectangle along courses whose borders between them run where the courses are most alike."""
@@ -127,7 +129,7 @@ def course_outline(
 def cell_outline(
     features: Float32[np.ndarray, "h w c"],
     valid: Bool[np.ndarray, "h w"],
-    vertices: Float64[np.ndarray, "n 2"],
+    vertices: Float64[np.ndarray, "vertices 2"],
     generators: Float64[np.ndarray, "2 2"],
     reach: float,
 ) -> CellOutline:
@@ -233,7 +235,7 @@ def _cheapest(
     walls.add(line)
     weights = cover.weights.copy()
     # along the first line the second one is free
-    for start, end in zip(line[:-1], line[1:], strict=True):
+    for start, end in pairwise(line):
         side, at = _line_at(start, end)
         weights[side, at[0] % cover.m, at[1] % cover.n] = 1e-3
     other = (1, 0) if loop == (0, 1) else (0, 1)
@@ -262,7 +264,7 @@ class _Walls:
 
     def add(self, line: Int64[np.ndarray, "k 2"]) -> None:
         """A line of corners; diagonals run along two sides."""
-        for start, end in zip(line[:-1], line[1:], strict=True):
+        for start, end in pairwise(line):
             middle = np.array([end[0], start[1]])
             for one, other in ((start, middle), (middle, end)):
                 row, column = np.minimum(one, other) % self.above.shape
@@ -272,39 +274,26 @@ class _Walls:
                     self.above[row, column] = True
 
     def lift(self) -> Int64[np.ndarray, "m n 2"]:
-        """Step from the cell of each sample to that of the region which holds the copy of it, from one sample on.
+        """The step from each sample to its copy in the region that is reached from the first sample.
 
-        The walls leave one region of a whole cell's samples; it is walked through in the plane.
+        Samples that lines enclose on their own, which is rare, are reached across these.
         """
         m, n = self.above.shape
         lift = np.zeros((m, n, 2), np.int64)
         seen = np.zeros((m, n), bool)
-        stack = [(0, 0)]
-        seen[0, 0] = True
-        while stack:
-            i, j = stack.pop()
+        queue = deque([(0, 0)])
+        while queue:
+            i, j = queue.pop()
             row, column = i % m, j % n
-            ways = (
-                (i - 1, j, self.above[row, column]),
-                (i + 1, j, self.above[(row + 1) % m, column]),
-                (i, j - 1, self.before[row, column]),
-                (i, j + 1, self.before[row, (column + 1) % n]),
-            )
-            for p, q, wall in ways:
-                if not wall and not seen[p % m, q % n]:
-                    seen[p % m, q % n] = True
-                    lift[p % m, q % n] = p // m, q // n
-                    stack.append((p, q))
-        # Samples that lines enclose on their own, which is rare, go with one beside.
-        while not seen.all():
-            for axis in (0, 1):
-                for way in (1, -1):
-                    near, known = np.roll(lift, way, axis), np.roll(seen, way, axis)
-                    new = known & ~seen
-                    edge = np.zeros((m, n), bool)
-                    edge[(np.s_[:1] if way == 1 else np.s_[-1:]) if axis == 0 else np.s_[:, :1] if way == 1 else np.s_[:, -1:]] = True
-                    step = np.zeros(2, np.int64)
-                    step[axis] = way
-                    lift[new] = near[new] + np.where(edge[new][:, None], step, 0)
-                    seen |= new
+            if seen[row, column]:
+                continue
+            seen[row, column] = True
+            lift[row, column] = i // m, j // n
+            for place, wall in (
+                ((i - 1, j), self.above[row, column]),
+                ((i + 1, j), self.above[(row + 1) % m, column]),
+                ((i, j - 1), self.before[row, column]),
+                ((i, j + 1), self.before[row, (column + 1) % n]),
+            ):
+                (queue.appendleft if wall else queue.append)(place)
         return lift

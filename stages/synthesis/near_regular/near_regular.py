@@ -15,7 +15,7 @@ from texloom.stages.synthesis.near_regular.cell_outline import CellOutline, cell
 from texloom.stages.synthesis.near_regular.lattice_tiles import Window, whole
 from texloom.stages.synthesis.near_regular.output_lattice import OutputLattice, torus_of
 from texloom.stages.synthesis.stitching.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
-from texloom.stages.synthesis.stitching.seams import ABSENT, FILLED, FREE, KEPT, SeamCosts, cheapest_cut
+from texloom.stages.synthesis.stitching.seams import MAX_COST, UNIT, SeamCosts
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Vectors
 from texloom.stages.vocabulary.declare import InputError, stage
 from texloom.stages.vocabulary.facts import NOWHERE
@@ -46,7 +46,7 @@ class NearRegularParams(StitchingParams):
     size: Size = (1024, 1024)
     tileable: Tileable = NOWHERE
     """the result continues across its borders; the lattice is stretched and sheared a little to fit"""
-    overlap: float = Field(0.35, gt=0, le=0.5)
+    overlap: float = Field(0.2, gt=0, le=0.5)
     """width of the overlap with each neighbour, as a share of a tile's shorter side; at least 4 px"""
     choices: float = Field(0.2, gt=0, le=1)
     """each tile is drawn from this share of the tiles, those that match its neighbours best; at least three"""
@@ -220,7 +220,10 @@ class _Tiling:
         # The box of a tile with a pixel around, to which cuts are compared.
         self.frame = np.moveaxis(np.indices((self.box[0] + 2, self.box[1] + 2)), 0, -1) + (low - 1)
         self.at = tuple((self.window.offsets - (low - 1)).T)
-        self.costs = SeamCosts(self.tile_source.features, gradients=True, squared=True, offset=_OFFSET)
+        costs = SeamCosts(self.tile_source.features, gradients=True, squared=True, offset=_OFFSET)
+        slopes = costs.slopes.reshape(2, *costs.shape)
+        none = np.zeros(costs.shape, bool)
+        self.costs = (self.tile_source.features, slopes, none, _OFFSET, float(UNIT), float(MAX_COST))
         height, width = params.size
         if is_torus and (self.box[0] > torus[0] or self.box[1] > torus[1]):
             raise InputError(
@@ -308,6 +311,8 @@ class _Tiling:
         """Blending weight of each pixel of a tile: 1 inside the cut, 0 outside."""
         import cv2
 
+        from texloom.stages.kernels.cells.cell_cuts import ABSENT, FILLED, FREE, KEPT, cut_window
+
         at = matrix_product((corner + self.frame) % self.canvas, [self.canvas[1], 1])
         old = self.match[at].astype(np.int32)
         new = np.zeros_like(old)
@@ -315,7 +320,8 @@ class _Tiling:
         state = np.where(self.filled[at], KEPT, ABSENT).astype(np.int8)
         depth, band = self.window.depth, self.window.band
         state[self.at] = np.where(filled & (depth <= band), FREE, FILLED)
-        taken, _ = cheapest_cut(self.costs, old, new, state)
+        taken = np.zeros(state.shape, bool)
+        cut_window(*self.costs, old, new, state, taken, np.zeros(2, np.int64))
         weight = taken.astype(np.float32)
         if self.params.blend:
             side = 2 * self.params.blend + 1
