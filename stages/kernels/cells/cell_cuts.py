@@ -93,7 +93,7 @@ def cut_window(lab, slopes, core, offset, unit, most, old, new, state, taken, co
             for x in range(width - (axis == 1)):
                 v, u = y + (axis == 0), x + (axis == 1)
                 one, other = state[y, x], state[v, u]
-                if (one == KEPT and other == KEPT) or one == ABSENT or other == ABSENT:
+                if (one == KEPT and other == KEPT) or ABSENT in (one, other):
                     continue
                 a, b, c, d = old[y, x, 0], old[y, x, 1], old[v, u, 0], old[v, u, 1]
                 stay = _cost(lab, slopes, core, offset, unit, most, axis, a, b, c, d)
@@ -143,7 +143,7 @@ def cut_window(lab, slopes, core, offset, unit, most, old, new, state, taken, co
             for x in range(width - (axis == 1)):
                 v, u = y + (axis == 0), x + (axis == 1)
                 one, other = state[y, x], state[v, u]
-                if (one == KEPT and other == KEPT) or one == ABSENT or other == ABSENT:
+                if (one == KEPT and other == KEPT) or ABSENT in (one, other):
                     continue
                 first = new[y, x] if taken[y, x] else old[y, x]
                 second = new[v, u] if taken[v, u] else old[v, u]

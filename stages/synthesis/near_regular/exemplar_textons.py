@@ -5,14 +5,18 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
-from texloom.stages.common.regularity.lattice_cells import reduced
 from texloom.stages.numerics.filters import interpolated
 from texloom.stages.numerics.matrices import inverse_of, matrix_product, row_product
+from texloom.stages.synthesis.near_regular.cell_outline import CellOutline, cell_outline, course_outline
+from texloom.stages.synthesis.near_regular.lattice_tiles import Window, whole
 
-_MAX_CELL = 48.0  # px to which longer cells are reduced for comparisons
 _MAX_TEXTONS = 2048  # of more a random subset is compared
-_MIN_SHARE = 0.6  # of the largest number of whole cells that the chosen partition must have
+_MAX_COMPARED = 400  # pixels of a zone that are compared
+_MIN_BORDER = 0.15  # of the longest border with a neighbour, below which they touch at a corner only
 _UNIT = 4.0  # fixed-point steps per CIELAB unit: sums of products are exact in any order
+_SAMPLES = 96  # of a cell along a generator, at which weights are kept
+_PHASES = 48  # textons that begin in a cell's length along courses
+_STEPS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
 
 
 @dataclass(frozen=True)
@@ -20,114 +24,70 @@ class Textons:
     """The whole cells of an exemplar."""
 
     generators: Float64[np.ndarray, "2 2"]
-    """of the lattice whose parallelograms are the cells, px in the straightened exemplar"""
+    """of the lattice whose cells they are, px in the straightened exemplar"""
     places: Float64[np.ndarray, "textons 2"]
-    """lattice coordinates of each texton's first corner; times ``generators`` plus ``origin`` in px"""
+    """lattice coordinates of each texton's vertex; times ``generators`` plus ``origin`` in px"""
     origin: Float64[np.ndarray, "2"]
-    zone: Float64[np.ndarray, "2"]
-    """width of the boundary zones along either generator, as a share of the cell"""
-    costs: tuple[Float32[np.ndarray, "textons textons"], Float32[np.ndarray, "textons textons"]]
-    """mean squared CIELAB difference in the zone if the second texton follows the first, along either generator"""
-    levels: tuple[Float32[np.ndarray, " textons"], Float32[np.ndarray, " textons"]]
-    """mean square of CIELAB in the zone at the end of each texton, along either generator"""
+    directions: tuple[tuple[int, int], ...]
+    """steps to neighbours with a common border, one of each two opposite ones"""
+    costs: tuple[Float32[np.ndarray, "textons textons"], ...]
+    """mean squared CIELAB difference in the zone if the second texton follows the first, in each direction"""
+    levels: tuple[Float32[np.ndarray, " textons"], ...]
+    """mean square of CIELAB in the zone at the end of each texton, in each direction"""
+    blend: "Blend"
 
 
 @dataclass(frozen=True)
-class _Frame:
-    """The straightened exemplar in lattice coordinates, where cells are rectangles."""
+class Blend:
+    """How the cells of a lattice are blended at each place of the parallelogram of its generators."""
 
-    generators: Float64[np.ndarray, "2 2"]
-    low: Int64[np.ndarray, "2"]
-    """lattice coordinates of the first corner"""
-    sides: tuple[int, int]
-    """of a cell, px of the frame"""
-    zone: tuple[int, int]
-    """px of the frame"""
-    lab: Float32[np.ndarray, "h w c"]
-    valid: Bool[np.ndarray, "h w"]
+    cells: Int64[np.ndarray, "k 2"]
+    """steps from the parallelogram to the cells that reach into it"""
+    weights: Float64[np.ndarray, "m n k"]
+    """of each cell, for samples of the parallelogram; their sum is 1"""
 
-    def whole(self) -> Bool[np.ndarray, "h w"]:
-        """Where a cell with its zones is inside the exemplar, indexed by its first pixel."""
-        sums = np.pad(np.cumsum(np.cumsum(self.valid, axis=0), axis=1), ((1, 0), (1, 0)))
-        down, across = (side + zone for side, zone in zip(self.sides, self.zone, strict=True))
-        whole = np.zeros(self.valid.shape, bool)
-        inner = sums[down:, across:] - sums[:-down, across:] - sums[down:, :-across] + sums[:-down, :-across]
-        whole[: inner.shape[0], : inner.shape[1]] = inner == down * across
-        return whole
+    @classmethod
+    def of(cls, outline: CellOutline, zone: tuple[float, float]) -> "Blend":
+        """Linear ramps across outlines; ``zone`` is their width along either generator, as shares of it."""
+        import cv2
 
-    def per_phase(self, plane: np.ndarray) -> Float64[np.ndarray, "p q"]:
-        """Sum over all cells at each position in a cell."""
-        p, q = self.sides
-        return plane.reshape(plane.shape[0] // p, p, plane.shape[1] // q, q).sum(axis=(0, 2), dtype=np.float64)
-
-    def spread(self) -> Float64[np.ndarray, "p q"]:
-        """Variance between cells at each position in a cell; infinite where only one cell is visible."""
-        count = self.per_phase(self.valid)
-        total = np.zeros(self.sides)
-        for plane in np.moveaxis(np.where(self.valid[..., None], self.lab, 0), 2, 0):
-            mean = self.per_phase(plane) / np.maximum(count, 1)
-            total += self.per_phase(plane.astype(np.float64) ** 2) / np.maximum(count, 1) - mean**2
-        return np.where(count > 1, np.maximum(total, 0), np.inf)
+        repeat = [max(1, -(-_SAMPLES // count)) for count in outline.lift.shape[:2]]
+        lift = np.repeat(np.repeat(outline.lift, repeat[0], axis=0), repeat[1], axis=1)
+        m, n = lift.shape[:2]
+        around = np.moveaxis(np.indices((3, 3)), 0, -1) - 1
+        cover = (around[:, None, :, None] - lift[None, :, None, :]).reshape(3 * m, 3 * n, 2)
+        # odd, so that ramps are centred
+        width, height = (2 * round(share * count / 2) + 1 for share, count in ((zone[1], n), (zone[0], m)))
+        near = cover[m - height : 2 * m + height, n - width : 2 * n + width].reshape(-1, 2)
+        cells, weights = [], []
+        for cell in np.unique(near, axis=0):
+            plane = (cover == cell).all(axis=2).astype(np.float64)
+            soft = cv2.blur(plane, (width, height))[m : 2 * m, n : 2 * n]
+            if soft.max() > 1e-9:
+                cells.append(cell)
+                weights.append(np.where(soft > 1e-9, soft, 0))
+        table = np.stack(weights, axis=-1)
+        return cls(np.array(cells, np.int64), np.ascontiguousarray(table / table.sum(axis=-1, keepdims=True)))
 
 
-def _frame(
-    lab: Float32[np.ndarray, "h w c"],
-    source: Float32[np.ndarray, "h w 2"],
-    generators: np.ndarray,
-    origin: np.ndarray,
-    zone: float,
-    usable: np.ndarray | None,
-) -> _Frame:
+def straightened(
+    lab: Float32[np.ndarray, "h w c"], source: Float32[np.ndarray, "h w 2"], usable: Bool[np.ndarray, "h w"] | None
+) -> tuple[Float32[np.ndarray, "h w c"], Bool[np.ndarray, "h w"]]:
+    """The features of the straightened exemplar, and where they are inside the exemplar and not masked."""
     import cv2
 
-    lengths = np.hypot(*generators.T)
-    factor = min(1.0, _MAX_CELL / float(lengths.max()))
-    sides = np.maximum(4, np.rint(lengths * factor)).astype(int)
-    shape = np.array(source.shape[:2])
-    corners = matrix_product(
-        np.array([(0, 0), (0, 1), (1, 0), (1, 1)]) * (shape - 1) - origin, inverse_of(generators)
-    )
-    low, high = np.floor(corners.min(axis=0)).astype(np.int64), np.ceil(corners.max(axis=0)).astype(np.int64)
-    lines = [a + (np.arange((b - a) * side) + 0.5) / side for a, b, side in zip(low, high, sides, strict=True)]
-    straight = lines[0][:, None, None] * generators[0] + lines[1][None, :, None] * generators[1] + origin
-    inside = ((straight >= 0) & (straight <= shape - 1)).all(axis=2)
-    straight = straight.astype(np.float32)
-    places = interpolated(source, straight[..., 0], straight[..., 1])
-    size = np.array(lab.shape[:2])
-    inside &= ((places >= 0) & (places <= size - 1)).all(axis=2)
+    last = np.array(lab.shape[:2]) - 1
+    valid = ((source >= 0) & (source <= last)).all(axis=2)
     if usable is not None:
-        # Pixels used by the interpolation, and between the frame's samples, must not be masked either.
-        wide = 2 * (2 + int(np.ceil(1.5 / factor))) + 1
-        unmasked = cv2.erode(usable.astype(np.uint8), np.ones((wide, wide), np.uint8)).astype(bool)
-        nearest = np.clip(np.rint(places), 0, size - 1).astype(np.int64)
-        inside &= unmasked[nearest[..., 0], nearest[..., 1]]
-    planes = list(np.moveaxis(lab.reshape(*lab.shape[:2], -1), 2, 0))
-    if factor < 1:
-        small = (round(lab.shape[1] * factor), round(lab.shape[0] * factor))
-        planes = [cv2.resize(plane, small, interpolation=cv2.INTER_AREA) for plane in planes]
-        places = ((places + 0.5) * (np.array(small[::-1]) / size) - 0.5).astype(np.float32)
-    sampled = [interpolated(plane, places[..., 0], places[..., 1]) for plane in planes]
-    widths = np.maximum(2, 2 * np.rint(sides * zone / 2)).astype(int)
-    return _Frame(
-        np.asarray(generators, np.float64),
-        low,
-        (int(sides[0]), int(sides[1])),
-        (int(widths[0]), int(widths[1])),
-        np.stack(sampled, axis=2),
-        inside,
-    )
-
-
-def _bases(generators: np.ndarray) -> list[np.ndarray]:
-    """Pairs of short generators of the lattice."""
-    a, b = reduced(generators)
-    return [np.array(pair) for pair in ((a, b), (a, a + b), (b, a + b), (a, b - a), (b, b - a))]
-
-
-def _ring(values: np.ndarray, width: int) -> np.ndarray:
-    """Cyclic means over ``width`` values from each one on."""
-    doubled = np.concatenate([values, values[: width - 1]])
-    return np.convolve(doubled, np.full(width, 1 / width), "valid")
+        # Pixels used by the interpolation must not be masked either.
+        unmasked = cv2.erode(usable.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
+        nearest = np.clip(np.rint(source), 0, last).astype(np.int64)
+        valid &= unmasked[nearest[..., 0], nearest[..., 1]]
+    planes = [
+        interpolated(np.ascontiguousarray(plane), source[..., 0], source[..., 1])
+        for plane in np.moveaxis(lab, 2, 0)
+    ]
+    return np.ascontiguousarray(np.stack(planes, axis=2), np.float32), valid
 
 
 def find_textons(
@@ -142,7 +102,7 @@ def find_textons(
 ) -> Textons | None:
     """Partition an exemplar into the cells of its lattice; none if it shows no whole cell.
 
-    Of all short generators and all phases the partition is chosen whose borders run where cells are most similar.
+    Their outline is the one along which cells are most alike, see `cell_outline`.
 
     Parameters
     ----------
@@ -153,60 +113,80 @@ def find_textons(
     usable : false for masked pixels of the exemplar, which cells must not contain; none for no mask.
     courses : cells may begin anywhere along the second generator.
     """
-    partitions: list[tuple[float, int, _Frame, np.ndarray, tuple[int, int]]] = []
-    for basis in [generators] if courses else _bases(generators):
-        frame = _frame(lab, source, basis, origin, zone, usable)
-        whole = frame.whole()
-        counts = frame.per_phase(whole)
-        spread = frame.spread()
-        lengths = np.hypot(*basis.T)
-        rows, columns = (_ring(spread.mean(axis=1 - axis), frame.zone[axis]) for axis in (0, 1))
-        if courses:
-            columns = np.zeros(frame.sides[1])
-        cost = lengths[1] * rows[:, None] + lengths[0] * columns[None, :]
-        for at in np.argwhere((counts > 0) & np.isfinite(cost) | (counts == counts.max()) & (counts > 0)):
-            phase = (int(at[0]), int(at[1]))
-            partitions.append((float(cost[phase]), int(counts[phase]), frame, whole, phase))
-    if not partitions:
-        return None
-    largest = max(count for _, count, *_ in partitions)
-    _, _, frame, whole, phase = min(
-        (entry for entry in partitions if entry[1] >= _MIN_SHARE * largest), key=lambda entry: entry[0]
-    )
-    p, q = frame.sides
+    features, valid = straightened(lab.reshape(*lab.shape[:2], -1), source, usable)
+    generators = np.asarray(generators, np.float64)
+    vertices = _vertices(valid.shape, generators, origin)
+    band = max(1.0, zone / 2 * float(np.hypot(*generators.T).min()))
     if courses:
-        corners = np.argwhere(whole[phase[0] :: p]) * [p, 1] + [phase[0], 0]
+        outline = course_outline(features, valid, vertices, generators)
+        shares = np.arange(_PHASES)[:, None] / _PHASES
+        vertices = (vertices[:, None] + shares * generators[1]).reshape(-1, 2)
     else:
-        corners = np.argwhere(whole[phase[0] :: p, phase[1] :: q]) * [p, q] + phase
+        outline = cell_outline(features, valid, vertices, generators, band)
+    generators = outline.generators
+    window = Window.of(outline, band)
+    corners = vertices[whole(window, vertices, np.eye(2), valid, 0)]
+    if not len(corners):
+        return None
     if len(corners) > _MAX_TEXTONS:
         corners = corners[np.sort(rng.choice(len(corners), _MAX_TEXTONS, replace=False))]
-    return _measured(frame, corners, origin)
-
-
-def _measured(frame: _Frame, corners: Int64[np.ndarray, "textons 2"], origin: np.ndarray) -> Textons:
-    sides, zone = np.array(frame.sides), np.array(frame.zone)
-    whole = np.rint(frame.lab * _UNIT)
-    costs, levels = [], []
-    for axis in (0, 1):
-        shape = sides + zone
-        shape[axis] = zone[axis]
-        last = corners + np.where(np.arange(2) == axis, sides, 0)
-        first_strips, last_strips = (_strips(whole, at, shape) for at in (corners, last))
-        squares = [(strips**2).sum(axis=1) for strips in (last_strips, first_strips)]
-        values = first_strips.shape[1] / frame.lab.shape[2] * _UNIT**2
-        difference = squares[0][:, None] + squares[1][None, :] - 2 * row_product(last_strips, first_strips.T)
-        costs.append((np.maximum(difference, 0) / values).astype(np.float32))
-        levels.append((squares[0] / values).astype(np.float32))
+    directions, costs, levels = _measured(features, window, corners, generators)
     return Textons(
-        generators=frame.generators,
-        places=frame.low + (corners + zone / 2) / sides,
-        origin=np.asarray(origin, np.float64),
-        zone=zone / sides,
-        costs=(costs[0], costs[1]),
-        levels=(levels[0], levels[1]),
+        generators,
+        matrix_product(corners - origin, inverse_of(generators)),
+        np.asarray(origin, np.float64),
+        directions,
+        costs,
+        levels,
+        Blend.of(outline, (zone, zone)),
     )
 
 
-def _strips(plane: np.ndarray, corners: np.ndarray, shape: np.ndarray) -> Float64[np.ndarray, "n values"]:
-    windows = np.lib.stride_tricks.sliding_window_view(plane, tuple(shape), axis=(0, 1))
-    return np.asarray(windows[corners[:, 0], corners[:, 1]].reshape(len(corners), -1), np.float64)
+def _vertices(shape: tuple[int, ...], generators: np.ndarray, origin: np.ndarray) -> Float64[np.ndarray, "n 2"]:
+    """The points of a lattice in and around an exemplar."""
+    sides = np.array(shape)
+    corners = (np.array([(0, 0), (0, 1), (1, 0), (1, 1)]) * sides) - origin
+    position = matrix_product(corners, inverse_of(generators))
+    low, high = np.floor(position.min(axis=0)).astype(int) - 2, np.ceil(position.max(axis=0)).astype(int) + 2
+    steps = (np.moveaxis(np.indices(high - low + 1), 0, -1) + low).reshape(-1, 2)
+    places = matrix_product(steps, generators) + origin
+    margin = 2 * np.abs(generators).sum(axis=0)
+    return np.asarray(places[((places >= -margin) & (places <= sides + margin)).all(axis=1)])
+
+
+def _measured(
+    features: Float32[np.ndarray, "h w c"],
+    window: Window,
+    corners: Float64[np.ndarray, "textons 2"],
+    generators: Float64[np.ndarray, "2 2"],
+) -> tuple[tuple[tuple[int, int], ...], tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Directions, costs and levels, see `Textons`."""
+    low = window.offsets.min(axis=0)
+    inside = np.zeros(window.offsets.max(axis=0) - low + 1, bool)
+    inside[tuple((window.offsets - low).T)] = True
+    zones = {}
+    for step in _STEPS:
+        moved = window.offsets - np.rint(matrix_product(step, generators)).astype(np.int64) - low
+        common = ((moved >= 0) & (moved < inside.shape)).all(axis=1)
+        common[common] = inside[tuple(moved[common].T)]
+        zones[step] = window.offsets[common], moved[common] + low
+    longest = max(len(first) for first, _ in zones.values())
+    first_pixel = np.rint(corners).astype(np.int64)
+    directions, costs, levels = [], [], []
+    for step, ends in zones.items():
+        count = len(ends[0])
+        if count == 0 or count < _MIN_BORDER * longest:
+            continue
+        every = -(-count // _MAX_COMPARED)
+        strips = []
+        for end in ends:
+            at = first_pixel[:, None] + end[::every]
+            strips.append(np.rint(features[at[..., 0], at[..., 1]] * _UNIT).reshape(len(corners), -1).astype(float))
+        one, other = strips
+        squares = [(strip**2).sum(axis=1) for strip in strips]
+        values = one.shape[1] / features.shape[2] * _UNIT**2
+        difference = squares[0][:, None] + squares[1][None, :] - 2 * row_product(one, other.T)
+        directions.append(step)
+        costs.append((np.maximum(difference, 0) / values).astype(np.float32))
+        levels.append((squares[0] / values).astype(np.float32))
+    return tuple(directions), tuple(costs), tuple(levels)

@@ -35,7 +35,7 @@ class RegularisedPatchesParams(StitchingParams):
     """the result continues across its borders; the lattice is stretched and sheared a little to fit"""
     strength: float = Field(1.0, ge=0, le=2)
     """deformation of the result's lattice: 0 leaves it regular, 1 deforms it as much as the exemplar's"""
-    zone: float = Field(0.17, gt=0, le=0.5)
+    zone: float = Field(0.1, gt=0, le=0.5)
     """width of the boundary zone in which neighbours are compared and blended, as a share of a cell's side"""
     tolerance: float = Field(0.1, ge=0, le=1)
     """textons whose distance to their neighbours in the boundary zone exceeds the minimum by at most this share of
@@ -66,7 +66,7 @@ def regularised_patches(
 ) -> RegularisedPatches:
     """Lay the cells of a near-regular exemplar on a regular lattice, and deform it like the exemplar's.
 
-    Textons are the cells of the straightened exemplar, equal parallelograms along the generators. Cells of the
+    Textons are the cells of the straightened exemplar, cut along its joints: see `near_regular`. Cells of the
     result are filled in the order in which the lattice grows from the middle, each with a texton whose boundary
     zone is similar to those of its neighbours, and blended with them linearly. The vertices are then displaced
     like those of the exemplar, and the texture follows by a multilevel free-form deformation. Results are
@@ -89,7 +89,7 @@ def regularised_patches(
     References
     ----------
     [Lin2004]_ appendix A; [Liang2001]_ for the boundary zones; [Lee1996]_ for the deformation. The paper's user
-    chooses where textons begin; we cut where all cells are most similar. The paper draws at random from all textons
+    chooses parallelograms; our textons have any outline, along which all cells are most similar. The paper draws at random from all textons
     within the tolerance. Ours is relative to the best texton, and average use costs one tolerance, so that small
     exemplars are used evenly.
     """
@@ -115,11 +115,9 @@ def regularised_patches(
     if params.strength > 0:
         exemplar_moves = vertices.astype(np.float64) - regular.astype(np.float64)
         inside = ((vertices >= 0) & (vertices <= np.array(exemplar.shape) - 1)).all(axis=1)
-        # The textons' generators may be another basis of the lattice.
-        own = np.rint(
-            matrix_product(matrix_product(steps, generators.astype(np.float64)), inverse_of(textons.generators))
-        ).astype(np.int64)
-        moves = params.strength * synthesise_displacements(own[inside], exemplar_moves[inside], lattice, rng)
+        moves = params.strength * synthesise_displacements(
+            steps[inside].astype(np.int64), exemplar_moves[inside], lattice, rng
+        )
     report(Progress(0.6))
     displacement = _displacement(lattice, moves)
     report(Progress(0.85))
@@ -166,7 +164,9 @@ def _sampled(
     places = np.ascontiguousarray(np.moveaxis(np.indices(lattice.size), 0, -1) + displacement).reshape(-1, 2)
     fixed = (
         Lattice(inverse_of(lattice.generators), np.zeros(2), lattice.first, lattice.ids),
-        Textons(textons.places[chosen], textons.generators, textons.origin, textons.zone),
+        Textons(
+            textons.places[chosen], textons.generators, textons.origin, textons.blend.cells, textons.blend.weights
+        ),
     )
     run_all(
         lay_textons,

@@ -24,6 +24,8 @@ class TextonChoice:
     def __init__(self, textons: Textons, lattice: OutputLattice, tolerance: float, rng: np.random.Generator):
         self.textons, self.lattice, self.tolerance, self.rng = textons, lattice, tolerance, rng
         self.sides = lattice.neighbours(_SIDES).tolist()
+        both = [(sign * i, sign * j) for i, j in textons.directions for sign in (-1, 1)]
+        self.beside = lattice.neighbours(tuple(both)).tolist()
         self.neighbours = lattice.neighbours(DIRECTIONS)
         self.chosen = np.full(len(lattice.steps), -1, np.int64)
         self.uses = np.zeros(len(textons.places), np.int64)
@@ -62,7 +64,7 @@ class TextonChoice:
     def _errors(self, node: int) -> tuple[np.ndarray, float]:
         """Sum over the chosen neighbours of each texton's distance to them, and of their mean square colour."""
         errors, level = np.zeros(len(self.uses)), 0.0
-        for side, other in enumerate(self.sides[node]):
+        for side, other in enumerate(self.beside[node]):
             texton = int(self.chosen[other]) if other >= 0 else -1
             if texton >= 0:
                 costs = self.textons.costs[side // 2]
