@@ -47,8 +47,8 @@ class Blend:
     """of each cell, for samples of the parallelogram; their sum is 1"""
 
     @classmethod
-    def of(cls, outline: CellOutline, zone: tuple[float, float]) -> "Blend":
-        """Linear ramps across outlines; ``zone`` is their width along either generator, as shares of it."""
+    def of(cls, outline: CellOutline, zone: float) -> "Blend":
+        """Linear ramps across outlines; ``zone`` is their width, as a share of the generators."""
         import cv2
 
         repeat = [max(1, -(-_SAMPLES // count)) for count in outline.lift.shape[:2]]
@@ -57,7 +57,7 @@ class Blend:
         around = np.moveaxis(np.indices((3, 3)), 0, -1) - 1
         cover = (around[:, None, :, None] - lift[None, :, None, :]).reshape(3 * m, 3 * n, 2)
         # odd, so that ramps are centred
-        width, height = (2 * round(share * count / 2) + 1 for share, count in ((zone[1], n), (zone[0], m)))
+        width, height = (2 * round(zone * count / 2) + 1 for count in (n, m))
         near = cover[m - height : 2 * m + height, n - width : 2 * n + width].reshape(-1, 2)
         cells, weights = [], []
         for cell in np.unique(near, axis=0):
@@ -138,7 +138,7 @@ def find_textons(
         directions,
         costs,
         levels,
-        Blend.of(outline, (zone, zone)),
+        Blend.of(outline, zone),
     )
 
 

@@ -16,7 +16,8 @@ from texloom.stages.analysis.regularity.deformed_lattice import (
 )
 from texloom.stages.analysis.regularity.lattice import reduced
 from texloom.stages.analysis.regularity.straighten import Straightened, straighten
-from texloom.stages.synthesis.near_regular.exemplar_textons import Textons, find_textons
+from texloom.stages.synthesis.near_regular.cell_outline import CellOutline
+from texloom.stages.synthesis.near_regular.exemplar_textons import Blend, Textons, find_textons
 from texloom.stages.synthesis.near_regular.output_lattice import OutputLattice
 from texloom.stages.synthesis.near_regular.regularised_patches import (
     RegularisedPatches,
@@ -167,7 +168,8 @@ def test_textons_fit_or_are_used_evenly(rng: np.random.Generator) -> None:
     costs = (rng.random((12, 12), dtype=np.float32), rng.random((12, 12), dtype=np.float32))
     levels = (np.ones(12, np.float32), np.ones(12, np.float32))
     cells = np.array([[20.0, 4.0], [-3.0, 25.0]])
-    textons = Textons(cells, np.zeros((12, 2)), np.zeros(2), np.full(2, 0.2), costs, levels)
+    blend = Blend.of(CellOutline.rectangle(cells, (0.0, 0.0)), 0.2)
+    textons = Textons(cells, np.zeros((12, 2)), np.zeros(2), ((1, 0), (0, 1)), costs, levels, blend)
     lattice = OutputLattice.of(cells, (300, 300), True)
     after = lattice.neighbours(((1, 0), (0, 1)))
 
@@ -198,9 +200,13 @@ def test_cells_are_cut_where_they_are_alike() -> None:
     textons = find_textons(lab, source, np.array([[25.0, 0.0], [0.0, 30.0]]), np.array([11.0, 17.0]), 0.1, rng)
     assert textons is not None
     assert difference(reduced(textons.generators), np.array([[25.0, 0.0], [0.0, 30.0]])) < 1e-9
-    corners = textons.places @ textons.generators + textons.origin
-    away = np.abs((corners - [1, 1]) % [25, 30] - np.array([0.5, 0.5]))
-    assert np.minimum(away, [25, 30] - away).max() < 3.1
+    # those which weigh most change where the grid is
+    owner = textons.blend.weights.argmax(axis=2)
+    for axis, (side, joint) in enumerate(((25, 6), (30, 6))):
+        jumps = np.argwhere(np.diff(owner, axis=axis) != 0)[:, axis] + 1
+        place = ((jumps / owner.shape[axis]) * side + (11, 17)[axis]) % side
+        assert len(jumps) >= owner.shape[1 - axis]
+        assert (((place + 2) % side) < joint + 2).all()
     # all agree where they meet
     assert max(float(costs.max()) for costs in textons.costs) < 1
     assert len(textons.places) >= 16
