@@ -43,6 +43,8 @@ _MIN_SHOWN = 2.0  # times that an exemplar has to show its structure
 _MIN_CELLS = 4.0  # or elements, that it has to show
 _CONFIDENCE_TOLERANCE = 0.015  # smaller differences in confidence are ignored
 _MIN_SIGNIFICANCE = 2.0  # of a lattice that is accepted by its confidence
+_WEAK_CONFIDENCE = 0.5  # of a lattice to which courses are preferred, if its
+_WEAK_SIGNIFICANCE = 4.0  # is no higher either: blocks in courses of any phase have a lattice by their joints
 _MIN_SIDE = 16  # px of an exemplar for further attempts
 _FURTHER_CONFIDENCE = (
     0.5  # share of the minimum confidence that these have to reach, as they have to be significant
@@ -114,7 +116,7 @@ def lattice_selection(
     have to be significant and half as confident. Of any of these, the coarser lattice by which lightness or its
     gradient repeats clearly better is selected, if there is one: squares of a checkerboard repeat nearly, pairs of
     them exactly. Where all fail, courses may have an even spacing and a free phase along them, or lines an uneven
-    one (see ``lines``).
+    one (see ``lines``). Courses are also preferred to a lattice that is barely confident and barely significant.
 
     Of an exemplar of more than 1.5 million pixels, its `working_image` is searched, and generators of two
     dimensions and periods of lines are refined in the exemplar itself.
@@ -168,6 +170,9 @@ def _selected(image: Image, density: ScalarMap, params: LatticeSelectionParams) 
     by_correlation = lattice_of(correlation, peaks, _correlation_params(params))
     selected = most_confident({"features": by_features, "autocorrelation": by_correlation}, params)
     report(Progress(0.45))
+    if params.courses and _is_weak(selected):
+        gradients = gradient_magnitude(lightness, valid)
+        selected = _courses((fine, detail(gradients)), params) or selected
     shown = 0.0
     if not len(selected.generators):
         gradients = gradient_magnitude(lightness, valid)
@@ -257,14 +262,26 @@ def _whole(generators: Vectors, correlation: ScalarMap, gradients: ScalarMap) ->
     return best.astype(np.float32)
 
 
+def _is_weak(selected: LatticeSelection) -> bool:
+    """Whether a lattice was accepted that may be one of courses alone."""
+    weak = selected.confidence < _WEAK_CONFIDENCE and 0 <= selected.significance < _WEAK_SIGNIFICANCE
+    return weak and len(selected.generators) == 2
+
+
 def _rows(planes: tuple[ScalarMap, ScalarMap], params: LatticeSelectionParams) -> LatticeSelection | None:
     """The courses, or else the lines, if there are any and they are wanted."""
-    if params.courses:
-        rows = detected_courses(planes, CoursesParams().model_copy(update={"min_length": params.min_length}))
-        if len(rows.generators):
-            return LatticeSelection(rows.generators, rows.best, rows.confidence, 0.0, "courses")
+    rows = _courses(planes, params) if params.courses else None
+    if rows is not None:
+        return rows
     lines = line_period(planes) if params.lines else None
     return None if lines is None else LatticeSelection(lines[0], lines[0], lines[1], 0.0, "lines")
+
+
+def _courses(planes: tuple[ScalarMap, ScalarMap], params: LatticeSelectionParams) -> LatticeSelection | None:
+    rows = detected_courses(planes, CoursesParams().model_copy(update={"min_length": params.min_length}))
+    if not len(rows.generators):
+        return None
+    return LatticeSelection(rows.generators, rows.best, rows.confidence, 0.0, "courses")
 
 
 def _lattice_params(params: LatticeSelectionParams, **others: float) -> LatticeParams:

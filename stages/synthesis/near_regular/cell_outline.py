@@ -36,6 +36,8 @@ class CellOutline:
     """displacement along which copies of the region lie in rows, px"""
     side: Float64[np.ndarray, "2"]
     """to the next row, px"""
+    phase: tuple[float, float] | None = None
+    """of a parallelogram, where it begins, as shares of the generators"""
 
     @classmethod
     def rectangle(cls, generators: np.ndarray, phase: tuple[float, float]) -> "CellOutline":
@@ -46,7 +48,7 @@ class CellOutline:
             for count, share in zip(samples, phase, strict=True)
         ]
         lift = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
-        return cls(np.asarray(generators, np.float64), lift, generators[1], generators[0])
+        return cls(np.asarray(generators, np.float64), lift, generators[1], generators[0], phase)
 
     def moved(self, generators: np.ndarray) -> "CellOutline":
         """The outline on another lattice, by which the plane is sheared and stretched."""
@@ -56,6 +58,7 @@ class CellOutline:
             self.lift,
             matrix_product(self.base, change),
             matrix_product(self.side, change),
+            self.phase,
         )
 
     def cell_of(self, places: Float64[np.ndarray, "*n 2"]) -> Int64[np.ndarray, "*n 2"]:

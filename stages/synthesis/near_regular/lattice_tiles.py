@@ -5,8 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
-from texloom.stages.numerics.matrices import matrix_product
+from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.synthesis.near_regular.cell_outline import CellOutline
+
+_END = 0.2  # of a tile's length, on either side of its ends along a course: joints lie that far from them
 
 
 @dataclass(frozen=True)
@@ -25,10 +27,7 @@ class Window:
         """The window of a tile."""
         import cv2
 
-        low, high = outline.box
-        around = int(np.ceil(band)) + 2
-        first, last = np.floor(low).astype(int) - around, np.ceil(high).astype(int) + around
-        box = np.moveaxis(np.indices(last - first + 1), 0, -1) + first
+        box = _box(outline, band, 0.0)
         inside = (outline.cell_of(box.astype(np.float64)) == 0).all(axis=-1)
         signed = [
             cv2.distanceTransform(plane.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - 0.5
@@ -37,6 +36,28 @@ class Window:
         depth = np.where(inside, signed[0], -signed[1]).astype(np.float32)
         kept = depth >= -band
         return cls(box[kept], depth[kept], band)
+
+    @classmethod
+    def of_course(cls, outline: CellOutline, band: float) -> "Window":
+        """The window of a rectangle along courses, whose ends may be cut within `_END` of its length.
+
+        There depths are measured in the same units, as shares of the band.
+        """
+        box = _box(outline, band, _END)
+        position = matrix_product(box.astype(np.float64), inverse_of(outline.generators)) - np.array(outline.phase)
+        across, along = np.moveaxis(np.minimum(position, 1 - position), -1, 0)
+        across *= np.hypot(*outline.generators[0])
+        depth = np.minimum(across, along * (band / _END)).astype(np.float32)
+        kept = depth >= -band
+        return cls(box[kept], depth[kept], band)
+
+
+def _box(outline: CellOutline, band: float, end: float) -> Int64[np.ndarray, "h w 2"]:
+    """Pixels around an outline, with a band and a share of the base on each side."""
+    low, high = outline.box
+    around = np.ceil(band + end * np.abs(outline.base)).astype(int) + 2
+    first, last = np.floor(low).astype(int) - around, np.ceil(high).astype(int) + around
+    return np.moveaxis(np.indices(last - first + 1), 0, -1) + first
 
 
 def whole(

@@ -148,7 +148,8 @@ def _tile_set(
             outline = course_outline(features, tile_source.valid, vertices, generators)
         else:
             outline = cell_outline(features, tile_source.valid, vertices, generators, overlap / 2)
-        window = Window.of(outline.moved(matrix_product(outline.generators, inverse_of(to_exemplar))), overlap / 2)
+        own = outline.moved(matrix_product(outline.generators, inverse_of(to_exemplar)))
+        window = Window.of_course(own, overlap / 2) if courses else Window.of(own, overlap / 2)
         kept = np.flatnonzero(whole(window, begins, to_exemplar, tile_source.valid, spare))
         if len(kept) or overlap <= _MIN_OVERLAP:
             break
