@@ -5,13 +5,14 @@ import logging
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float32, Int64
+from jaxtyping import Bool, Float32, Float64, Int64
 from pydantic import Field
 
 from texloom.stages.analysis.regularity.deformed_lattice import Points
 from texloom.stages.analysis.regularity.straighten import Positions
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.synthesis.near_regular.cell_outline import CellOutline, cell_outline, course_outline
+from texloom.stages.synthesis.near_regular.course_cells import course_cells
 from texloom.stages.synthesis.near_regular.lattice_tiles import Window, whole
 from texloom.stages.synthesis.near_regular.output_lattice import OutputLattice, torus_of
 from texloom.stages.synthesis.stitching.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
@@ -36,6 +37,7 @@ _PHASES = 48  # tiles cut from a cell's length along courses
 _MAX_COURSE_TILES = 1024
 _COURSE_SHIFT = 2  # px that a tile may move along its course
 _MAX_COMPARED = 500  # pixels of an overlap by which tiles are chosen
+_ALIGNED = 1e-3  # of a direction, relative to its length: parallel to a border
 _OFFSET = 8.0  # CIELAB units, added to gradients: else flat places outweigh broken contours
 _NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
 
@@ -117,11 +119,11 @@ class _TileSet:
         return int(self.cells.max()) + 1
 
 
-def _course_corners(vertices: np.ndarray, generators: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _course_corners(vertices: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Corners of tiles that begin anywhere along courses, (n, 2), and the vertex before each."""
-    steps = min(_PHASES, max(1, int(np.hypot(*generators[1]))))
+    steps = min(_PHASES, max(1, int(np.hypot(*along))))
     shares = np.arange(steps)[:, None] / steps
-    corners = (vertices[:, None] + shares * generators[1]).reshape(-1, 2)
+    corners = (vertices[:, None] + shares * along).reshape(-1, 2)
     return corners, np.repeat(np.arange(len(vertices)), steps)
 
 
@@ -131,20 +133,29 @@ def _tile_set(
     vertices: np.ndarray,
     result_generators: np.ndarray,
     courses: bool,
+    known: CellOutline | None,
     params: NearRegularParams,
     rng: np.random.Generator,
 ) -> tuple[_TileSet, CellOutline]:
-    """All whole tiles, or as many as memory allows, for a result with ``result_generators``."""
+    """All whole tiles, or as many as memory allows, for a result with ``result_generators``.
+
+    Parameters
+    ----------
+    courses : they may begin anywhere along the second generator.
+    known : their outline; None where it is to be found.
+    """
     begins, cells = (vertices, np.arange(len(vertices)))
     if courses:
-        begins, cells = _course_corners(vertices, generators)
+        begins, cells = _course_corners(vertices, generators[1])
     spare = max(params.shift, _COURSE_SHIFT if courses else 0)
     to_exemplar = matrix_product(inverse_of(result_generators), generators)
     features = tile_source.features
     overlap = max(_MIN_OVERLAP, round(params.overlap * float(np.hypot(*generators.T).min())))
     # Exemplars of very few cells may have no whole tile with this overlap, but some with a narrower one.
     while True:
-        if courses:
+        if known is not None:
+            outline = known
+        elif courses:
             outline = course_outline(features, tile_source.valid, vertices, generators)
         else:
             outline = cell_outline(features, tile_source.valid, vertices, generators, overlap / 2)
@@ -206,9 +217,18 @@ class _Tiling:
         self.exemplar = exemplar.image
         self.tile_source = _TileSource(exemplar, source)
         self.feature_count = self.tile_source.features.shape[2]
+        self.elements = None
+        if courses:
+            features, valid = self.tile_source.features, self.tile_source.valid
+            outline = course_outline(features, valid, vertices, generators)
+            self.elements = course_cells(features, valid, vertices[0], outline)
+        known = None
+        if self.elements is not None:
+            courses, known, vertices = False, self.elements.outline, self.elements.vertices
+            generators = known.generators
         is_torus, torus = bool(params.tileable), torus_of(generators, params.size, params.tileable)
         own = OutputLattice.of(generators, torus, True).generators if is_torus else generators
-        self.tiles, outline = _tile_set(self.tile_source, generators, vertices, own, courses, params, rng)
+        self.tiles, outline = _tile_set(self.tile_source, generators, vertices, own, courses, known, params, rng)
         if self.tiles.count < _MIN_TILES:
             _LOG.warning(
                 "the exemplar holds %d complete tile, fewer than two: every tile of the result will be the same. "
@@ -250,7 +270,9 @@ class _Tiling:
         neighbours = self.lattice.neighbours(_NEIGHBOURS)
         # The phase of the result within a cell is random.
         begin = matrix_product(self.rng.random(2), self.lattice.generators)
-        corners = np.rint(self.lattice.places + begin).astype(np.int64)
+        corners = np.rint(self._places() + begin).astype(np.int64)
+        if self.lattice.tileable:
+            corners %= self.canvas
         low = corners + self.low - self.margin
         reaches = ((low < self.params.size) & (low + self.box > 0)).all(axis=1) | self.lattice.tileable
         order = self.order[reaches[self.order]]
@@ -259,6 +281,18 @@ class _Tiling:
             if number % 64 == 0:
                 report(Progress(number / len(order)))
         report(Progress(1.0))
+
+    def _places(self) -> Float64[np.ndarray, "nodes 2"]:
+        """Of the nodes; elements of courses have a phase of their own in each."""
+        lattice = self.lattice
+        if self.elements is None:
+            return lattice.places
+        base = lattice.generators[1]
+        if lattice.tileable and np.abs(base).min() > _ALIGNED * np.abs(base).max():
+            return lattice.places  # such courses continue each other across borders
+        position = matrix_product(lattice.places, inverse_of(lattice.generators))
+        rows = np.rint(position[:, 0]).astype(np.int64)
+        return lattice.places + self.elements.offsets(rows, self.rng)[:, None] * base
 
     def _lay(self, node: int, corner: np.ndarray, neighbours: np.ndarray) -> None:
         at = matrix_product((corner + self.window.offsets) % self.canvas, [self.canvas[1], 1])
