@@ -152,7 +152,7 @@ def cell_outline(
 
     References
     ----------
-    [Erickson2002]_: two shortest loops cut a torus, here a lattice's cell, into a disk.
+    [EricksonHarPeled2004]_: two shortest loops cut a torus, here a lattice's cell, into a disk.
     """
     cost = variation(features, valid, vertices, generators)
     found = []
@@ -238,15 +238,15 @@ def _cheapest(
     walls.add(line)
     weights = cover.weights.copy()
     # along the first line the second one is free
-    for start, end in pairwise(line):
-        side, at = _line_at(start, end)
+    for one, other_end in pairwise(line):
+        side, at = _line_at(one, other_end)
         weights[side, at[0] % cover.m, at[1] % cover.n] = 1e-3
     other = (1, 0) if loop == (0, 1) else (0, 1)
     corner = int(line[0][0] % cover.m), int(line[0][1] % cover.n)
     length, second = cover.path(cover.graph(weights), corner, other, np.inf)
     walls.add(second)
-    base, side = matrix_product(np.array([loop, other]), generators)
-    return least + length, CellOutline(np.asarray(generators, np.float64), walls.lift(), base, side)
+    base, row = matrix_product(np.array([loop, other]), generators)
+    return least + length, CellOutline(np.asarray(generators, np.float64), walls.lift(), base, row)
 
 
 def _line_at(start: np.ndarray, end: np.ndarray) -> tuple[int, np.ndarray]:

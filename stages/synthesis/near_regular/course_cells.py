@@ -1,9 +1,9 @@
-"""Cells of courses whose elements are equally long, from joint to joint, with a phase of their own in each course."""
+"""Cells of courses whose elements are equally long, from joint to joint, with a phase of their own in each."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int64
+from jaxtyping import Bool, Float32, Float64
 
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
@@ -26,11 +26,11 @@ class CourseCells:
     """of one element, between its joints"""
     vertices: Float64[np.ndarray, "cells 2"]
     """where each begins, px"""
-    shifts: Float64[np.ndarray, "pairs"]  # type: ignore[name-defined]
+    shifts: Float64[np.ndarray, " pairs"]
     """of each course against the one before, as a share of an element's length"""
 
-    def offsets(self, rows: Int64[np.ndarray, "n"], rng: np.random.Generator) -> Float64[np.ndarray, "n"]:  # type: ignore[name-defined]
-        """Where elements of numbered courses of a result begin, as shares of their length: drawn from ``shifts``."""
+    def offsets(self, rows: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Where elements of numbered courses begin, as shares of their length, by shifts drawn from ``shifts``."""
         number = rows - rows.min()
         drawn = rng.choice(self.shifts, int(number.max()) + 1) if len(self.shifts) else np.zeros(number.max() + 1)
         return np.asarray(np.cumsum(drawn)[number] % 1.0)
@@ -80,8 +80,8 @@ def course_cells(
 
 def _joints(
     features: np.ndarray, valid: np.ndarray, vertex: np.ndarray, outline: CellOutline, unit: np.ndarray
-) -> tuple[list[int], list[float], list[Float64[np.ndarray, "n"]]]:  # type: ignore[name-defined]
-    """Steps of the courses that are seen, where along them they begin, px, and the change of colour from there on."""
+) -> tuple[list[int], list[float], list[np.ndarray]]:
+    """Steps of the courses that are seen, where along them they begin, px, and the changes of colour from there."""
     upright, phase = outline.side, (outline.phase or (0.0, 0.0))[0]
     corners = (np.array([(0, 0), (0, 1), (1, 0), (1, 1)]) * valid.shape) - vertex
     ends = matrix_product(corners, inverse_of(np.array([upright, unit])))

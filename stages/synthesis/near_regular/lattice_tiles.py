@@ -17,7 +17,7 @@ class Window:
 
     offsets: Int64[np.ndarray, "p 2"]
     """of the pixels from the tile's point of the lattice"""
-    depth: Float32[np.ndarray, "p"]  # type: ignore[name-defined]
+    depth: Float32[np.ndarray, " p"]
     """distance of each from the outline, px; negative outside"""
     band: float
     """px on either side of the outline"""

@@ -1,20 +1,20 @@
-"""Near-regular synthesis: tiles of an exemplar's lattice, drawn at random and joined along minimum cuts."""
+"""Near-regular synthesis: tiles of an exemplar's lattice, drawn at random and cut along their joints."""
 
 import dataclasses
 import logging
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int64
+from jaxtyping import Bool, Float64, Int64
 from pydantic import Field
 
 from texloom.stages.analysis.regularity.deformed_lattice import Points
 from texloom.stages.analysis.regularity.straighten import Positions
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
-from texloom.stages.synthesis.near_regular.cell_outline import CellOutline, cell_outline, course_outline
+from texloom.stages.synthesis.near_regular.cell_outline import course_outline
 from texloom.stages.synthesis.near_regular.course_cells import course_cells
-from texloom.stages.synthesis.near_regular.lattice_tiles import Window, whole
 from texloom.stages.synthesis.near_regular.output_lattice import OutputLattice, torus_of
+from texloom.stages.synthesis.near_regular.tile_set import COURSE_SHIFT, TileSource, tile_set
 from texloom.stages.synthesis.stitching.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
 from texloom.stages.synthesis.stitching.seams import MAX_COST, UNIT, SeamCosts
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Vectors
@@ -29,13 +29,7 @@ _LOG = logging.getLogger(__name__)
 
 _MIN_TILES = 2  # complete ones, as the paper asks for
 _MIN_SIDE = 8  # px of an exemplar's shorter side
-_MIN_OVERLAP = 4  # px
 _MIN_CHOICES = 3  # tiles that each is drawn from
-_MAX_TILES = 256
-_MAX_VALUES = 1 << 25  # of all tiles together
-_PHASES = 48  # tiles cut from a cell's length along courses
-_MAX_COURSE_TILES = 1024
-_COURSE_SHIFT = 2  # px that a tile may move along its course
 _MAX_COMPARED = 500  # pixels of an overlap by which tiles are chosen
 _ALIGNED = 1e-3  # of a direction, relative to its length: parallel to a border
 _OFFSET = 8.0  # CIELAB units, added to gradients: else flat places outweigh broken contours
@@ -49,7 +43,7 @@ class NearRegularParams(StitchingParams):
     tileable: Tileable = NOWHERE
     """the result continues across its borders; the lattice is stretched and sheared a little to fit"""
     overlap: float = Field(0.2, gt=0, le=0.5)
-    """width of the overlap with each neighbour, as a share of a tile's shorter side; at least 4 px"""
+    """width of the band along a tile's outline in which it is cut, as a share of its shorter side; at least 4 px"""
     choices: float = Field(0.2, gt=0, le=1)
     """each tile is drawn from this share of the tiles, those that match its neighbours best; at least three"""
     shift: int = Field(0, ge=0, le=16)
@@ -69,119 +63,6 @@ class NearRegular(Stitched):
     """number of whole tiles of the exemplar"""
 
 
-class _TileSource:
-    """The image that tiles are cut from: the exemplar, as it is or straightened."""
-
-    pixels: Float32[np.ndarray, "h w k"]
-    """all channels of the image, then the features"""
-    features: Float32[np.ndarray, "h w c"]
-    places: Correspondence
-    """source of each pixel in the exemplar, rounded"""
-    valid: Bool[np.ndarray, "h w"]
-    """false where a pixel is masked, or its source is outside the exemplar"""
-    masked: bool
-    """whether the exemplar has masked pixels"""
-
-    def __init__(self, exemplar: Exemplar, source: Positions | None):
-        self.pixels = np.concatenate([exemplar.image.pixels, exemplar.features], axis=2)
-        self.places = np.ascontiguousarray(np.moveaxis(np.indices(exemplar.shape), 0, -1), np.uint32)
-        self.masked = exemplar.usable is not None
-        self.valid = np.ones(exemplar.shape, bool) if exemplar.usable is None else exemplar.usable
-        if source is not None:
-            import cv2
-
-            from texloom.stages.kernels.core.resample import sampled
-
-            last = np.array(exemplar.shape) - 1
-            inside = ((source >= -0.5) & (source <= last + 0.5)).all(axis=2)
-            self.places = np.rint(np.clip(source, 0, last)).astype(np.uint32)
-            # All pixels that the interpolation uses must be valid.
-            interpolable = cv2.erode(self.valid.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-            self.valid = inside & interpolable[self.places[..., 0], self.places[..., 1]]
-            self.pixels = sampled(self.pixels, source.astype(np.float64))
-        self.features = np.ascontiguousarray(self.pixels[..., len(exemplar.image.channels) :])
-
-
-@dataclasses.dataclass(frozen=True)
-class _TileSet:
-    """The candidate tiles."""
-
-    window: Window
-    sources: Int64[np.ndarray, "k p 2"]
-    """pixel of the tile source for every pixel of every tile"""
-    features: Float32[np.ndarray, "k p c"]
-    cells: Int64[np.ndarray, " k"]
-    """number of the cell that a tile is cut from; along courses several overlap it"""
-
-    @property
-    def count(self) -> int:
-        """Number of different cells."""
-        return int(self.cells.max()) + 1
-
-
-def _course_corners(vertices: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of tiles that begin anywhere along courses, (n, 2), and the vertex before each."""
-    steps = min(_PHASES, max(1, int(np.hypot(*along))))
-    shares = np.arange(steps)[:, None] / steps
-    corners = (vertices[:, None] + shares * along).reshape(-1, 2)
-    return corners, np.repeat(np.arange(len(vertices)), steps)
-
-
-def _tile_set(
-    tile_source: _TileSource,
-    generators: np.ndarray,
-    vertices: np.ndarray,
-    result_generators: np.ndarray,
-    courses: bool,
-    known: CellOutline | None,
-    params: NearRegularParams,
-    rng: np.random.Generator,
-) -> tuple[_TileSet, CellOutline]:
-    """All whole tiles, or as many as memory allows, for a result with ``result_generators``.
-
-    Parameters
-    ----------
-    courses : they may begin anywhere along the second generator.
-    known : their outline; None where it is to be found.
-    """
-    begins, cells = (vertices, np.arange(len(vertices)))
-    if courses:
-        begins, cells = _course_corners(vertices, generators[1])
-    spare = max(params.shift, _COURSE_SHIFT if courses else 0)
-    to_exemplar = matrix_product(inverse_of(result_generators), generators)
-    features = tile_source.features
-    overlap = max(_MIN_OVERLAP, round(params.overlap * float(np.hypot(*generators.T).min())))
-    # Exemplars of very few cells may have no whole tile with this overlap, but some with a narrower one.
-    while True:
-        if known is not None:
-            outline = known
-        elif courses:
-            outline = course_outline(features, tile_source.valid, vertices, generators)
-        else:
-            outline = cell_outline(features, tile_source.valid, vertices, generators, overlap / 2)
-        own = outline.moved(matrix_product(outline.generators, inverse_of(to_exemplar)))
-        window = Window.of_course(own, overlap / 2) if courses else Window.of(own, overlap / 2)
-        kept = np.flatnonzero(whole(window, begins, to_exemplar, tile_source.valid, spare))
-        if len(kept) or overlap <= _MIN_OVERLAP:
-            break
-        overlap = max(_MIN_OVERLAP, overlap // 2)
-    if not len(kept):
-        height, width = tile_source.valid.shape
-        masked = " that its mask leaves" if tile_source.masked else ""
-        raise InputError(
-            f"image: {format_size((height, width))} show no whole cell of the lattice{masked}, whose generators "
-            f"are {' and '.join(f'({row:.0f}, {column:.0f})' for row, column in generators)} px"
-        )
-    most = _MAX_COURSE_TILES if courses else _MAX_TILES
-    limit = int(np.clip(_MAX_VALUES // (features.shape[2] * len(window.offsets)), 1, most))
-    if len(kept) > limit:
-        kept = np.sort(rng.choice(kept, limit, replace=False))
-    offsets = matrix_product(window.offsets, to_exemplar)
-    sources = np.rint(begins[kept][:, None] + offsets[None]).astype(np.int64)
-    numbers = np.unique(cells[kept], return_inverse=True)[1]
-    return _TileSet(window, sources, features[sources[..., 0], sources[..., 1]], numbers), outline
-
-
 def _moves(shift: int, along: np.ndarray | None) -> list[tuple[int, int]]:
     """Shifts of a tile that are tried, px, the shortest first.
 
@@ -193,7 +74,7 @@ def _moves(shift: int, along: np.ndarray | None) -> list[tuple[int, int]]:
     moves = {(i, j) for i in reach for j in reach}
     if along is not None:
         unit = along / np.hypot(*along)
-        for step in range(-_COURSE_SHIFT, _COURSE_SHIFT + 1):
+        for step in range(-COURSE_SHIFT, COURSE_SHIFT + 1):
             row, column = np.rint(step * unit).astype(int)
             moves.add((int(row), int(column)))
     return sorted(moves, key=lambda move: (move[0] ** 2 + move[1] ** 2, move))
@@ -215,7 +96,7 @@ class _Tiling:
         self.params, self.rng = params, rng
         exemplar = Exemplar(image, lab_of, 100.0, params.weights)
         self.exemplar = exemplar.image
-        self.tile_source = _TileSource(exemplar, source)
+        self.tile_source = TileSource(exemplar, source)
         self.feature_count = self.tile_source.features.shape[2]
         self.elements = None
         if courses:
@@ -228,7 +109,9 @@ class _Tiling:
             generators = known.generators
         is_torus, torus = bool(params.tileable), torus_of(generators, params.size, params.tileable)
         own = OutputLattice.of(generators, torus, True).generators if is_torus else generators
-        self.tiles, outline = _tile_set(self.tile_source, generators, vertices, own, courses, known, params, rng)
+        self.tiles, outline = tile_set(
+            self.tile_source, generators, vertices, own, courses, known, params.overlap, params.shift, rng
+        )
         if self.tiles.count < _MIN_TILES:
             _LOG.warning(
                 "the exemplar holds %d complete tile, fewer than two: every tile of the result will be the same. "
@@ -386,13 +269,17 @@ def near_regular(
 ) -> NearRegular:
     """Lay tiles of a near-regular exemplar on its lattice.
 
-    Every whole cell of the exemplar becomes a tile. Cells of the result are filled row by row; each tile is drawn
-    from those that match their neighbours best, shifted by a few pixels at most, and joined along minimum cuts in
-    the directions of its sides. The lattice of the result is exact, so that errors do not accumulate. Tiles are
-    compared by all maps and contain no masked pixel; see `usable`. Blended normals keep unit length.
+    Every whole cell of the exemplar becomes a tile. Its outline is the one along which cells are most alike, of any
+    shape: it follows the joints of tiles, hexagons, planks of a herringbone, the ground between ornaments. Cells of
+    the result are filled row by row; each tile is drawn from those that match their neighbours best, shifted by a
+    few pixels at most, and cut out by a minimum cut within a band along its outline, so that it keeps its colour.
+    The lattice of the result is exact, so that errors do not accumulate. Tiles are compared by all maps and contain
+    no masked pixel; see `usable`. Blended normals keep unit length.
 
-    Courses have cells of any phase: tiles are cut from anywhere along them, and those that match their neighbours
-    best continue the pattern, as bricks of a free bond do.
+    Courses have cells of any phase. Where their elements are equally long, as blocks are, tiles are whole elements,
+    and courses of the result are shifted against each other as those of the exemplar. Else tiles are cut from
+    anywhere along courses, and those that match their neighbours best continue the pattern; their ends may be cut
+    within a fifth of their length, where joints lie.
 
     Displaced cells do not fit each other. With ``source`` tiles are cut from the straightened exemplar.
 
@@ -416,9 +303,9 @@ def near_regular(
     References
     ----------
     [LiuTsin2004]_; [Lin2004]_ section 2.2. Tiles are chosen by their overlaps and used evenly, where the paper
-    draws them at random; their sides run where cells are most similar, and two of them need not follow a
-    generator. The paper's exemplars are straight; straightening others is ours. The lattice of a tileable
-    result is fitted to it, and its tiles are sampled at the nearest pixel.
+    draws them at random; the paper's are parallelograms. Cuts are those of [Kwatra2003]_, within the band. The
+    paper's exemplars are straight; straightening others is ours. The lattice of a tileable result is fitted to it,
+    and its tiles are sampled at the nearest pixel.
     """
     if source is not None and source.shape[:2] != (image.height, image.width):
         raise ValueError(f"near_regular: source {source.shape} is not of an exemplar {image.pixels.shape}")

@@ -89,9 +89,9 @@ def regularised_patches(
     References
     ----------
     [Lin2004]_ appendix A; [Liang2001]_ for the boundary zones; [Lee1996]_ for the deformation. The paper's user
-    chooses parallelograms; our textons have any outline, along which all cells are most similar. The paper draws at random from all textons
-    within the tolerance. Ours is relative to the best texton, and average use costs one tolerance, so that small
-    exemplars are used evenly.
+    chooses where textons, which are parallelograms, begin; ours have any outline, along which cells are most
+    similar. The paper draws at random from all textons within the tolerance. Ours is relative to the best texton,
+    and average use costs one tolerance, so that small exemplars are used evenly.
     """
     if len(generators) != 2 or not len(steps):
         raise InputError("generators: the exemplar has no lattice to lay textons on")
