@@ -16,6 +16,8 @@ _MIN_SHOWN = 2.0  # elements of a course
 _MIN_LIKENESS = 0.35  # mean correlation of joints along courses with those one element on
 _TOLERANCE = 0.8  # of that of the best length, that a shorter one has to reach: twice an element repeats too
 _MIN_COURSES = 3
+_ROUNDS = 3
+_JOINT = 0.08  # of a course's height, within which changes of colour are one joint's
 
 
 @dataclass(frozen=True)
@@ -66,10 +68,7 @@ def course_cells(
     begins, shares = [], []
     frame = np.array([upright, length * unit])
     phase = outline.phase or (0.0, 0.0)
-    for row, start, line in zip(rows, first, edges, strict=True):
-        place = np.arange(len(line))
-        folded = np.bincount((place % length).astype(int), line, int(np.ceil(length)))
-        joint = float(np.argmax(gaussian_blur(np.pad(folded, 6, mode="wrap")[None], 1.5)[0, 6:-6]))
+    for row, start, line, joint in zip(rows, first, edges, _phases(edges, length, height), strict=True):
         count = int((len(line) - joint) // length) + 1
         along_course = start + joint + length * np.arange(-1, count + 1)
         begins.append(vertex + row * upright + along_course[:, None] * unit)
@@ -105,6 +104,36 @@ def _joints(
         first.append(float(low[1] + seen[0]))
         edges.append(change)
     return rows, first, edges
+
+
+def _phases(edges: list[np.ndarray], length: float, height: float) -> list[float]:
+    """Where the first joint of each course is, px from its begin."""
+    size = round(length)
+    folded = np.array(
+        [np.bincount((np.arange(len(line)) % length).astype(int), line, size)[:size] for line in edges]
+    )
+    folded = _around(folded / np.maximum(folded.sum(axis=1, keepdims=True), 1e-12), 1.0)
+    phases = _around(folded, _JOINT * height).argmax(axis=1)
+    # What is seen as a joint's middle depends on the colours beside it, so that courses are brought in step.
+    for _ in range(_ROUNDS):
+        mean = np.mean([np.roll(line, -phase) for line, phase in zip(folded, phases, strict=True)], axis=0)
+        near = np.arange(-int(height / 4), int(height / 4) + 1)
+        fits = [
+            [float((np.roll(line, -phase - move) * mean).sum()) for move in near]
+            for line, phase in zip(folded, phases, strict=True)
+        ]
+        phases = phases + near[np.argmax(fits, axis=1)]
+    mean = np.mean([np.roll(line, -phase) for line, phase in zip(folded, phases, strict=True)], axis=0)
+    near = np.arange(-int(3 * _JOINT * height), int(3 * _JOINT * height) + 1)
+    weights = mean[near] - mean[near].min()
+    middle = float((weights * near).sum() / max(float(weights.sum()), 1e-12))
+    return [float(phase + middle) % length for phase in phases]
+
+
+def _around(lines: np.ndarray, sigma: float) -> np.ndarray:
+    """Rows that continue at their ends, blurred along."""
+    size = lines.shape[1]
+    return np.array([gaussian_blur(np.tile(line, 3)[None], sigma)[0, size : 2 * size] for line in lines])
 
 
 def _common_length(edges: list[np.ndarray], least: float) -> float | None:

@@ -54,13 +54,14 @@ def seams(
     source: np.ndarray,
     state: np.ndarray,
 ) -> int:
-    """Cost of all seams of a window with these sources, but those between two pixels of state 0."""
+    """Cost of all seams of a window with these sources, but those between pixels of state 0 or beside state 3."""
     last = np.array(lab.shape[:2]) - 1
     total = 0
     for axis, step in enumerate(np.array([[1, 0], [0, 1]])):
         for place in np.ndindex(source.shape[0] - step[0], source.shape[1] - step[1]):
             one, other = source[place], source[tuple(place + step)]
-            if (one + step == other).all() or not (state[place] or state[tuple(place + step)]):
+            states = state[place], state[tuple(place + step)]
+            if (one + step == other).all() or states == (0, 0) or 3 in states:
                 continue
             ends = [np.clip(at, 0, last) for at in (one, other)]
             after, before = np.minimum(ends[0] + step, last), np.maximum(ends[1] - step, 0)

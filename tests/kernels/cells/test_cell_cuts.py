@@ -1,7 +1,7 @@
 import numpy as np
 
 from tests.kernels.cells import naive
-from texloom.stages.kernels.cells.cell_cuts import FILLED, FREE, KEPT, cut_cells
+from texloom.stages.kernels.cells.cell_cuts import ABSENT, FILLED, FREE, KEPT, cut_cells, cut_window
 
 UNIT, MOST, OFFSET = 64.0, 4096.0, 8.0
 
@@ -40,3 +40,27 @@ def test_cuts_cost_least(rng: np.random.Generator) -> None:
         exact += after == least
         assert after <= 1.25 * least  # old seams may cost more than both new ones, and count as no more
     assert exact >= count // 2
+
+
+def test_a_window_may_have_any_sources_and_pixels_without_one(rng: np.random.Generator) -> None:
+    """Nothing beside those counts."""
+    lab = rng.uniform(0, 40, (20, 24, 5)).astype(np.float32)
+    slopes = rng.uniform(0, 9, (2, 20, 24)).astype(np.float32)
+    given = lab, slopes, np.zeros((20, 24), bool), OFFSET, UNIT, MOST
+    exact = 0
+    for _ in range(8):
+        places = np.moveaxis(np.indices((4, 5)), 0, 2)
+        old = (places + rng.integers(0, 14, (2, 2))[rng.integers(0, 2, (4, 5))]).astype(np.int32)
+        new = (np.rint(places * 1.3) + rng.integers(0, 12, 2)).astype(np.int32)
+        state = rng.choice([KEPT, FILLED, ABSENT, ABSENT], (4, 5)).astype(np.int8)
+        state.ravel()[rng.permutation(20)[:5]] = FREE
+        taken, costs = np.zeros((4, 5), bool), np.zeros(2, np.int64)
+        cut_window(*given, old, new, state, taken, costs)
+        assert taken[state == FILLED].all()
+        assert not taken[state == KEPT].any()
+        after = naive.seams(*given, np.where(taken[..., None], new, old), state)
+        assert costs[1] == after
+        least = naive.least_seams(given, old, new, state)
+        exact += after == least
+        assert after <= 1.25 * least
+    assert exact >= 4

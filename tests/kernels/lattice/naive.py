@@ -38,17 +38,18 @@ def laid_texton(
     textons: dict[tuple[int, int], np.ndarray],
     generators: np.ndarray,
     start: np.ndarray,
-    zone: np.ndarray,
+    cells: np.ndarray,
+    weights: np.ndarray,
 ) -> np.ndarray:
-    """What textons, by the steps of their cells, show at a place: all weighed by how far into their cells it is."""
+    """What textons, by the steps of their cells, show at a place: as much of each as the table says."""
     at = (place - origin) @ np.linalg.inv(lattice)
+    corner = np.floor(at).astype(int)
+    sample = np.minimum((at - corner) * weights.shape[:2], np.array(weights.shape[:2]) - 1).astype(int)
     total, value = 0.0, np.zeros(pixels.shape[2])
-    for step, texton in textons.items():
-        share = at - step
-        inside = np.minimum(share, 1 - share) / zone + 0.5  # 0.5 at the border, 0 and 1 half a zone away from it
-        weight = float(np.prod(np.clip(inside, 0, 1)))
-        if weight > 0:
-            straight = (texton + share) @ generators + start
+    for cell, weight in zip(cells, weights[tuple(sample)], strict=True):
+        step = tuple(corner + cell)
+        if weight > 0 and step in textons:
+            straight = (textons[step] + at - step) @ generators + start
             value += weight * sampled(pixels, *bilinear(source, *straight))
             total += weight
     return value / total

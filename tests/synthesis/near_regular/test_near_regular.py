@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from tests.synthetic import LATTICES, continued, picture, points, smooth_noise, tiled, wall
+from tests.tilings import basket_weave, blocks, herringbone, hexagons, mixed_share, painted
 from tests.wraps import X, Y
 from texloom.stages.analysis.regularity.deformed_lattice import DeformedLatticeParams, deformed_lattice
 from texloom.stages.common.grids.border_steps import border_steps
 from texloom.stages.synthesis.near_regular.cell_outline import CellOutline
+from texloom.stages.synthesis.near_regular.course_cells import course_cells
 from texloom.stages.synthesis.near_regular.lattice_tiles import Window
 from texloom.stages.synthesis.near_regular.near_regular import NearRegular, NearRegularParams, near_regular
 from texloom.stages.vocabulary.arrays import Image
@@ -277,3 +279,49 @@ def test_exemplars_without_lattice_or_whole_cell_are_refused() -> None:
 
 def test_the_lattice_is_that_of_the_exemplar(bricks: tuple[Image, np.ndarray]) -> None:
     np.testing.assert_allclose(texture(*bricks).generators, bricks[1])
+
+
+@pytest.mark.parametrize(
+    ("label", "generators"),
+    [hexagons((190, 200), 20.0), herringbone((200, 200), 14), basket_weave((190, 190), 10)],
+    ids=["hexagons", "herringbone", "basket weave"],
+)
+def test_tiles_of_any_shape_stay_whole(label: np.ndarray, generators: np.ndarray, rng: np.random.Generator) -> None:
+    """Though their colours differ, and joints do not follow the lattice's generators."""
+    exemplar = painted(label, rng)
+    result = texture(exemplar, generators, size=(260, 260))
+    assert mixed_share(label, result.match) < 0.03
+    shown = label[result.match[..., 0].astype(int), result.match[..., 1].astype(int)]
+    assert (shown == 0).mean() == pytest.approx((label == 0).mean(), rel=0.1)
+    assert len(np.unique(shown)) > 20
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+def test_blocks_keep_their_length_in_courses_of_any_phase(tileable: bool, rng: np.random.Generator) -> None:
+    """The lattice's analysis knows their height alone."""
+    label = blocks((210, 260), 26, 60, rng)
+    exemplar = painted(label, rng)
+    lattice = deformed_lattice(exemplar, DeformedLatticeParams(), np.float32([[26, 0]]))
+    params = NearRegularParams(size=(208, 300), tileable=tileable)
+    result = near_regular(
+        exemplar, lattice.generators, lattice.regular, params, np.random.default_rng(1), courses=lattice.courses
+    )
+    np.testing.assert_allclose(np.abs(result.generators), [[26, 0], [0, 60]], atol=1.5)
+    assert mixed_share(label, result.match) < 0.05
+    rows = result.image.pixels[..., 0]
+    joints = [np.flatnonzero(np.diff((rows[row] > 0.75).astype(int)) == 1) for row in range(4, 208)]
+    starts = [line[line > 5][0] for line in joints if 3 <= len(line) <= 7 and (line > 5).any()]
+    assert np.ptp(np.array(starts) % 60) > 10  # courses do not line up
+    gaps = np.concatenate([np.diff(line) for line in joints if 3 <= len(line) <= 7])
+    assert np.median(gaps) == pytest.approx(60, abs=2)
+
+
+def test_rubble_in_courses_is_laid_with_a_free_phase(rng: np.random.Generator) -> None:
+    """Stones of any length have none in common."""
+    ends = np.cumsum(rng.integers(20, 90, (9, 30)), axis=1)
+    row, column = np.indices((210, 260))
+    label = row // 26 * 100 + (column[..., None] >= ends[row // 26]).sum(axis=2) + 1
+    frame = np.array([[26.0, 0.0], [0.0, 52.0]])
+    outline = CellOutline.rectangle(frame, (0.0, 0.0))
+    features = rng.uniform(0, 80, (int(label.max()) + 1, 3)).astype(np.float32)[label]
+    assert course_cells(features, np.ones(label.shape, bool), np.zeros(2), outline) is None

@@ -8,6 +8,7 @@ import pytest
 
 from tests.runs import run_with_progress
 from tests.synthetic import LATTICES, bent, difference, tiled, wall
+from tests.tilings import hexagons, mixed_share, painted, running_bond
 from tests.wraps import X, Y
 from texloom.stages.analysis.regularity.deformed_lattice import (
     DeformedLattice,
@@ -240,3 +241,14 @@ def test_progress_goes_from_the_start_to_the_end() -> None:
     assert done == sorted(done)
     assert done[0] < 0.5
     assert done[-1] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("label", "generators"),
+    [hexagons((190, 200), 20.0), running_bond((180, 200), 20, 44)],
+    ids=["hexagons", "running bond"],
+)
+def test_tiles_of_any_shape_stay_whole(label: np.ndarray, generators: np.ndarray, rng: np.random.Generator) -> None:
+    result = Analysed.of(painted(label, rng), generators).texture(size=(220, 220), strength=0.0)
+    assert mixed_share(label, result.match) < 0.03
+    assert len(np.unique(label[result.match[..., 0].astype(int), result.match[..., 1].astype(int)])) > 20
