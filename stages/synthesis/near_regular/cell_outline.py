@@ -12,7 +12,7 @@ from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 
-_MAX_SAMPLES = 32  # of a cell along a generator
+_MAX_SAMPLES = 48  # of a cell along a generator
 _MIN_SAMPLES = 4
 _MAX_CELLS = 64  # that are compared with each other
 _BLUR = 0.8  # samples
