@@ -114,7 +114,11 @@ Source = Union[str, os.PathLike, bytes, Pixels, Any, Mapping[str, Any]]
 class Run:
     """A run, which goes on in a thread of its own."""
 
-    def __init__(self, client: Client, asked: dict[str, Any], sources: Mapping[str, Source], **how: Any):
+    def __init__(
+        self, client: Client, asked: dict[str, Any], sources: Mapping[str, Source],
+        before: threading.Event, asking: threading.Event, **how: Any,
+    ):  # fmt: skip
+        self._before, self._asking = before, asking
         self._client, self._asked, self._sources = client, asked, dict(sources)
         self._callback: Callable[[Run], None] | None = how["callback"]
         self._files: Sequence[str] = how["files"]
@@ -179,6 +183,8 @@ class Run:
             except Exception as error:
                 end = Status("failed", self._status.step, " ".join(f"{type(error).__name__}: {error}".split()))
                 break
+            finally:
+                self._asking.set()
         self._set(end)
 
     def _once(self) -> Status:
@@ -187,8 +193,10 @@ class Run:
         if self._is_cancelled.is_set():
             return Status("cancelled", text="cancelled")
         body = json.dumps({**self._asked, "sources": sent}).encode()
+        self._before.wait()  # runs are made in the order in which they were submitted
         now = self._client._json("POST", "/runs", body)
         self._id = now["id"]
+        self._asking.set()
         if self._is_cancelled.is_set():
             self._delete()
         seen = 0
@@ -246,6 +254,9 @@ class Client:
         self._process: subprocess.Popen[bytes] | None = None
         self._is_closed = False
         self._lock = threading.Lock()
+        self._order = threading.Lock()
+        self._asking = threading.Event()  # set once the latest run was asked for
+        self._asking.set()
         self._said: collections.deque[str] = collections.deque(maxlen=_LINES)
         atexit.register(self.close)
 
@@ -267,7 +278,10 @@ class Client:
         options : size, tileable, preset, seed, crop, reduce, layout, as of ``texloom run``.
         """
         asked = {"flow": flow, "params": dict(params or {}), **options}
-        return Run(self, asked, sources, callback=callback, files=files, previews=previews)
+        asking = threading.Event()
+        with self._order:
+            before, self._asking = self._asking, asking
+        return Run(self, asked, sources, before, asking, callback=callback, files=files, previews=previews)
 
     def hello(self) -> dict[str, Any]:
         """The version of texloom and its flows; this waits for the server."""

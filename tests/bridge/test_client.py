@@ -203,6 +203,23 @@ def test_a_run_shows_pictures_and_is_cancelled(client: Client, picture: np.ndarr
     assert quilted(client, picture).shape == (48, 48, 3)
 
 
+def test_runs_are_made_in_the_order_in_which_they_were_submitted(client: Client, picture: np.ndarray) -> None:
+    """Also where the first has more to send."""
+    ended: list[int] = []
+
+    def note(run: Run) -> None:
+        if run.poll().has_ended:
+            ended.append(runs.index(run))
+
+    large = np.tile(picture, (12, 12, 1))
+    runs: list[Run] = []
+    for given in (large, picture, picture):
+        runs.append(client.submit("quilting", {"exemplar": given}, size=48, seed=len(runs), callback=note))
+    for run in runs:
+        run.wait(120)
+    assert ended == [0, 1, 2]
+
+
 def test_a_killed_server_is_started_again(store: str, picture: np.ndarray) -> None:
     with Client(COMMAND, store=store) as client:
         run = client.submit("self_tuning", {"exemplar": picture}, size=256, preset="fast", seed=5)
