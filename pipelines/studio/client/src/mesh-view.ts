@@ -84,8 +84,9 @@ export class MeshView extends Element {
     this.shape = shape;
     this.waits = "Unfolding the mesh …";
     const [corners, { MeshScene }] = await Promise.all([this.studio.attempt(mesh(shape, this.side)), import("./mesh-scene")]);
+    if (this.shape !== shape) return; // another one was chosen meanwhile, and is waited for
     this.waits = "";
-    if (!corners || !this.canvas || this.shape !== shape) return;
+    if (!corners || !this.canvas) return;
     if (!this.scene) this.observer.observe(this.canvas);
     this.scene ??= new MeshScene(this.canvas);
     // What is painted belongs to the texture coordinates, which may be others at another size.
