@@ -13,8 +13,8 @@ from texloom.stages.synthesis.endless.gaussian_texture import (
     GaussianTextureParams,
     gaussian_texture,
 )
+from texloom.stages.synthesis.endless.mip_levels import halved
 from texloom.stages.synthesis.endless.noise import Noise
-from texloom.stages.synthesis.endless.pyramid import halved
 from texloom.stages.synthesis.endless.triangle_grid import tiles_at
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, Params, stage

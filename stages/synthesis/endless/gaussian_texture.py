@@ -10,8 +10,8 @@ from pydantic import Field
 
 from texloom.stages.numerics.normal_distribution import normal_quantiles, normal_shares
 from texloom.stages.synthesis.endless.decorrelation import AveragedMap, MapBasis, averageable, basis_of
+from texloom.stages.synthesis.endless.mip_levels import halved, pyramid_of
 from texloom.stages.synthesis.endless.noise import PAGE, Components, Tables
-from texloom.stages.synthesis.endless.pyramid import halved, pyramid_of
 from texloom.stages.synthesis.endless.triangle_grid import SHARE
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, Params, stage

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.stages.common.grids.wang import hashed
-from texloom.stages.synthesis.endless.pyramid import pyramid_of, texels
+from texloom.stages.synthesis.endless.mip_levels import pyramid_of, texels
 from texloom.stages.synthesis.endless.triangle_grid import shifts_of, tiles_at
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.masks import fill_excluded

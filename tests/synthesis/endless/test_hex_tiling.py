@@ -14,7 +14,7 @@ from tests.synthetic import smooth_noise
 from texloom.stages.evaluation.hex_plane import HexPlaneParams, hex_plane
 from texloom.stages.synthesis.endless.hex_shaders import HexShaders, HexShadersParams, hex_shaders
 from texloom.stages.synthesis.endless.hex_tiling import HexTiling
-from texloom.stages.synthesis.endless.pyramid import pyramid_of
+from texloom.stages.synthesis.endless.mip_levels import pyramid_of
 from texloom.stages.synthesis.endless.triangle_grid import tiles_at
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError

@@ -11,8 +11,8 @@ from tests.synthesis.endless.exemplars import colors, made, material, places
 from texloom.stages.common.grids.wang import hashed
 from texloom.stages.evaluation.endless_plane import EndlessPlaneParams, endless_plane
 from texloom.stages.synthesis.endless.gaussian_texture import SIGMA, GaussianTextureParams, gaussian_texture
+from texloom.stages.synthesis.endless.mip_levels import halved, pyramid_of
 from texloom.stages.synthesis.endless.noise import Noise
-from texloom.stages.synthesis.endless.pyramid import halved, pyramid_of
 from texloom.stages.synthesis.endless.triangle_grid import sharpened, shifts_of, tiles_at
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
