@@ -99,7 +99,7 @@ def mixture_guide(
     [Zhou2023]_ for progression maps as guides; patches between are ours.
     """
     if len(names) < 2:
-        raise InputError(f"exemplars: a mixture needs two or more, got {', '.join(names)}")
+        raise InputError(f"exemplars: a mixture needs two or more, got {len(names)}")
     size = params.size or (None if map is None else (map.height, map.width))
     if size is None:
         raise InputError("size: give the size of the result, or a map that has it")

@@ -98,7 +98,7 @@ def test_a_texture_follows(rng: np.random.Generator) -> None:
 
 
 def test_what_is_refused(rng: np.random.Generator) -> None:
-    with pytest.raises(InputError, match="a mixture needs two or more, got a"):
+    with pytest.raises(InputError, match="a mixture needs two or more, got 1"):
         mixture(sheet(rng, 1))
     with pytest.raises(InputError, match="size: give the size"):
         mixture(sheet(rng, 2), size=None)
