@@ -175,7 +175,7 @@ class _Checker:
         steps = scoped_steps(in_order(steps, draft), self.sources, seeds, draft)
         delivery = self.delivery
         exports, likes, surfaces = self._exports(there)
-        self._add_layout(draft.name, delivery, exports, likes, connections)
+        self._add_layout(draft.name, delivery, exports, likes, connections, steps)
         self._check_likes(likes, exports, steps)
         declared = None if draft.runner is None else draft.runner.value
         runner = choose_runner(declared, self.overrides.runner, self.fail)
@@ -345,9 +345,13 @@ class _Checker:
         """What is written like each file of a set must be of its items."""
         for file, like in likes.items():
             reference = exports[file]
-            scope = "shared" if reference.output is None else steps[reference.name].scope
-            if isinstance(self.sources[like], Each) and scope != "item" and reference.name != like:
+            if not self._is_one_each(like, reference, steps):
                 raise self.fail(f"exports.{file}.like", f"'{like}' is a set, but {reference} exists only once")
+
+    def _is_one_each(self, like: str, reference: Reference, steps: Mapping[str, Step]) -> bool:
+        """Whether there is one of a source for each of what is exported."""
+        scope = "shared" if reference.output is None else steps[reference.name].scope
+        return not isinstance(self.sources[like], Each) or scope == "item" or reference.name == like
 
     def _add_layout(
         self,
@@ -356,6 +360,7 @@ class _Checker:
         exports: dict[str, Reference],
         likes: dict[str, str],
         connections: Connections,
+        steps: Mapping[str, Step],
     ) -> None:
         """With a layout there is a folder of maps: those of the flow, or one of its main image."""
         if delivery.layout is None:
@@ -369,7 +374,8 @@ class _Checker:
         for file, reference in exports.items():
             if file.startswith("texture.") and connections.type_of(reference).plain is Image:
                 exports[_MAPS] = reference
-                if (like := likes.get("texture.png") or next(iter(self.sources), None)) is not None:
+                fitting = (one for one in self.sources if self._is_one_each(one, reference, steps))
+                if (like := likes.get("texture.png") or next(fitting, None)) is not None:
                     likes[_MAPS] = like
                 return
         raise refused(f"--layout: {name} exports no picture as texture.* and no folder of maps")
