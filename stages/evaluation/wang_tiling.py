@@ -9,7 +9,7 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.common.features.maps import map_channels
-from texloom.stages.common.grids.wang import WangSet
+from texloom.stages.common.grids.wang import WangSet, laid
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params, stage
@@ -75,13 +75,6 @@ def wang_tiling(image: Image, layout: dict[str, Any], params: WangTilingParams) 
 
         color = cv2.resize(color, (params.side, params.side), interpolation=cv2.INTER_AREA)
     return WangTiling(Image(np.ascontiguousarray(color), ("R", "G", "B")), table)
-
-
-def laid(atlas: np.ndarray, places: np.ndarray, size: int) -> np.ndarray:
-    """The tiles at ``places``, rows and columns of an atlas with tiles of ``size`` px, side by side."""
-    rows, columns = ((places[..., axis] * size)[:, :, None] + np.arange(size) for axis in (0, 1))
-    pixels = atlas[rows[:, :, :, None], columns[:, :, None, :]]
-    return np.asarray(np.moveaxis(pixels, 2, 1).reshape(len(places) * size, -1, *atlas.shape[2:]))
 
 
 def _measured(plane: Float32[np.ndarray, "H W c"], size: int) -> dict[str, float]:

@@ -142,6 +142,13 @@ class WangSet:
         return np.asarray(self.places[self.number(np.stack(colors, axis=-1)) * count + variant])
 
 
+def laid(atlas: np.ndarray, places: np.ndarray, size: int) -> np.ndarray:
+    """The tiles at ``places``, rows and columns of an atlas with tiles of ``size`` px, side by side."""
+    rows, columns = ((places[..., axis] * size)[:, :, None] + np.arange(size) for axis in (0, 1))
+    pixels = atlas[rows[:, :, :, None], columns[:, :, None, :]]
+    return np.asarray(np.moveaxis(pixels, 2, 1).reshape(len(places) * size, -1, *atlas.shape[2:]))
+
+
 def hashed(rows: Cells, columns: Cells, layer: int) -> Cells:
     """32 random bits of each cell; negative rows and columns are allowed."""
     down, across, deep, first, second = HASH_FACTORS

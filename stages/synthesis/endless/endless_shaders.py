@@ -11,6 +11,7 @@ from texloom.stages.synthesis.endless.decorrelation import MapBasis
 from texloom.stages.synthesis.endless.noise import PAGE
 from texloom.stages.vocabulary.arrays import Glsl, GodotShader, Hlsl, Osl
 from texloom.stages.vocabulary.declare import InputError, stage
+from texloom.stages.vocabulary.templates import templates
 
 _COMPONENTS = 4  # of a vector, at most
 _TYPES = {
@@ -52,22 +53,10 @@ def endless_shaders(layout: dict[str, Any]) -> EndlessShaders:
     [HeitzNeyret2018]_, [DeliotHeitz2019]_ listings 1.1 to 1.4.
     """
     kinds = (("glsl", "glsl"), ("hlsl", "hlsl"), ("gdshader", "glsl"), ("osl", "osl"))
-    found = {kind: templates().get_template(f"{Path(__file__).stem}.{name}.j2") for kind, name in kinds}
+    here = Path(__file__)
+    found = {kind: templates(here.parent).get_template(f"{here.stem}.{name}.j2") for kind, name in kinds}
     texts = {kind: template.render(_values(layout, kind)) + "\n" for kind, template in found.items()}
     return EndlessShaders(texts["glsl"], texts["hlsl"], texts["gdshader"], texts["osl"])
-
-
-def templates() -> Any:
-    """The templates of shaders of this room, a `jinja2.Environment`."""
-    import jinja2
-
-    return jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=False,  # noqa: S701 shaders are no HTML; texts in them are names made of letters
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
 
 
 def named(maps: Iterable[str]) -> list[str]:

@@ -1,6 +1,7 @@
 """Shaders of hex tiling: GLSL and Godot."""
 
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,12 +9,13 @@ from pydantic import Field
 
 from texloom.stages.common.features.maps import map_channels
 from texloom.stages.common.grids.wang import HASH_FACTORS
-from texloom.stages.synthesis.endless.endless_shaders import named, number, templates
+from texloom.stages.synthesis.endless.endless_shaders import named, number
 from texloom.stages.synthesis.endless.hex_tiling import FLATTEST, LUMINANCE
 from texloom.stages.synthesis.endless.triangle_grid import SHARE
 from texloom.stages.vocabulary.arrays import Glsl, GodotShader, Image
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.normals import NORMAL
+from texloom.stages.vocabulary.templates import templates
 
 _TYPES = ("float", "vec2", "vec3", "vec4")
 
@@ -89,6 +91,6 @@ def hex_shaders(image: Image, params: HexShadersParams) -> HexShaders:
         "down": number(3**0.5 / 2), "across": number(3**-0.5), "twice": number(2 * 3**-0.5),
         "factors": [f"0x{factor:08x}" for factor in HASH_FACTORS],
     }  # fmt: skip
-    template = templates().get_template("hex_shaders.glsl.j2")
+    template = templates(Path(__file__).parent).get_template("hex_shaders.glsl.j2")
     glsl, godot = (template.render({**values, "godot": godot}) + "\n" for godot in (False, True))
     return HexShaders(glsl, godot, layout)

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int64
 
-from texloom.stages.common.grids.wang import CORNERS, WangSet
+from texloom.stages.common.grids.wang import CORNERS, WangSet, laid
 from texloom.stages.vocabulary.arrays import GodotTileset, Image, TiledTileset
 from texloom.stages.vocabulary.declare import Params, stage
+from texloom.stages.vocabulary.templates import templates
 
 _BLOB_COLUMNS = 8
 _AROUND = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))  # from above, clockwise
@@ -105,8 +106,8 @@ def tile_sheets(image: Image, layout: dict[str, Any], names: list[str], params: 
     corner_files = _files(params.corners, size, columns, len(order), False, names, of_corners)
     blob_files = _files(params.blob, 2 * size, blob_columns, len(blob) // blob_columns, True, names, blob)
     return TileSheets(
-        corners=_laid(image, order, size),
-        blob=_laid(image, _blob_places(tiles, around), size),
+        corners=image.elsewhere(laid(image.pixels, order, size)),
+        blob=image.elsewhere(laid(image.pixels, _blob_places(tiles, around), size)),
         corners_tiled=corner_files[0],
         blob_tiled=blob_files[0],
         corners_godot=corner_files[1],
@@ -140,28 +141,10 @@ def _blob_places(tiles: WangSet, cells: Int64[np.ndarray, "n 3 3"]) -> Int64[np.
     return np.asarray(np.moveaxis(sheet, 2, 1).reshape(-1, 2 * columns, 2))
 
 
-def _laid(image: Image, places: Int64[np.ndarray, "m n 2"], size: int) -> Image:
-    """Tiles of the atlas side by side."""
-    rows, columns = ((places[..., axis] * size)[:, :, None] + np.arange(size) for axis in (0, 1))
-    pixels = image.pixels[rows[:, :, :, None], columns[:, :, None, :]]
-    height, width = places.shape[0] * size, places.shape[1] * size
-    sheet = np.moveaxis(pixels, 2, 1).reshape(height, width, -1)
-    return image.elsewhere(np.ascontiguousarray(sheet))
-
-
 def _files(
     file: str, size: int, columns: int, rows: int, sides: bool, names: list[str], tiles: list[dict[str, Any]]
 ) -> tuple[str, str]:
     """The tile sets of Tiled and of Godot for a sheet."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=jinja2.select_autoescape(["tsx.j2"]),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     shown = [
         {
             "number": tile["number"],
@@ -180,8 +163,9 @@ def _files(
         "tiles": shown, "shares": _COLORS,
         "colors": ["#" + "".join(f"{round(255 * share):02x}" for share in color) for color in _COLORS],
     }  # fmt: skip
+    here = Path(__file__)
     tiled, godot = (
-        environment.get_template(f"{Path(__file__).stem}.{kind}.j2").render(values) + "\n"
+        templates(here.parent).get_template(f"{here.stem}.{kind}.j2").render(values) + "\n"
         for kind in ("tsx", "tres")
     )
     return tiled, godot

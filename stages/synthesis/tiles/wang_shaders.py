@@ -7,6 +7,7 @@ from typing import Any
 from texloom.stages.common.grids.wang import CORNERS, HASH_FACTORS, SIDES, WangSet
 from texloom.stages.vocabulary.arrays import Glsl, MaterialX
 from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.templates import templates
 
 
 class WangShadersParams(Params):
@@ -38,8 +39,6 @@ def wang_shaders(layout: dict[str, Any], params: WangShadersParams) -> WangShade
     ----------
     [Wei2004]_, with a table in place of its formulas, which serves coloured corners as well.
     """
-    import jinja2
-
     tiles = WangSet.of(layout)
     if tiles.shape != (tiles.side, tiles.side):
         raise InputError("layout: shaders choose among tiles by their colours, not among variants of them")
@@ -53,15 +52,9 @@ def wang_shaders(layout: dict[str, Any], params: WangShadersParams) -> WangShade
         ],
         "places": tiles.places[:, ::-1].reshape(tiles.side, tiles.side, 2).tolist(),
     }  # fmt: skip
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    here = Path(__file__)
     glsl, materialx = (
-        environment.get_template(f"{Path(__file__).stem}.{kind}.j2").render(values) + "\n"
+        templates(here.parent).get_template(f"{here.stem}.{kind}.j2").render(values) + "\n"
         for kind in ("glsl", "mtlx")
     )
     return WangShaders(glsl, materialx)

@@ -15,8 +15,8 @@ import pytest
 
 from tests.runs import run_with_threads
 from tests.synthetic import blobs, masked, picture, stamped
-from texloom.stages.common.grids.wang import CORNERS, SIDES, WangSet
-from texloom.stages.evaluation.wang_tiling import WangTilingParams, laid, wang_tiling
+from texloom.stages.common.grids.wang import CORNERS, SIDES, WangSet, laid
+from texloom.stages.evaluation.wang_tiling import WangTilingParams, wang_tiling
 from texloom.stages.synthesis.tiles.wang_borders import (
     WangBorders,
     WangBordersParams,
