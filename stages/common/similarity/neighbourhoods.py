@@ -48,12 +48,19 @@ Rectangles: TypeAlias = Annotated[Int32[np.ndarray, "n 4"], Channels(("row", "co
 """position and size of each texture in an atlas, px; at least a pixel apart"""
 
 
+def numbers_in(rectangles: Rectangles, height: int, width: int) -> Int32[np.ndarray, "h w"]:
+    """The number of the texture that each pixel of an atlas belongs to, from 1; 0 for pixels between them."""
+    numbers = np.zeros((height, width), np.int32)
+    for number, (row, column, down, across) in enumerate(rectangles.tolist(), 1):
+        numbers[row : row + down, column : column + across] = number
+    return numbers
+
+
 def inside_of(rectangles: Rectangles | None, height: int, width: int) -> Bool[np.ndarray, "h w"]:
     """The pixels of an atlas that belong to a texture; all without ``rectangles``."""
-    inside = np.full((height, width), rectangles is None)
-    for row, column, down, across in [] if rectangles is None else rectangles.tolist():
-        inside[row : row + down, column : column + across] = True
-    return inside
+    if rectangles is None:
+        return np.ones((height, width), bool)
+    return numbers_in(rectangles, height, width) > 0
 
 
 def whole(inside: Bool[np.ndarray, "h w"], size: int | tuple[int, int]) -> Bool[np.ndarray, "p q"]:

@@ -4,9 +4,9 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64, UInt8
+from jaxtyping import Float32, Float64, Int32, Int64
 
-from texloom.stages.common.similarity.neighbourhoods import Rectangles
+from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
 from texloom.stages.kernels.core.elementary_functions import log
 from texloom.stages.synthesis.optimisation.block_sides import MIN_BLOCK
 from texloom.stages.synthesis.optimisation.border import Border
@@ -28,7 +28,7 @@ def largest_block(rectangles: Rectangles, size: Sequence[int]) -> int:
 class SeveralExemplars:
     """Which exemplar each pixel of the picture belongs to, and how much each is to give."""
 
-    numbers: UInt8[np.ndarray, "h w"]
+    numbers: Int32[np.ndarray, "h w"]
     """of the exemplar, from 1; 0 for pixels between them and for those that may not be copied"""
     wanted: Float64[np.ndarray, "exemplars"]
     """share of the result's pixels"""
@@ -44,9 +44,7 @@ class SeveralExemplars:
         usable : pixels of the picture that may be copied; none for all.
         share : wanted use of each pixel, relative to even use, above 0; none for even use.
         """
-        numbers = np.zeros(tuple(shape), np.uint8)
-        for number, (row, column, height, width) in enumerate(rectangles.tolist(), 1):
-            numbers[row : row + height, column : column + width] = number
+        numbers = numbers_in(rectangles, *shape)
         if usable is not None:
             numbers[~usable] = 0
         use = np.bincount(numbers.ravel(), None if share is None else share.ravel(), len(rectangles) + 1)[1:]
@@ -86,7 +84,7 @@ class Balance:
     Without it the exemplar whose patches match their neighbours best, such as the smoothest, takes over.
     """
 
-    def __init__(self, numbers: UInt8[np.ndarray, "p q"], wanted: np.ndarray):
+    def __init__(self, numbers: Int32[np.ndarray, "p q"], wanted: np.ndarray):
         self.numbers = numbers
         self.wanted = wanted
         self.penalties = np.zeros(len(wanted) + 1)

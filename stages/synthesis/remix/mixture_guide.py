@@ -12,7 +12,7 @@ from pydantic import Field
 from texloom.stages.analysis.control.guide import LABEL_STRENGTH, contrast
 from texloom.stages.common.features.control import painted_values
 from texloom.stages.common.grids.pyramid import resize
-from texloom.stages.common.similarity.neighbourhoods import Rectangles
+from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
 from texloom.stages.kernels.core.elementary_functions import cos, sin
 from texloom.stages.numerics.filters import gaussian_blur, padded
 from texloom.stages.vocabulary.arrays import Image, ScalarMap
@@ -104,9 +104,8 @@ def mixture_guide(
     if size is None:
         raise InputError("size: give the size of the result, or a map that has it")
     strength = np.float32(params.weight * _STRENGTH * LABEL_STRENGTH * contrast(image))
-    own = np.zeros((image.height, image.width, 1), np.float32)
-    for number, (row, column, height, width) in enumerate(rectangles.tolist()):
-        own[row : row + height, column : column + width] = number * strength
+    numbers = numbers_in(rectangles, image.height, image.width)
+    own = np.maximum(numbers - 1, 0)[..., None].astype(np.float32) * strength
     way = (
         _gradient(size, params.angle, params.tileable or NOWHERE) if map is None else _levels(map, size)
     ) * np.float32(len(names) - 1)

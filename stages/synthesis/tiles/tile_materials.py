@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float32, Int64
 
 from texloom.stages.analysis.control.guide import LABEL_STRENGTH, contrast
-from texloom.stages.common.similarity.neighbourhoods import Rectangles
+from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
 from texloom.stages.vocabulary.arrays import Image
 
 _STRENGTH = 1.0  # of that of labels, which would cut elements in two
@@ -25,10 +25,8 @@ class TileMaterials:
     def of(cls, image: Image, rectangles: Rectangles) -> "TileMaterials":
         """Of the exemplars in ``rectangles`` of a picture."""
         strength = np.float32(_STRENGTH * LABEL_STRENGTH * contrast(image) / np.sqrt(2))
-        planes = np.zeros((image.height, image.width, len(rectangles)), np.float32)
-        for number, (row, column, height, width) in enumerate(rectangles.tolist()):
-            planes[row : row + height, column : column + width, number] = strength
-        return cls(planes, strength)
+        numbers = numbers_in(rectangles, image.height, image.width)
+        return cls(np.eye(len(rectangles) + 1, dtype=np.float32)[numbers][..., 1:] * strength, strength)
 
     def between(self, corners: Int64[np.ndarray, "m n"], tile: int) -> Float32[np.ndarray, "H W k"]:
         """The same of a torus of tiles of ``tile`` px, from the material of the upper left corner of each."""

@@ -184,6 +184,15 @@ def test_the_smoother_exemplar_does_not_take_over(rng: np.random.Generator, tile
     assert found.table["exemplars"][0]["share"] == pytest.approx(0.75, abs=0.06)
 
 
+def test_hundreds_of_exemplars_are_told_apart(rng: np.random.Generator) -> None:
+    exemplars: list[Image | None] = [noise(rng, (32, 32), (0.5, 0.5, 0.5)) for _ in range(260)]
+    made = exemplar_sheet(exemplars, [{"name": str(n)} for n in range(260)], ExemplarSheetParams())
+    params = InitialiseParams(size=(32, 32))
+    start = initialise(made.image, params, np.random.default_rng(1), rectangles=made.rectangles)
+    found = exemplar_origin(start.match, made.rectangles, made.names, made.wanted, ExemplarOriginParams())
+    assert found.origin[..., 0].max() > 0
+
+
 def test_shares_far_from_those_wanted_are_told(two: list[Image | None], caplog: pytest.LogCaptureFixture) -> None:
     made = sheet(two, weights={"b": 3.0})
     match = np.zeros((8, 8, 2), np.uint32)
