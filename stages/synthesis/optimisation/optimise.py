@@ -31,7 +31,7 @@ from texloom.stages.synthesis.optimisation.correspondence import Patches, from_l
 from texloom.stages.synthesis.optimisation.features import FeaturesOfScale, PatchFeatures
 from texloom.stages.synthesis.optimisation.fixed import FixedPixels
 from texloom.stages.synthesis.optimisation.guides import Guides, expected_use, resize_target
-from texloom.stages.synthesis.optimisation.inputs import check_patches, check_start
+from texloom.stages.synthesis.optimisation.inputs import check_inputs, check_patches
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase, min_spacing
 from texloom.stages.synthesis.optimisation.match_search import Search, occurrence_map
 from texloom.stages.synthesis.optimisation.scale import Rounds
@@ -393,7 +393,7 @@ def optimise(
     >>> texloom.stages.optimise(brick, start, preset="fast").image.shape
     (48, 64, 1)
     """
-    _check_inputs(image, start, keep, given, guiding, {"guidance": guidance, "contours": contours, "share": share})
+    check_inputs(image, start, keep, given, guiding, {"guidance": guidance, "contours": contours, "share": share})
     kept = image if given is None else given
     wrap = wraps_after(params.tileable, NOWHERE if keep is None else kept.wraps)
     params = params.model_copy(update={"tileable": wrap})
@@ -466,31 +466,6 @@ def optimise(
         patches=None if voted is None else voted.patches,
         voting={} if voted is None else voted.record(),
     )
-
-
-def _check_inputs(
-    image: Image,
-    start: Correspondence,
-    keep: Bool[np.ndarray, "_ _"] | None,
-    given: Image | None,
-    guiding: Bool[np.ndarray, "_ _"] | None,
-    planes: Mapping[str, ScalarMap | None],
-) -> None:
-    height, width = start.shape[:2]
-    for name, plane in planes.items():
-        if plane is not None and plane.shape != (image.height, image.width):
-            raise ValueError(f"{name} of shape {plane.shape} for an exemplar of {format_size(image)}")
-    check_start(image, start)
-    if keep is not None and keep.shape != (height, width):
-        raise ValueError(f"keep of shape {keep.shape} for a start of {format_size((height, width))}")
-    if guiding is not None and guiding.shape != (height, width):
-        raise ValueError(f"guiding of shape {guiding.shape} for a start of {format_size((height, width))}")
-    if given is not None:
-        if (given.height, given.width) != (height, width):
-            raise ValueError(f"given of {format_size(given)} for a start of {format_size((height, width))}")
-        channels = without_usable(image).channels
-        if given.channels != channels:
-            raise ValueError(f"given has the channels {given.channels}, the exemplar {channels}")
 
 
 def _guides(
