@@ -4,7 +4,7 @@ import { customElement, property, query, state } from "lit/decorators.js";
 import { Element } from "./element";
 import type { CorrectPanel } from "./correct-panel";
 import "./correct-panel";
-import { isTyping, undoButtons } from "./fields";
+import { failure, isTyping, undoButtons } from "./fields";
 import "./job-panel";
 import type { BadPlace, Job, Method, Picture, PreviewPicture, Recipe, ToPage } from "./messages";
 import "./picture-list";
@@ -350,9 +350,14 @@ export class MakeView extends Element {
     `;
   }
 
-  private status(): string {
+  private again(): void {
+    [this.problem, this.done] = ["", 0];
+    this.studio.repeat(this.number);
+  }
+
+  private status(): string | TemplateResult {
     const job = this.studio.jobs.get(this.job);
-    if (this.problem) return this.problem;
+    if (this.problem) return failure(this.problem, () => this.again());
     if (job?.state === "done") return this.results.canUndo ? "Full size, corrected" : `Full size, seed ${job.recipe.seed}`;
     if (job?.recipe.flow === "revise" && this.job) return "Keeping the correction …";
     if (job?.state === "running") return "Running at full size; scales appear as they finish";

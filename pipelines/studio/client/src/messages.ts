@@ -215,6 +215,11 @@ export interface LatticeRequest {
   lattice?: Lattice | null;
 }
 
+export interface Connected {
+  kind: "connected";
+  is_new: boolean;
+}
+
 export interface PreviewPicture {
   kind: "preview_picture";
   number: number;
@@ -328,4 +333,4 @@ export interface JobPicture {
 
 export type ToServer = AlternativesRequest | LatticeRequest | PaintDabRequest | PaintOpenRequest | PhotoRequest | PreviewRequest;
 
-export type ToPage = AlternativePicture | LatticePicture | PaintOpened | PaintPicture | PaintProgress | PhotoArea | PhotoLines | PhotoPreview | PhotoProposal | PhotoState | PreviewPicture | PreviewFailed | JobChanged | JobPicture;
+export type ToPage = AlternativePicture | Connected | LatticePicture | PaintOpened | PaintPicture | PaintProgress | PhotoArea | PhotoLines | PhotoPreview | PhotoProposal | PhotoState | PreviewPicture | PreviewFailed | JobChanged | JobPicture;
