@@ -197,7 +197,7 @@ export abstract class DirectMode extends Element {
     const job = this.studio.jobs.get(this.job);
     const isBusy = job?.state === "waiting" || job?.state === "running";
     const method: Method = {
-      flow: "", about: "", size: sizeText(this.size), can_tile: true, presets: this.presets, uniformity: "", default_uniformity: 0,
+      flow: "", about: "", size: sizeText(this.size), can_tile: true, presets: this.presets, uniformity: "", default_uniformity: 0, others: [],
     };
     return html`
       <section class="stage" aria-label=${MODES[this.name]}>

@@ -8,6 +8,12 @@ export interface Picture {
   is_material: boolean;
 }
 
+export interface OtherPicture {
+  source: string;
+  about: string;
+  is_required: boolean;
+}
+
 export interface Method {
   flow: string;
   about: string;
@@ -16,6 +22,7 @@ export interface Method {
   presets: (string)[];
   uniformity: string;
   default_uniformity: number;
+  others: (OtherPicture)[];
 }
 
 export interface Start {
