@@ -1,7 +1,6 @@
 """Growth of a non-stationary texture: its trend over a result of another size, as a guide."""
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from typing import Annotated, Any
 
@@ -23,7 +22,7 @@ from texloom.stages.vocabulary.masks import valid_pixels
 from texloom.stages.vocabulary.sizes import Size
 from texloom.stages.vocabulary.tileable import Tileable
 
-_STRENGTH = 0.6  # of that of values
+_STRENGTH = 0.3  # of that of values, which would repeat the few parts that fit exactly
 _GROWTH = 2  # times the exemplar's sides, where no size is given
 _WINDOW = 1 / 24  # of the exemplar's shorter side, deviation within which orientations are smoothed
 
@@ -45,7 +44,7 @@ class GrowthGuideParams(Params):
     """axes along which the trend goes there and back, so that it tiles; a target has to tile by itself"""
     weight: float = Field(1.0, gt=0, le=10)
     """factor on the strength that is chosen by the exemplar's contrast: 0.3 guides weakly, 3 enforces"""
-    direction: float = Field(0.5, ge=0, le=10)
+    direction: float = Field(1.0, ge=0, le=10)
     """weight of the direction of the texture, of that of its progression; 0 leaves directions free. Directions are
     those of the exemplar, stretched, or those of strokes; a target or ``angle`` without strokes leaves them free"""
 
@@ -78,7 +77,7 @@ def growth_guide(
     progression: ScalarMap,
     slow: ScalarMap,
     params: GrowthGuideParams,
-    angle: ScalarMap | None = None,
+    orientation: ScalarMap | None = None,
     confidence: ScalarMap | None = None,
     target: Image | None = None,
     target_angle: Float32[np.ndarray, "m n"] | None = None,
@@ -89,14 +88,14 @@ def growth_guide(
     ----------
     image : the exemplar; masked pixels do not count.
     progression, slow : how far each of its places is, see `progression`; the slow part is what the result repeats.
-    angle, confidence : orientation of the exemplar, see `orientation_field`; none leaves directions free.
+    orientation, confidence : orientation of the exemplar, see `orientation_field`; none leaves directions free.
     target : progression of the result, painted: black where it is least; of any size. Where it is transparent
         anything may lie. None stretches that of the exemplar.
     target_angle : orientation of the result, radians, of any size.
 
     References
     ----------
-    [Zhou2023]_ section 4.2: progression and orientation maps of exemplar and result guide the correspondence; made
+    [Zhou2023]_: maps of progression and orientation of exemplar and result guide the correspondence; they are made
     here where they are given there. Stretching the slow part, and the strengths, are ours.
     """
     size = _size(params, image, target)
@@ -110,10 +109,10 @@ def growth_guide(
         wanted = _stretched(slow, size, wraps)
     wanted = np.interp(wanted, np.linspace(0, 1, len(params.curve)), params.curve).astype(np.float32)
     own, asked = progression[..., None], wanted[..., None]
-    if angle is not None and params.direction and (stretched or target_angle is not None):
-        sure = np.ones_like(angle) if confidence is None else confidence
-        window = max(1.0, _WINDOW * min(angle.shape))
-        vectors = gaussian_blur(doubled(angle, sure), window) * np.float32(params.direction)
+    if orientation is not None and params.direction and (stretched or target_angle is not None):
+        sure = np.ones_like(orientation) if confidence is None else confidence
+        window = max(1.0, _WINDOW * min(orientation.shape))
+        vectors = gaussian_blur(doubled(orientation, sure), window) * np.float32(params.direction)
         if target_angle is None:
             along = _stretched(vectors, size, wraps)
             along[..., 1] *= _mirrored(size, wraps)
@@ -159,5 +158,7 @@ def _stretched(planes: np.ndarray, size: tuple[int, int], wraps: Wraps) -> np.nd
 
 def _mirrored(size: tuple[int, int], wraps: Wraps) -> ScalarMap:
     """-1 where the exemplar is mirrored along one axis, which reverses the sense of angles, else 1."""
-    signs = [np.where(np.arange(side) >= side / 2, -1, 1) if back else np.ones(side) for side, back in zip(size, wraps, strict=True)]
-    return (signs[0][:, None] * signs[1]).astype(np.float32)
+    down, across = (
+        np.where(back & (np.arange(side) >= side / 2), -1, 1) for side, back in zip(size, wraps, strict=True)
+    )
+    return (down[:, None] * across).astype(np.float32)

@@ -11,11 +11,9 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.common.features.control import check_aspect, check_control, painted_values
-from texloom.stages.common.features.slow_features import pictured, ranks, slow_feature, window_means
+from texloom.stages.common.features.slow_features import mean_direction, pictured, ranks, slow_feature, window_means
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.common.grids.size_checks import check_side
-from texloom.stages.kernels.core.elementary_functions import arctan2
-from texloom.stages.numerics.filters import gradients
 from texloom.stages.vocabulary.arrays import Image, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
@@ -26,7 +24,6 @@ _LOG = logging.getLogger(__name__)
 _MIN_SIDE = 32  # px of an exemplar in which a trend can be told from texture
 _WEAK = 0.1  # of the variance, below which a trend is said to be weak
 _SMOOTH = 1 / 12  # of the shorter side, deviation within which a progression that is given is smoothed
-_LEAN = 1e-3  # radians from across, within which a trend counts as running down
 
 
 class ProgressionParams(Params):
@@ -35,7 +32,7 @@ class ProgressionParams(Params):
     min_trend: float = Field(0.02, ge=0, le=1)
     """share of the variance between pixels that has to change slowly; exemplars with less are refused"""
     reverse: bool = False
-    """0 and 1 are exchanged; a trend that is found grows to the right, or downwards where it hardly changes across"""
+    """0 and 1 are exchanged; otherwise a trend that is found grows to the right, or down where it is upright"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,7 +46,7 @@ class Progression:
     share: float
     """confidence: share of the variance between pixels that the slow part has, 0..1; of one that is given 1"""
     angle: float
-    """radians, -pi/2..pi/2, of the direction in which it grows on the whole, from along a row towards growing rows"""
+    """radians, of the direction in which it grows on the whole, from along a row towards growing rows"""
     picture: Image
     """the exemplar in hues from blue, 0, to yellow, 1"""
     table: dict[str, Any]
@@ -77,8 +74,8 @@ def outlines(params: ProgressionParams, known: Mapping[str, Any]) -> dict[str, O
 def progression(image: Image, params: ProgressionParams, given: Image | None = None) -> Progression:
     """Find along what a texture changes, such as age, wear, moisture or the size of its grain.
 
-    It is the weighted sum of statistics of windows, a sixteenth of the shorter side wide, of which the largest share
-    changes slowly; see `slow_feature`. The statistics are colour and the amount of detail at three sizes.
+    It is the weighted sum of statistics of windows, a sixteenth of the shorter side in deviation, of which the
+    largest share changes slowly; see `slow_feature`. The statistics are colour and the detail at three sizes.
 
     Parameters
     ----------
@@ -93,7 +90,7 @@ def progression(image: Image, params: ProgressionParams, given: Image | None = N
 
     References
     ----------
-    [Zhou2018]_ for what non-stationary textures are; [Zhou2023]_ section 4.2, whose progression maps are given.
+    [Zhou2018]_ for the expansion of non-stationary textures; [Zhou2023]_, whose progression maps are given.
     [WiskottSejnowski2002]_ for the slow features by which they are found here.
     """
     if given is None:
@@ -109,12 +106,8 @@ def progression(image: Image, params: ProgressionParams, given: Image | None = N
         planes = painted_values(given)[..., : 1 if given.channels[0] == "Y" else 3]
         local = np.ascontiguousarray(planes.mean(axis=2))
         slow, share = window_means(local, None, _SMOOTH * min(local.shape)), 1.0
-    down, across = (float(one.mean(dtype=np.float64)) for one in gradients(slow))
-    angle = float(arctan2(down, across))
-    backwards = given is None and not -math.pi / 2 + _LEAN < angle <= math.pi / 2 + _LEAN
-    if backwards:
-        angle += math.pi if angle <= 0 else -math.pi
-    sign = np.float32(-1 if backwards != params.reverse else 1)
+    sign = np.float32(-1 if params.reverse else 1)
+    angle = mean_direction(sign * slow)
     if given is None:
         _tell(share, angle)
     valid = valid_pixels(image)

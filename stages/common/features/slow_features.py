@@ -1,13 +1,14 @@
 """Slow features: what of a texture's local statistics changes only over long distances."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 from jaxtyping import Float32
 
 from texloom.stages.common.grids.pyramid import resize
-from texloom.stages.kernels.core.elementary_functions import cos, sin
-from texloom.stages.numerics.filters import gaussian_blur
+from texloom.stages.kernels.core.elementary_functions import arctan2, cos, sin
+from texloom.stages.numerics.filters import gaussian_blur, gradients
 from texloom.stages.numerics.matrices import eigenvectors, matrix_product, square_sums
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear, linear_from_lab
@@ -20,6 +21,7 @@ _DETAIL = (1.0, 2.0, 4.0)  # px, deviations between which detail is measured
 _FLOOR = 0.02  # of a statistic's variance between pixels, which a slow change has to outweigh
 _HUES = np.deg2rad((285.0, 75.0))  # of 0 and 1 in a picture, from blue to yellow
 _CHROMA = 45.0  # CIELAB units
+_LEAN = 1e-3  # radians from upright, within which a direction counts as down or up
 _MIN_COVER = 1e-3  # of a window, below which nothing is known there
 
 
@@ -28,23 +30,32 @@ class SlowFeature:
     """The weighted sum of statistics that changes most slowly, on the grid where it was measured."""
 
     weights: Float32[np.ndarray, "6"]
-    """of each statistic, of the values of `statistics`"""
+    """of each of the planes of `statistics`"""
     local: Float32[np.ndarray, "p q"]
-    """the sum in windows of a sixteenth of the shorter side"""
+    """the sum in Gaussian windows, a sixteenth of the shorter side in deviation"""
     slow: Float32[np.ndarray, "p q"]
     """its slow part"""
     share: float
     """of the variance between pixels that the slow part has, 0..1"""
 
+    @property
+    def angle(self) -> float:
+        """Direction in which the slow part grows on the whole, radians from along a row towards growing rows."""
+        return mean_direction(self.slow)
 
-def statistics(image: Image, side: int = _SIDE) -> tuple[Float32[np.ndarray, "p q 6"], Mask | None]:
+
+def measured_factor(height: int, width: int) -> float:
+    """Factor on the sides of an exemplar at which its statistics are measured."""
+    return min(1.0, _SIDE / min(height, width))
+
+
+def statistics(image: Image, factor: float) -> tuple[Float32[np.ndarray, "p q 6"], Mask | None]:
     """Colour and the amount of detail at three sizes, CIELAB units, and the pixels that count.
 
     Parameters
     ----------
-    side : px of the shorter side at which they are measured; smaller pictures keep their size.
+    factor : on both sides, at which they are measured.
     """
-    factor = min(1.0, side / min(image.height, image.width))
     size = max(1, round(image.height * factor)), max(1, round(image.width * factor))
     lab = lab_from_linear(resize(np.ascontiguousarray(fill_excluded(image).color), *size, bilinear=True))
     valid = valid_pixels(image)
@@ -52,7 +63,7 @@ def statistics(image: Image, side: int = _SIDE) -> tuple[Float32[np.ndarray, "p 
         valid = resize(valid[..., None].astype(np.float32), *size, bilinear=True)[..., 0] > 0.5
     lightness = np.ascontiguousarray(lab[..., 0])
     levels = [lightness, *(gaussian_blur(lightness, deviation) for deviation in _DETAIL)]
-    detail = [np.abs(fine - coarse) for fine, coarse in zip(levels[:-1], levels[1:], strict=True)]
+    detail = [np.abs(fine - coarse) for fine, coarse in itertools.pairwise(levels)]
     return np.concatenate([lab, np.stack(detail, axis=2)], axis=2).astype(np.float32), valid
 
 
@@ -68,7 +79,7 @@ def window_means(planes: np.ndarray, valid: Mask | None, deviation: float) -> np
 
 
 def slow_feature(image: Image) -> SlowFeature:
-    """The weighted sum of local statistics of which the largest share changes slowly.
+    """The weighted sum of local statistics of which the largest share is slow; it grows to the right or down.
 
     With C the covariance of statistics in windows, S that of their slow parts and D the variances between pixels,
     the weights w maximise w'Sw / w'(C + 0.02 D)w: those of slow feature analysis, but that a change that hardly
@@ -80,9 +91,9 @@ def slow_feature(image: Image) -> SlowFeature:
 
     References
     ----------
-    [WiskottSejnowski2002]_ section 2, with slowness in space. Statistics and the regularisation are ours.
+    [WiskottSejnowski2002]_, with slowness in space instead of time. Statistics and the regularisation are ours.
     """
-    planes, valid = statistics(image)
+    planes, valid = statistics(image, measured_factor(image.height, image.width))
     shorter = min(planes.shape[:2])
     local = window_means(planes, valid, _WINDOW * shorter)
     slow = window_means(local, valid, _SLOW * shorter)
@@ -96,10 +107,33 @@ def slow_feature(image: Image) -> SlowFeature:
     total = float(matrix_product(matrix_product(direction, of_pixels), direction))
     share = float(matrix_product(matrix_product(direction, of_slow), direction)) / max(total, 1e-12)
     weights = (direction / scale).astype(np.float32)
+    angle = mean_direction(weighted_sum(slow, weights))
+    if not -np.pi / 2 + _LEAN < angle <= np.pi / 2 + _LEAN:  # to the left, or upwards
+        weights = -weights
     return SlowFeature(weights, weighted_sum(local, weights), weighted_sum(slow, weights), share)
 
 
-def weighted_sum(planes: Float32[np.ndarray, "p q k"], weights: Float32[np.ndarray, "k"]) -> ScalarMap:
+def mean_direction(values: ScalarMap) -> float:
+    """Direction in which values grow on the whole, radians from along a row towards growing rows."""
+    down, across = (float(one.mean(dtype=np.float64)) for one in gradients(values))
+    return float(arctan2(down, across))
+
+
+def progression_in(made: Image, exemplar: Image) -> ScalarMap:
+    """Progression of each place of a result: the rank, 0..1, that its slow feature would have in the exemplar.
+
+    Of the grid where it was measured, in windows of as many px as those of the exemplar.
+    """
+    feature = slow_feature(exemplar)
+    factor = measured_factor(exemplar.height, exemplar.width)
+    planes, valid = statistics(made, factor)
+    window = _WINDOW * factor * min(exemplar.height, exemplar.width)
+    value = weighted_sum(window_means(planes, valid, window), feature.weights)
+    ordered = np.sort(feature.local.ravel())
+    return (np.searchsorted(ordered, value.ravel()) / len(ordered)).reshape(value.shape).astype(np.float32)
+
+
+def weighted_sum(planes: Float32[np.ndarray, "p q k"], weights: np.ndarray) -> ScalarMap:
     """Sum of the planes, each times its weight."""
     return np.ascontiguousarray(sum(planes[..., place] * weight for place, weight in enumerate(weights)))
 

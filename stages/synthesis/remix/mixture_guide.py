@@ -105,9 +105,11 @@ def mixture_guide(
     strength = np.float32(params.weight * _STRENGTH * LABEL_STRENGTH * contrast(image))
     numbers = numbers_in(rectangles, image.height, image.width)
     own = np.maximum(numbers - 1, 0)[..., None].astype(np.float32) * strength
-    way = (
-        linear_gradient(size, params.angle, params.tileable or NOWHERE, _PURE) if map is None else _levels(map, size)
-    ) * np.float32(len(names) - 1)
+    if map is None:
+        way = linear_gradient(size, params.angle, params.tileable or NOWHERE, _PURE)
+    else:
+        way = _levels(map, size)
+    way = way * np.float32(len(names) - 1)
     before = np.minimum(np.floor(way), len(names) - 2)
     patch = params.patch or min(int(rectangles[:, 2:].min()) // _PATCH_SHARE, min(size) // _MIN_PATCHES)
     threshold = 0.5 + params.patchiness * (_noise(size, max(patch, _CELLS), rng) - 0.5)
