@@ -161,7 +161,7 @@ def prepare(exemplars: dict[str, dict[str, Any]], originals: Path) -> None:
 
 
 def spread(pictures: Path) -> None:
-    """Frames in which moss spreads over gravel, a map of where it begins, and a picture with ever more to the right."""
+    """Frames in which moss spreads over gravel, a map of where it begins, and a picture with more to the right."""
     moss = np.asarray(Image.open(pictures / "moss.png").convert("RGB"))
     gravel = np.asarray(Image.fromarray(skimage.data.gravel()).resize((256, 256)).convert("RGB"))
     row, column = np.mgrid[:256, :256] / 256
