@@ -38,10 +38,14 @@ METHODS = {
     "graph_cut": "Large irregular pieces, cut along the best seams",
     "patch_based": "Grain, soil and noise, quickly",
     "per_pixel": "Grain, soil and noise, pixel by pixel",
+    "grow": "What ages or changes from place to place, its trend over all of the result",
     "restyle": "Another picture, made of the exemplar",
 }
 """the flows of an exemplar that the page offers, and what each is for"""
-_OTHERS = {"restyle": {"picture": "Picture that it is laid over"}}
+_OTHERS = {
+    "grow": {"target": "Trend of the result", "progression": "Trend of the exemplar"},
+    "restyle": {"picture": "Picture that it is laid over"},
+}
 """flow to the pictures that it takes besides the exemplar, and what the page calls them"""
 _SIDES = (1024, 1024)  # px, of a result whose flow has no size of its own
 _SHARED = (RunRequest.model_fields.keys() & Recipe.model_fields.keys()) - {"sources", "params"}
