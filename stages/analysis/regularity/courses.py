@@ -26,6 +26,7 @@ _CANDIDATES = 8  # peaks of the spectrum
 _MULTIPLES = (1, 2, 3)  # of the period of a peak; a profile's harmonics may exceed its fundamental
 _MIN_PROMISING = 0.45  # confidence of a candidate that is worth a refinement
 _MAX_COSINE = 0.9  # of the angle between directions that differ clearly
+_CLEARER = 0.1  # of what the confidence of other rows lacks to 1; of weaves it is .35 and more
 _DIVISORS = (2, 3)  # of a period, tried last
 _TOLERANCE = 0.05  # of confidence that a shorter period may lose
 _STEPS = (0.02, 0.007, 0.0025)  # of the refinement, relative to the period
@@ -41,7 +42,8 @@ class CoursesParams(Params):
     """the same for each course alone"""
     lead: float = Field(0.33, ge=0, le=1)
     """minimum difference to the confidence of rows in another direction: where both show, elements line up along
-    neither, as in a weave"""
+    neither, as in a weave; less is enough where courses lack a tenth of what those rows lack to certainty, as where
+    all blocks are equally long"""
     min_length: float = Field(10.0, ge=2)
     """minimum period, px"""
 
@@ -110,7 +112,7 @@ def detected_courses(planes: tuple[ScalarMap, ScalarMap], params: CoursesParams)
     if accepted:
         period = best[0].astype(np.float64)
         rival = max(_best_period(plane, params.min_length, period)[1] for plane in planes)
-        accepted = confidence - rival >= params.lead
+        accepted = confidence - rival >= params.lead or 1 - confidence <= _CLEARER * (1 - rival)
     return Courses(best if accepted else none, best, confidence, worst, rival)
 
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tests import tilings
 from tests.synthetic import masked, picture, smooth_noise, wall
 from texloom.stages.analysis.regularity.courses import Courses, CoursesParams, courses
 from texloom.stages.common.grids import working_size
@@ -66,6 +67,18 @@ def test_rows_in_two_directions_are_no_courses(rng: np.random.Generator) -> None
     assert result.generators.shape == (0, 2)
     assert result.confidence > CoursesParams().confidence
     assert result.confidence - result.rival < CoursesParams().lead
+
+
+@pytest.mark.parametrize(("height", "width"), [(16, 40), (20, 50), (20, 36), (24, 60)])
+def test_courses_of_equally_long_blocks_are_found(height: int, width: int, rng: np.random.Generator) -> None:
+    """Their joints line up every few courses, so that they have rows in other directions too."""
+    found = courses(tilings.painted(tilings.blocks((256, 256), height, width, rng), rng), CoursesParams())
+    np.testing.assert_allclose(found.generators, [[height, 0]], atol=0.3)
+
+
+def test_weaves_have_no_courses(rng: np.random.Generator) -> None:
+    for label in (tilings.basket_weave((256, 256), 12)[0], tilings.herringbone((256, 256), 14)[0]):
+        assert not len(courses(tilings.painted(label, rng), CoursesParams()).generators)
 
 
 @pytest.mark.parametrize("shape", [(4, 4), (30, 300), (64, 64)])
