@@ -8,9 +8,10 @@ Crops of 256 px become 512 px. Printed of each, as means over seeds: the sliced 
 coherence, completeness, repetition, copies and contents, as in `metrics`; the mean score of `regularity`; the share
 of the cells of a 12x12 grid over the exemplar, half a patch at its border left out, that are used between .7 and
 1.4 times their fair share, by the source map, and the same with a lattice's phases exempt, where a fair share is
-that of pixels in the same places of lattice cells; the relative standard deviation of their use; and the CPU
-seconds of a run without scores, the median of the seeds, since the first may compile. ``--against`` also runs the
-texloom that another interpreter imports. Half 0 was used to choose parameters, half 1 was not.
+that of pixels in the same places of lattice cells; the relative standard deviation of their use; the mean use of
+the 44 outermost cells, relative to their fair share; and the CPU seconds of a run without scores, the median of
+the seeds, since the first may compile. ``--against`` also runs the texloom that another interpreter imports. Half
+0 was used to choose parameters, half 1 was not.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ CROPS = (
 """file, left and top px"""
 FIGURES = (
     "swd", "coherence", "complete", "regular", "repeat", "copies", "contents", "in bounds", "exempt", "spread",
-    "CPU s",
+    "rim", "CPU s",
 )  # fmt: skip
 
 
@@ -100,6 +101,7 @@ def figures_of(exemplar: Image, result: Image, match: Correspondence, generators
         "in bounds": _share_in_bounds(use),
         "exempt": _share_in_bounds(exempt),
         "spread": float(use.std()),
+        "rim": float(np.concatenate([use[[0, -1]].ravel(), use[1:-1, [0, -1]].ravel()]).mean()),
     }
 
 
