@@ -40,9 +40,7 @@ def test_pictures_are_bounded_by_number_and_bytes(runs: HostRuns, tmp_path: Path
     larger = sent(runs, 120)  # the latest one is always kept
     assert list(runs.received) == [larger]
     assert [one.name for one in tmp_path.iterdir()] == [larger]
-    with pytest.raises(
-        InputError, match=r"or it is gone \(the latest 3 are kept, of at most \S+ GiB\); send it again"
-    ):
+    with pytest.raises(InputError, match=r"or is gone: the latest 3 are kept, of at most \S+ GiB; send it again"):
         runs.submit(asked(large))
 
 

@@ -1,0 +1,76 @@
+"""What the panels ask for, kept in the scene; operators have properties of the same names."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
+
+from .requests import METHODS, PRESETS
+
+
+def _choices(*names: str) -> list[tuple[str, str, str]]:
+    return [(name, name.replace("_", " ").capitalize(), "") for name in names]
+
+
+def _picture(name: str, description: str) -> Any:
+    return StringProperty(name=name, description=description)
+
+
+PROPERTIES = {
+    "width": IntProperty(name="Width", default=1024, min=16, max=32768, subtype="PIXEL"),
+    "height": IntProperty(name="Height", default=1024, min=16, max=32768, subtype="PIXEL"),
+    "size": IntProperty(name="Size", description="Of a side", default=1024, min=16, max=32768, subtype="PIXEL"),
+    "tileable": EnumProperty(
+        name="Tileable", description="The borders across which it repeats",
+        items=_choices("off", "x", "y", "both"), default="both",
+    ),
+    "axes": EnumProperty(
+        name="Axes", description="x: left and right borders; y: top and bottom", items=_choices("both", "x", "y")
+    ),
+    "keep_size": BoolProperty(name="Keep Size", description="Patterns are not cut to whole periods"),
+    "method": EnumProperty(name="Method", items=_choices(*METHODS)),
+    "preset": EnumProperty(name="Preset", items=_choices(*PRESETS)),
+    "seed": IntProperty(name="Seed", description="Equal seeds give equal results", default=7, min=0),
+    "count": IntProperty(name="Variations", description="The next seeds", default=4, min=1, max=64),
+    "mask": _picture("Mask", "A picture of the same size, white where it is made anew; empty: what is transparent"),
+    "exemplar": _picture("Exemplar", "What the region is to look like; empty: what the picture was made from"),
+    "path": StringProperty(
+        name="Source", description="A folder of maps, or a photograph of a surface", subtype="FILE_PATH"
+    ),
+    "texel_size": FloatProperty(
+        name="Texel", description="Size of a pixel, mm; it scales the displacement. 0 on a mesh: as it comes out",
+        default=1.0, min=0.0, soft_max=10.0, precision=3,
+    ),
+    "new_coordinates": BoolProperty(name="New UV Map", description="By Smart UV Project, also if it has one"),
+    "turn": FloatProperty(name="Turn", description="Of the texture, degrees", min=-360, max=360),
+    "use_curves": BoolProperty(name="Along Curves", description="Curves that are selected point to its top"),
+    "direction": StringProperty(
+        name="Direction", description="Attribute that points to its top: vectors, or colours, of which a half is 0"
+    ),
+    "paint": StringProperty(name="Paint", description="Colour attribute that controls what lies where"),
+    "control": _picture("Control", "The control picture of the exemplar, whose values the paint has"),
+    "source_folder": StringProperty(
+        name="Maps", description="A folder of maps in place of the picture", subtype="DIR_PATH"
+    ),
+}  # fmt: skip
+
+
+def properties(*names: str) -> dict[str, Any]:
+    """The annotations of a class with these properties."""
+    return {name: PROPERTIES[name] for name in names}
+
+
+class Settings(bpy.types.PropertyGroup):
+    __annotations__ = dict(PROPERTIES)
+
+
+def register() -> None:
+    bpy.utils.register_class(Settings)
+    bpy.types.Scene.texloom = PointerProperty(type=Settings)
+
+
+def unregister() -> None:
+    del bpy.types.Scene.texloom
+    bpy.utils.unregister_class(Settings)
