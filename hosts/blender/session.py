@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import bpy
 
 from .controller import Jobs
@@ -13,11 +11,15 @@ JOBS = Jobs()
 _CLIENTS: list[Client] = []
 
 
-def close(*_: Any) -> None:
+def close() -> None:
     """End the server; the next run starts one."""
     JOBS.cancel_all()
     while _CLIENTS:
         _CLIENTS.pop().close()
+
+
+def _changed(_: Preferences, __: bpy.types.Context) -> None:
+    close()
 
 
 class Preferences(bpy.types.AddonPreferences):
@@ -25,11 +27,11 @@ class Preferences(bpy.types.AddonPreferences):
 
     __annotations__ = {
         "command": bpy.props.StringProperty(
-            name="texloom", subtype="FILE_PATH", update=close,
+            name="texloom", subtype="FILE_PATH", update=_changed,
             description="Path of texloom; empty: of the variable TEXLOOM, on the PATH, or of uv tool",
         ),
         "store": bpy.props.StringProperty(
-            name="Store", subtype="DIR_PATH", update=close,
+            name="Store", subtype="DIR_PATH", update=_changed,
             description="Folder of its results; empty: texloom's own",
         ),
     }  # fmt: skip
