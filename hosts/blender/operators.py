@@ -80,7 +80,10 @@ class MakeTileable(_OfPicture, bpy.types.Operator):
     """Make a picture that repeats: a new band along its borders; all else stays"""
 
     bl_idname, bl_label, suffix = "texloom.make_tileable", "Make Tileable", "tileable"
-    __annotations__ = {"image": StringProperty(), **properties("axes", "keep_size", "preset", "seed")}
+    __annotations__ = {
+        "image": StringProperty(options={"SKIP_SAVE"}),
+        **properties("axes", "keep_size", "preset", "seed"),
+    }
 
     def task(self, context: bpy.types.Context) -> Task:
         picture = images.sent(self.source(context))
@@ -94,7 +97,7 @@ class Larger(_OfPicture, bpy.types.Operator):
 
     bl_idname, bl_label, suffix = "texloom.larger", "Larger Texture", "larger"
     _names = ("width", "height", "tileable", "method", "preset", "seed")
-    __annotations__ = {"image": StringProperty(), **properties(*_names)}
+    __annotations__ = {"image": StringProperty(options={"SKIP_SAVE"}), **properties(*_names)}
 
     def task(self, context: bpy.types.Context) -> Task:
         sizes = (self.width, self.height, self.tileable, self.method, self.preset, self.seed)
@@ -106,7 +109,7 @@ class Variations(_OfPicture, bpy.types.Operator):
 
     bl_idname, bl_label, suffix = "texloom.variations", "Variations", "variation"
     _names = ("width", "height", "tileable", "method", "preset", "seed", "count")
-    __annotations__ = {"image": StringProperty(), **properties(*_names)}
+    __annotations__ = {"image": StringProperty(options={"SKIP_SAVE"}), **properties(*_names)}
 
     def task(self, context: bpy.types.Context) -> Task:
         sizes = (self.width, self.height, self.tileable, self.method, self.preset, self.seed, self.count)
@@ -117,7 +120,7 @@ class Fill(_OfPicture, bpy.types.Operator):
     """Fill what is transparent, or painted white in the mask, from the rest of the picture"""
 
     bl_idname, bl_label, suffix = "texloom.fill", "Fill Mask", "filled"
-    __annotations__ = {"image": StringProperty(), **properties("mask", "preset", "seed")}
+    __annotations__ = {"image": StringProperty(options={"SKIP_SAVE"}), **properties("mask", "preset", "seed")}
 
     def task(self, context: bpy.types.Context) -> Task:
         picture, holes = _masked(self.source(context), self.mask)
@@ -129,7 +132,7 @@ class Revise(_OfPicture, bpy.types.Operator):
 
     bl_idname, bl_label, suffix = "texloom.revise", "Revise Mask", "revised"
     __annotations__ = {
-        "image": StringProperty(),
+        "image": StringProperty(options={"SKIP_SAVE"}),
         **properties("mask", "exemplar", "tileable", "preset", "seed"),
     }
 
@@ -154,7 +157,7 @@ class NewMask(bpy.types.Operator):
     """Add a black picture of the same size to paint the mask on"""
 
     bl_idname, bl_label, bl_options = "texloom.new_mask", "New Mask", {"UNDO"}
-    __annotations__ = {"image": StringProperty()}
+    __annotations__ = {"image": StringProperty(options={"SKIP_SAVE"})}
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         source = bpy.data.images.get(self.image) if self.image else current(context)
@@ -197,7 +200,7 @@ class OnMesh(Running, bpy.types.Operator):
 
     bl_idname, bl_label = "texloom.on_mesh", "Texture on Mesh"
     _names = ("source_folder", "size", "texel_size", "new_coordinates", "turn", "use_curves", "direction", "paint")
-    __annotations__ = {"image": StringProperty(), **properties(*_names, "control", "seed")}
+    __annotations__ = {"image": StringProperty(options={"SKIP_SAVE"}), **properties(*_names, "control", "seed")}
 
     def task(self, context: bpy.types.Context) -> Task:
         target = context.view_layer.objects.active

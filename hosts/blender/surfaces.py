@@ -82,10 +82,13 @@ def unwrapped(mesh: bpy.types.Mesh) -> np.ndarray:
         view = scene.view_layers[0]
         view.objects.active = holder
         holder.select_set(True, view_layer=view)
-        with bpy.context.temp_override(scene=scene, view_layer=view, active_object=holder, object=holder):
+        here = {"scene": scene, "view_layer": view, "active_object": holder, "object": holder}
+        with bpy.context.temp_override(**here):
             bpy.ops.object.mode_set(mode="EDIT")
+        with bpy.context.temp_override(**here, edit_object=holder):
             bpy.ops.mesh.select_all(action="SELECT")
             bpy.ops.uv.smart_project(angle_limit=_ANGLE, island_margin=_MARGIN, scale_to_bounds=False)
+        with bpy.context.temp_override(**here):
             bpy.ops.object.mode_set(mode="OBJECT")
         return _got(copy.uv_layers[0].uv, "vector", 2 * len(copy.loops), np.float32).reshape(-1, 2)
     finally:

@@ -269,6 +269,7 @@ def renders(folder: Path, out: Path) -> str:
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.mesh.subdivide(number_cuts=40)
     bpy.ops.object.mode_set(mode="OBJECT")
+    target.data.uv_layers[0].name = "st"  # as USD calls them
     ours, _ = part("materials").from_files("ours", files)
     ours.node_tree.nodes["displacement"].inputs["Scale"].default_value *= 30  # so that it shows
     part("materials").assign(target, ours)
