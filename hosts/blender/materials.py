@@ -28,7 +28,8 @@ def from_files(
     if "height" in pictures and relief is None:
         notes.append("heights are linked to nothing, as their scale is not known")
     elif "height" in pictures:
-        notes.append(f"heights reach {1000 * abs(relief.scale):.3g} mm; subdivide the mesh to displace it")
+        guess = "" if texel_size else ", a guess, as no texel size was given"
+        notes.append(f"heights reach {1000 * abs(relief.scale):.3g} mm{guess}; subdivide the mesh to displace it")
     material = build(name, planned, loaded)
     if texel_size:
         material[TEXEL_SIZE] = texel_size

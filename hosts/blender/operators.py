@@ -231,7 +231,7 @@ class OnMesh(Running, bpy.types.Operator):
             kept.cleanup()
             raise
         name = Path(folder.rstrip("/\\")).name if folder else self._picture(context).name
-        apply = partial(_add_surface, target.name, name, surface, "" if folder else name)
+        apply = partial(_add_surface, target.name, name, surface, "" if folder else name, self.texel_size)
         return Task(asked, apply, kept.cleanup)
 
     def _picture(self, context: bpy.types.Context) -> bpy.types.Image:
@@ -241,7 +241,9 @@ class OnMesh(Running, bpy.types.Operator):
         return found
 
 
-def _add_surface(target: str, name: str, surface: surfaces.Surface, exemplar: str, results: list[Result]) -> str:
+def _add_surface(
+    target: str, name: str, surface: surfaces.Surface, exemplar: str, texel_size: float, results: list[Result]
+) -> str:
     where = bpy.data.objects.get(target)
     if where is None or where.type != "MESH":
         raise TexloomError(f"{target}: the mesh is gone")
@@ -254,7 +256,7 @@ def _add_surface(target: str, name: str, surface: surfaces.Surface, exemplar: st
         image = images.new(title, results[0].maps["albedo"], bpy.data.images.get(exemplar), exemplar)
         material = materials.from_image(title, image, surface.layer)
     else:
-        material, notes = materials.from_files(title, results[0].files, surface.layer)
+        material, notes = materials.from_files(title, results[0].files, surface.layer, texel_size)
     materials.assign(where, material)
     return "; ".join([f"{material.name}, in the UV map {surface.layer}", *notes])
 

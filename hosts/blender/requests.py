@@ -55,7 +55,7 @@ def material(path: str, size: int, tileable: str, texel_size: float, preset: str
     place = Path(path).expanduser()
     sizes = {"size": str(size), "tileable": tileable, "texel_size": _mm(texel_size)}
     options = _options(seed, preset, layout="blender", **sizes)
-    if place.is_dir():
+    if path and place.is_dir():
         return [Request("materials", {"exemplar": str(place)}, {}, options, (MAPS,))]
     if not place.is_file():
         raise TexloomError(f"path: {path or 'nothing'}: no such folder or picture")

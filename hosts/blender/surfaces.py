@@ -49,6 +49,8 @@ def of(
     places = _got(mesh.vertices, "co", 3 * len(mesh.vertices), np.float32).reshape(-1, 3)
     matrix = np.array(target.matrix_world, np.float32)
     turn = matrix[:3, :3]
+    if np.linalg.det(turn) < 0:  # mirrored: outside stays outside
+        loops, vertices = (one.reshape(-1, 3)[:, ::-1].ravel() for one in (loops, vertices))
     normals = _got(mesh.loop_triangles, "normal", 3 * count, np.float32).reshape(-1, 3)
     around = np.linalg.inv(turn.astype(np.float64)).T.astype(np.float32)
     normals = _unit(normals @ around.T).repeat(3, 0)
