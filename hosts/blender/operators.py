@@ -26,21 +26,33 @@ def current(context: bpy.types.Context) -> bpy.types.Image | None:
     return node.image if node is not None and node.type == "TEX_IMAGE" else None
 
 
+_OWNERS = ("materials", "worlds", "lights", "node_groups")
+
+
+def _tree(owner: bpy.types.ID) -> bpy.types.NodeTree | None:
+    """The nodes of a material or the like; a group is its own."""
+    return owner if isinstance(owner, bpy.types.NodeTree) else getattr(owner, "node_tree", None)
+
+
 class _Place:
     """Where a result is shown: names, as undo moves what has them."""
 
     def __init__(self, context: bpy.types.Context):
         space = context.space_data
         node = context.active_node if space is not None and space.type == "NODE_EDITOR" else None
-        is_material = node is not None and isinstance(space.id, bpy.types.Material)
-        self._node = (space.id.name, node.name) if is_material else None
+        self._node: tuple[str, str, str] | None = None
+        if node is not None:
+            owners = [(kind, one) for kind in _OWNERS for one in getattr(bpy.data, kind)]
+            found = next((one for one in owners if _tree(one[1]) == node.id_data), None)
+            self._node = (found[0], found[1].name, node.name) if found else None
         self._editor = space.as_pointer() if space is not None and space.type == "IMAGE_EDITOR" else 0
 
     def show(self, image: bpy.types.Image) -> None:
         """Show a picture in the editor, or in the node, from which the operator was called."""
         if self._node is not None:
-            material = bpy.data.materials.get(self._node[0])
-            node = material.node_tree.nodes.get(self._node[1]) if material else None
+            kind, name, node_name = self._node
+            owner = getattr(bpy.data, kind).get(name)
+            node = _tree(owner).nodes.get(node_name) if owner is not None and _tree(owner) else None
             if node is not None and node.type == "TEX_IMAGE":
                 node.image = image
         for screen in bpy.data.screens if self._editor else ():

@@ -160,6 +160,77 @@ def masks() -> str:
     return "fill and revise by alpha and by mask, all else bit-identical"
 
 
+def editors() -> str:
+    """In the image editor the open picture is taken, in the shader editor that of the active node."""
+    fresh()
+    exemplar()
+    if not bpy.context.window_manager.windows:
+        return "editors skipped: this Blender has no window"
+    small = {"width": 48, "height": 48, "method": "quilting", "tileable": "off", "seed": 3}
+    window = bpy.context.window_manager.windows[0]
+    area = max(window.screen.areas, key=lambda one: one.width)
+    area.type = "IMAGE_EDITOR"
+    area.spaces.active.image = bpy.data.images["dots"]
+    with bpy.context.temp_override(window=window, area=area):
+        (name,) = call("larger", **small)
+    assert area.spaces.active.image.name == name
+    made = part("materials").from_image("wall", bpy.data.images["dots"])
+    target = plane()
+    part("materials").assign(target, made)
+    area.type = "NODE_EDITOR"
+    area.ui_type = "ShaderNodeTree"
+    area.spaces.active.node_tree = made.node_tree
+    made.node_tree.nodes.active = made.node_tree.nodes["base_color"]
+    with bpy.context.temp_override(window=window, area=area, object=target, active_object=target):
+        if bpy.context.active_node is None:  # which is set when the editor is drawn
+            return "image editor; the shader editor skipped, as it has no active node without a window"
+        (name,) = call("larger", **small)
+    assert made.node_tree.nodes["base_color"].image.name == name
+    return "image editor and shader editor take and show pictures"
+
+
+def drawn() -> str:
+    """The panels hand over every setting, and show what goes on."""
+    fresh()
+    panels, controller = part("panels"), part("controller")
+    given: dict[str, dict[str, object]] = {}
+    shown: list[object] = []
+
+    class Layout(SimpleNamespace):
+        def box(self) -> Layout:
+            return self
+
+        def prop(self, settings: object, name: str) -> None:
+            assert hasattr(settings, name)
+
+        def prop_search(self, settings: object, name: str, _: object, __: str) -> None:
+            self.prop(settings, name)
+
+        def progress(self, **values: object) -> None:
+            shown.append(values)
+
+        def operator(self, name: str) -> object:
+            made = SimpleNamespace()
+            given[name] = vars(made)
+            return made
+
+    session = part("session")
+    session.JOBS.running.append(SimpleNamespace(progress=controller.Progress("running", 0.5, "half")))
+    try:
+        for panel in (panels.ImagePanel, panels.ShaderPanel, panels.ViewPanel):
+            panel.draw(SimpleNamespace(layout=Layout(), groups=panel.groups), bpy.context)
+    finally:
+        session.JOBS.running.clear()
+    assert shown == 3 * [{"factor": 0.5, "text": "half"}]
+    made = {name: set(values) for name, values in given.items()}
+    operators = {one.bl_idname: one for one in part("operators").CLASSES}
+    assert set(made) == set(operators)
+    for name, values in made.items():
+        rna = getattr(bpy.ops.texloom, name.partition(".")[2]).get_rna_type()
+        assert values == set(rna.properties.keys()) - {"rna_type", "image"}, name
+    return f"{len(made)} operators in 3 panels, with all their settings"
+
+
 def refusals() -> str:
     """Errors are one line, and leave nothing behind."""
     fresh()
@@ -412,7 +483,7 @@ def main(archive: Path, folder: Path) -> None:
     with tempfile.TemporaryDirectory() as kept:
         out = Path(kept)
         checks = (
-            *(pictures, masks, refusals, modal),
+            *(pictures, masks, refusals, modal, editors, drawn),
             *(lambda: material(folder), lambda: renders(folder, out), lambda: surfaces(out)),
         )
         chosen = os.environ.get("CHECKS")
