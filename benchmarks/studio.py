@@ -26,11 +26,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from websockets.sync.client import connect
-from websockets.sync.connection import Connection
 
+from tests.studio.sockets import Page
 from texloom.pipelines.store import exr
-from texloom.pipelines.studio.messages.message import Message, packed, unpacked
+from texloom.pipelines.studio.messages.message import Message
 from texloom.pipelines.studio.messages.recipes import PatchRecipe, PhotoRecipe, Recipe
 from texloom.pipelines.studio.messages.requests import (
     Lattice,
@@ -71,13 +70,13 @@ def main() -> None:
                 cookie = answer.headers["set-cookie"].partition(";")[0]
             try:
                 wait_until_idle(server.pid)
-                with opened(base, cookie) as socket:
-                    time_previews(socket, server.pid)
+                with Page(base, cookie) as page:
+                    time_previews(page, server.pid)
                     time_tabs(base, cookie, server.pid)
-                    time_lattices(socket)
-                    time_dabs(socket, server.pid, options.minutes)
-                    time_photographs(socket)
-                    time_endless(base, cookie, socket)
+                    time_lattices(page)
+                    time_dabs(page, server.pid, options.minutes)
+                    time_photographs(page)
+                    time_endless(base, cookie, page)
                 time_tiles(base, cookie, Path(folder))
                 time_frames(server.stdout.readline().strip().rpartition(" ")[2])
             finally:
@@ -91,29 +90,22 @@ def weigh() -> None:
     print(f"page: {sum(files.values()) / 1e3:.0f} kB, of which {first / 1e3:.0f} kB are loaded at the start")
 
 
-def opened(base: str, cookie: str) -> Connection:
-    """The socket of a page."""
-    address = f"{base.replace('http', 'ws')}/api/socket"
-    return connect(address, additional_headers={"Cookie": cookie}, max_size=None, proxy=None)
-
-
-def answers(socket: Connection, message: Message, payload: bytes = b"") -> Iterator[tuple[float, Any]]:
+def answers(page: Page, message: Message, payload: bytes = b"") -> Iterator[tuple[float, Any]]:
     """Seconds from a request to each of its answers, and the answer."""
     began = time.perf_counter()
-    socket.send(packed(message, payload))
+    page.send(message, payload)
     number = json.loads(message.model_dump_json())["number"]
-    while True:
-        told = json.loads(unpacked(socket.recv(decode=False))[0])
+    for told, _ in page.messages():
         if told.get("number") == number:
             if told["kind"] == "preview_failed":
                 raise RuntimeError(told["problem"])
             yield time.perf_counter() - began, told
 
 
-def time_previews(socket: Connection, server: int) -> None:
+def time_previews(page: Page, server: int) -> None:
     """Print the times of previews of one exemplar with several seeds; the first one also analyses the exemplar."""
     for seed in range(PREVIEWS):
-        print(f"preview {seed + 1}: {preview(socket, server, EXEMPLAR, seed)}")
+        print(f"preview {seed + 1}: {preview(page, server, EXEMPLAR, seed)}")
 
 
 def time_tabs(base: str, cookie: str, server: int) -> None:
@@ -121,54 +113,54 @@ def time_tabs(base: str, cookie: str, server: int) -> None:
     with contextlib.ExitStack() as tabs:
         for tab in range(TABS):
             wait_until_idle(server)
-            told = preview(tabs.enter_context(opened(base, cookie)), server, OTHER, tab)
+            told = preview(tabs.enter_context(Page(base, cookie)), server, OTHER, tab)
             print(f"tab {tab + 2}: {told}")
         wait_until_idle(server)
         print(f"memory of all processes with {TABS + 1} tabs: {memory(server):.0f} MB")
 
 
-def preview(socket: Connection, server: int, exemplar: str, seed: int) -> str:
+def preview(page: Page, server: int, exemplar: str, seed: int) -> str:
     """The times of a preview."""
     recipe = Recipe(flow="self_tuning", sources={"exemplar": exemplar}, size=(1024, 1024), seed=seed)
     before, first = processor(server), ""
-    for seconds, told in answers(socket, PreviewRequest(number=seed, recipe=recipe)):
+    for seconds, told in answers(page, PreviewRequest(number=seed, recipe=recipe)):
         first = first or f"first picture {seconds:.2f} s ({processor(server) - before:.2f} s of processors)"
         if told["is_final"]:
             return f"{first}, last {seconds:.2f} s"
     raise AssertionError
 
 
-def time_lattices(socket: Connection) -> None:
+def time_lattices(page: Page) -> None:
     """Print the time until a lattice one of whose vertices is dragged is there, with the straightened exemplar."""
     placed = Lattice(vertices=((0, 0, 100.0, 100.0),), generators=((60.0, 0.0), (0.0, 120.0)))
     seconds = []
     for step in range(DRAGS):
         moved = placed.model_copy(update={"vertices": (*placed.vertices, (1, 1, 160.0 + step % 10, 220.0))})
         request = LatticeRequest(number=5000 + step, picture=EXEMPLAR, lattice=moved)
-        seconds.append(next(answers(socket, request))[0])
+        seconds.append(next(answers(page, request))[0])
     rest = seconds[1:]  # the first one opens the picture
     print(f"vertex of a lattice: {spread(rest)}")
 
 
-def time_dabs(socket: Connection, server: int, minutes: float) -> None:
+def time_dabs(page: Page, server: int, minutes: float) -> None:
     """Print the time of opening a canvas and of dabs, and the memory before and after painting for some time."""
     opening = PaintOpenRequest(number=1000, texture=EXEMPLAR, control="", size=(SIDE, SIDE))
     start = np.tile(np.linspace(0, 255, SIDE).astype(np.uint8), (SIDE, 1)).tobytes()
-    opened_after = next(time for time, told in answers(socket, opening, start) if told["kind"] == "paint_picture")
+    opened_after = next(time for time, told in answers(page, opening, start) if told["kind"] == "paint_picture")
     print(f"canvas of {SIDE}x{SIDE} px: {opened_after:.1f} s")
     rng = np.random.default_rng(1)
-    seconds = [dab(socket, rng) for _ in range(DABS)]
+    seconds = [dab(page, rng) for _ in range(DABS)]
     print(f"dab of {DAB}x{DAB} px: {spread(seconds)}")
     began, count = time.monotonic(), 0
     for part in range(REPORTS + 1):
         while time.monotonic() < began + 60 * minutes * part / REPORTS:
-            dab(socket, rng)
+            dab(page, rng)
             count += 1
         told = f"{memory(server):.0f} MB after {count} dabs"
         print(f"memory of all processes: {told} in {minutes * part / REPORTS:.1f} min", flush=True)
 
 
-def time_photographs(socket: Connection) -> None:
+def time_photographs(page: Page) -> None:
     """Print the times from a moved control point to the grid, to the patch from the front and to streamlines."""
     times: dict[str, list[float]] = {"photo_state": [], "photo_preview": [], "photo_lines": []}
     for step in range(1 + DRAGS):
@@ -176,7 +168,7 @@ def time_photographs(socket: Connection) -> None:
         patch = PatchRecipe(name="wall", corners=corners)
         recipe = PhotoRecipe(photo=PHOTO, patches=(patch,))
         request = PhotoRequest(number=3000 + step, recipe=recipe, patch="wall", side=320, streamlines=True)
-        for seconds, told in answers(socket, request):
+        for seconds, told in answers(page, request):
             if step:  # the first one reads the photograph
                 times[told["kind"]].append(seconds)
             if told["kind"] == "photo_lines":
@@ -201,12 +193,12 @@ def time_tiles(base: str, cookie: str, folder: Path) -> None:
         print(f"tile of level {level}: {spread(seconds)}")
 
 
-def time_endless(base: str, cookie: str, socket: Connection) -> None:
+def time_endless(base: str, cookie: str, page: Page) -> None:
     """Print the times of tiles of an endless texture."""
     recipe = Recipe(flow="per_pixel", sources={"exemplar": EXEMPLAR}, size=(256, 256))
     job = json.loads(fetched(base, cookie, "/api/jobs", recipe.model_dump_json().encode())[1])["id"]
-    while True:
-        told = json.loads(unpacked(socket.recv(decode=False))[0]).get("job", {})
+    for message, _ in page.messages():
+        told = message.get("job", {})
         if told.get("id") == job and told["state"] not in ("waiting", "running"):
             break
     for level in (0, 1, 2):
@@ -280,12 +272,12 @@ def spread(seconds: list[float]) -> str:
     return f"median {1e3 * np.median(seconds):.0f} ms, worst {1e3 * max(seconds):.0f} ms"
 
 
-def dab(socket: Connection, rng: np.random.Generator) -> float:
+def dab(page: Page, rng: np.random.Generator) -> float:
     """Paint somewhere; seconds until the changed part is there."""
     top, left = (int(at) for at in rng.integers(SIDE - DAB, size=2))
     values = np.full((DAB, DAB), rng.integers(256), np.uint8).tobytes()
     request = PaintDabRequest(number=2000, top=top, left=left, height=DAB, width=DAB)
-    return next(answers(socket, request, values))[0]
+    return next(answers(page, request, values))[0]
 
 
 def memory(server: int) -> float:

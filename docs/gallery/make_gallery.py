@@ -74,7 +74,7 @@ def make(gallery: dict[str, Any], options: argparse.Namespace) -> list[str]:
             draw(rows, DOCS / "pictures" / "gallery" / f"{name}.webp", WIDTH, HEIGHT)
     if not options.only:
         for name, rows in gallery["figures"].items():
-            draw(rows, DOCS / "pictures" / f"{name}.webp", 900, 400)
+            draw(rows, DOCS / "pictures" / f"{name}.webp", WIDTH, 400)
     return failed
 
 
@@ -161,7 +161,7 @@ def prepare(exemplars: dict[str, dict[str, Any]], originals: Path) -> None:
 
 
 def spread(pictures: Path) -> None:
-    """Frames in which moss spreads over gravel, and a map of where it begins."""
+    """Frames in which moss spreads over gravel, a map of where it begins, and a picture with more to the right."""
     moss = np.asarray(Image.open(pictures / "moss.png").convert("RGB"))
     gravel = np.asarray(Image.fromarray(skimage.data.gravel()).resize((256, 256)).convert("RGB"))
     row, column = np.mgrid[:256, :256] / 256
@@ -174,6 +174,9 @@ def spread(pictures: Path) -> None:
         age = number / 6 - (1 - early) - gravel.mean(axis=2) / 255
         share = np.clip(4 * age, 0, 1)[..., None]
         Image.fromarray(np.uint8((1 - share) * gravel + share * moss)).save(folder / f"moss_{number}.png")
+    late = (gravel.mean(axis=2) / 255 + 0.5 * early).ravel().argsort(kind="stable").argsort(kind="stable")
+    share = np.clip(8 * (1.3 * column - 0.2 - late.reshape(256, 256) / late.size), 0, 1)[..., None]
+    Image.fromarray(np.uint8((1 - share) * gravel + share * moss)).save(pictures / "ageing.png")
 
 
 def light(folder: Path) -> None:

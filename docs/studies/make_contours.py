@@ -54,7 +54,8 @@ def contours() -> Image.Image:
     for picture in (whole, low):
         shown = [picture, features(picture, "structured"), features(picture, "gradient")]
         corner = (0, 0, picture.width // 2, picture.height // 2)
-        rows.append(beside([part.crop(corner).resize((512, 512), Image.Resampling.NEAREST) for part in shown], 0.5))
+        parts = [part.crop(corner).resize((512, 512), Image.Resampling.NEAREST) for part in shown]
+        rows.append(beside(parts, 0.375))
     both = Image.new("L", (rows[0].width, 2 * rows[0].height + GAP), 255)
     both.paste(rows[0], (0, 0))
     both.paste(rows[1], (0, rows[0].height + GAP))

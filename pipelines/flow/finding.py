@@ -30,7 +30,7 @@ def find_flow(name: str, folder: Path = Path()) -> Path:
     if name in others:
         return others[name][0]
     if name in FLOWS:
-        raise refused(f"{name}: is part of another flow now, as in: texloom run {FLOWS[name]}")
+        raise refused(f"{name}: is another flow now, as in: texloom run {FLOWS[name]}")
     if is_picture(path):
         raise refused(f"{name}: is a picture, not a flow, as in: texloom run self_tuning {name}")
     if path.is_dir():

@@ -10,6 +10,7 @@ FLOWS = {
     "self_tuning_set": "self_tuning 'FOLDER/*.png'",
     "self_tuning_structured": "self_tuning PICTURE --source exemplar_structure=FEATURES",
     "self_tuning_tone": "self_tuning PICTURE --source control=TONE",
+    "tile_variants": "vary PICTURE",
 }
 """flow to the command that replaces it, after ``texloom run``"""
 

@@ -30,6 +30,13 @@ class Jobs(RunQueue[Job]):
         """Queue a run."""
         return self._queue(Job(id=secrets.token_hex(8), name=name, recipe=recipe, state="waiting"))
 
+    def again(self, job: str) -> Job:
+        """Queue a run again that has failed or was cancelled; its finished steps are kept."""
+        ended = self.jobs[job]
+        if ended.state in ("failed", "cancelled"):
+            self._queue(Job(id=ended.id, name=ended.name, recipe=ended.recipe, state="waiting"))
+        return self.jobs[job]
+
     def saved(self, job: str, out: str) -> Job:
         """Tell that the exports of a run have been saved in a folder."""
         self._change(job, saved=out)

@@ -23,7 +23,7 @@ from texloom.pipelines.media.arrays import file_source, masked
 from texloom.pipelines.request import RunRequest, request
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
-from texloom.pipelines.studio.messages.catalogue import Method
+from texloom.pipelines.studio.messages.catalogue import Method, OtherPicture
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.runs import Described, PlannedStep
 from texloom.stages.vocabulary.arrays import Image
@@ -38,8 +38,16 @@ METHODS = {
     "graph_cut": "Large irregular pieces, cut along the best seams",
     "patch_based": "Grain, soil and noise, quickly",
     "per_pixel": "Grain, soil and noise, pixel by pixel",
+    "grow": "What ages or changes from place to place, its trend over all of the result",
+    "restyle": "Another picture, made of the exemplar",
 }
-"""the flows of one exemplar that the page offers, and what each is for"""
+"""the flows of an exemplar that the page offers, and what each is for"""
+_OTHERS = {
+    "grow": {"target": "Trend of the result", "progression": "Trend of the exemplar"},
+    "restyle": {"picture": "Picture that it is laid over"},
+}
+"""flow to the pictures that it takes besides the exemplar, and what the page calls them"""
+_SIDES = (1024, 1024)  # px, of a result whose flow has no size of its own
 _SHARED = (RunRequest.model_fields.keys() & Recipe.model_fields.keys()) - {"sources", "params"}
 """what a recipe gives as a request does; its pictures and documents have ids, not paths"""
 _UNIFORMITY = "occurrence"
@@ -58,11 +66,15 @@ def _method(name: str) -> Method:
     return Method(
         flow=name,
         about=METHODS[name],
-        size=size,
+        size=size or _SIDES,
         can_tile="tileable" in flow.params,
         presets=_choices(flow, "preset"),
         uniformity=f"texture.{_UNIFORMITY}" if has_uniformity else "",
         default_uniformity=getattr(texture.params, _UNIFORMITY) if has_uniformity else 0.0,
+        others=tuple(
+            OtherPicture(source=source, about=about, is_required=source not in flow.optional)
+            for source, about in _OTHERS.get(name, {}).items()
+        ),
     )
 
 

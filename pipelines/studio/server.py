@@ -16,6 +16,7 @@ from typing import Any
 import anyio.to_thread
 from fastapi import FastAPI, HTTPException, Request, Response, WebSocket
 from fastapi.exceptions import RequestValidationError
+from fastapi.middleware.gzip import GZipMiddleware
 from fastapi.responses import FileResponse, JSONResponse
 from fastapi.staticfiles import StaticFiles
 
@@ -34,7 +35,7 @@ from texloom.pipelines.studio.messages.runs import Described, FlowEntry, Job, La
 from texloom.pipelines.studio.page import BUILT
 from texloom.pipelines.studio.processes import Spares, WorkerProcess
 from texloom.pipelines.studio.security import Codes, Guard
-from texloom.pipelines.studio.socket import Tab
+from texloom.pipelines.studio.sessions import Sessions
 from texloom.pipelines.studio.work import (
     EndlessWork,
     InsightWork,
@@ -72,6 +73,9 @@ class Studio:
         self.spares = Spares(places, PreviewRequest(number=0, recipe=practice))
         self.tiler = WorkerProcess(places)
         """makes tiles, and texture coordinates of meshes"""
+        self.keeper = WorkerProcess(places)
+        """takes files, writes them, and reads results, so that thumbnails need not wait for these"""
+        self.sessions = Sessions(self.jobs, self.spares, places)
         self.opened: dict[str, Path] = {}
         """the EXR files that are looked at, by the key of `Layers`"""
         self.receiving: dict[str, Path] = {}
@@ -91,6 +95,8 @@ def application(places: Places, codes: Codes, port: int) -> Guard:
         await asyncio.gather(jobs, return_exceptions=True)
         studio.reader.kill()
         studio.tiler.kill()
+        studio.keeper.kill()
+        await studio.sessions.end()
         await studio.spares.end()
 
     app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
@@ -101,14 +107,14 @@ def application(places: Places, codes: Codes, port: int) -> Guard:
     _add_results(app, studio)
 
     @app.websocket("/api/socket")
-    async def socket(socket: WebSocket) -> None:
-        await Tab(socket, studio.jobs, studio.spares, places).serve()
+    async def socket(socket: WebSocket, page: str = "") -> None:
+        await studio.sessions.serve(socket, page)
 
     @app.get("/")
     async def page() -> FileResponse:
         return FileResponse(BUILT / "index.html")
 
-    app.mount("/", StaticFiles(directory=BUILT))
+    app.mount("/", GZipMiddleware(StaticFiles(directory=BUILT)))
     return Guard(app, codes, port)
 
 
@@ -208,7 +214,7 @@ async def _kept(studio: Studio, key: str, **how: Any) -> Kept:
     if folder is None:
         raise HTTPException(404)
     try:
-        header, _ = unpacked(await studio.reader.answer(KeepWork(received=str(folder), **how)))
+        header, _ = unpacked(await studio.keeper.answer(KeepWork(received=str(folder), **how)))
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     return Kept.model_validate_json(header)
@@ -217,7 +223,7 @@ async def _kept(studio: Studio, key: str, **how: Any) -> Kept:
 def _add_recipes(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/photographs")
     async def photograph(recipe: PhotoRecipe) -> KeptPhoto:
-        header, _ = unpacked(await studio.reader.answer(KeepPhotoWork(recipe=recipe)))
+        header, _ = unpacked(await studio.keeper.answer(KeepPhotoWork(recipe=recipe)))
         return KeptPhoto.model_validate_json(header)
 
     @app.post("/api/described")
@@ -238,18 +244,24 @@ def _add_jobs(app: FastAPI, studio: Studio) -> None:
             raise HTTPException(404)
         studio.jobs.cancel(job)
 
+    @app.post("/api/jobs/{job}/again")
+    async def again(job: str) -> Job:
+        if job not in studio.jobs.jobs:
+            raise HTTPException(404)
+        return studio.jobs.again(job)
+
     @app.post("/api/jobs/{job}/saved")
     async def save(job: str) -> Job:
         if job not in studio.jobs.jobs or studio.jobs.jobs[job].state != "done":
             raise HTTPException(404)
-        header, _ = unpacked(await studio.reader.answer(SaveWork(recipe=studio.jobs.jobs[job].recipe)))
+        header, _ = unpacked(await studio.keeper.answer(SaveWork(recipe=studio.jobs.jobs[job].recipe)))
         return studio.jobs.saved(job, work.Saved.model_validate_json(header).out)
 
     @app.get("/api/jobs/{job}/insight")
     async def insight(job: str) -> Response:
         if job not in studio.jobs.jobs:
             raise HTTPException(404)
-        frame = await studio.reader.answer(InsightWork(recipe=studio.jobs.jobs[job].recipe))
+        frame = await studio.keeper.answer(InsightWork(recipe=studio.jobs.jobs[job].recipe))
         return Response(frame, media_type="application/octet-stream")
 
     @app.get("/api/jobs/{job}/files/{name:path}")
@@ -284,7 +296,7 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
     @app.get("/api/layers")
     async def layers(item: str) -> Layers:
         file = _exr(studio, item)
-        header, _ = unpacked(await studio.reader.answer(LayersWork(file=str(file))))
+        header, _ = unpacked(await studio.keeper.answer(LayersWork(file=str(file))))
         described = work.Described.model_validate_json(header).layers
         studio.opened[described.key] = file
         return described

@@ -96,3 +96,21 @@ def test_two_tabs_do_not_interfere(watched: Watched) -> None:
         tab.page.get_by_role("status").filter(has_text=re.compile("^Preview")).wait_for()
     other.check()
     other.page.close()
+
+
+def test_another_picture_is_chosen_for_a_method_that_takes_one(watched: Watched, tmp_path: Path) -> None:
+    page = watched.page
+    page.get_by_role("button", name="blotches").first.click()
+    page.get_by_label("Method").select_option("restyle")
+    settings = page.get_by_label("Settings")
+    page.get_by_role("status").filter(has_text="Choose: picture that it is laid over").wait_for()
+    assert settings.get_by_role("button", name="Finish at full size").is_disabled()
+    settings.get_by_label("Picture that it is laid over").select_option("texloom:bricks")
+    page.get_by_label("Height").fill("64")
+    page.get_by_label("Height").press("Enter")
+    page.get_by_label("Width").fill("96")
+    page.get_by_label("Width").press("Enter")
+    page.get_by_role("status").filter(has_text="Preview").wait_for()
+    assert "texloom:bricks" in repeated(settings, tmp_path)
+    page.get_by_label("Method").select_option("quilting")
+    assert settings.get_by_label("Picture that it is laid over").count() == 0

@@ -13,6 +13,9 @@ def shown(page: Any) -> str:
     return str(page.locator("canvas.result").evaluate("canvas => canvas.toDataURL()"))
 
 
+LOSE = "() => document.querySelector('texloom-studio').studio.socket.socket.close()"
+
+
 def test_the_texture_follows_the_brush(watched: Watched, tmp_path: Path) -> None:
     page = watched.page
     page.get_by_role("tab", name="Paint").click()
@@ -32,4 +35,15 @@ def test_the_texture_follows_the_brush(watched: Watched, tmp_path: Path) -> None
     page.get_by_role("button", name="Undo").click()
     page.wait_for_function("before => document.querySelector('canvas.result').toDataURL() === before", arg=before)
     page.get_by_role("button", name="Redo").click()
+    page.wait_for_function("before => document.querySelector('canvas.result').toDataURL() !== before", arg=before)
+    before = shown(page)
+    page.evaluate(LOSE)  # in the middle of a stroke
+    page.mouse.move(box["x"] + 40, box["y"] + 160)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 100, box["y"] + 190, steps=4)
+    page.get_by_text("Connecting to the studio").wait_for()
+    page.mouse.move(box["x"] + 200, box["y"] + 160, steps=4)
+    page.mouse.up()
+    page.get_by_text("Connecting to the studio").wait_for(state="detached")
+    page.wait_for_function("before => document.querySelector('canvas.result').toDataURL() !== before", arg=before)
     repeated(page.get_by_label("Brush", exact=True), tmp_path, "Finish with all maps")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import gzip
 import http.client
 import io
 import json
@@ -15,7 +16,6 @@ import signal
 import time
 import urllib.request
 import zipfile
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -24,12 +24,12 @@ import PIL.Image
 import pytest
 import websockets
 import yaml
-from websockets.sync.client import ClientConnection, connect
 
 from tests.studio.conftest import Served, exemplar, run_again
+from tests.studio.sockets import Page
 from texloom.pipelines.store import codec
 from texloom.pipelines.studio import processes
-from texloom.pipelines.studio.messages.message import packed, unpacked
+from texloom.pipelines.studio.messages.message import numbered, packed
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.requests import PreviewRequest
 from texloom.pipelines.studio.work import PictureWork, Places, RunWork
@@ -50,31 +50,23 @@ def png(image: Any) -> bytes:
     return buffer.getvalue()
 
 
-def connected(served: Served, **headers: str) -> ClientConnection:
-    sent = {"Cookie": served.cookie} | headers
-    return connect(f"ws://127.0.0.1:{served.port}/api/socket", additional_headers=sent, max_size=None, proxy=None)
-
-
-def messages(socket: ClientConnection) -> Iterator[tuple[dict[str, Any], int]]:
-    """What comes over a socket: JSON, and how many bytes its payload has."""
-    while True:
-        header, payload = unpacked(socket.recv(120))
-        yield json.loads(header), len(payload)
+def connected(served: Served, **headers: str) -> Page:
+    return Page(served.base, headers.pop("Cookie", served.cookie), **headers)
 
 
 def finished(served: Served, recipe: dict[str, Any]) -> dict[str, Any]:
     """A run, when it has ended; told by the socket."""
     job = served.json("/api/jobs", recipe)
-    with connected(served) as socket:
-        for message, _ in messages(socket):
+    with connected(served) as page:
+        for message, _ in page.messages():
             told = message["job"] if message["kind"] == "job_changed" else {}
             if told.get("id") == job["id"] and told["state"] not in ("waiting", "running"):
                 return told
     raise AssertionError
 
 
-def preview(socket: ClientConnection, number: int, recipe: dict[str, Any]) -> None:
-    socket.send(packed(PreviewRequest(number=number, recipe=Recipe.model_validate(recipe))))
+def preview(page: Page, number: int, recipe: dict[str, Any]) -> None:
+    page.send(PreviewRequest(number=number, recipe=Recipe.model_validate(recipe)))
 
 
 # -- who may talk to it
@@ -122,8 +114,8 @@ def test_cookies_of_other_servers_do_not_matter(served: Served, others: str) -> 
     cookies = others.replace("PORT", str(served.port)) % served.cookie
     for path in ("/", "/studio.js", "/api/start"):
         assert served.request(path, cookie=cookies)[0] == 200
-    with connected(served, Cookie=cookies) as socket:
-        socket.ping().wait(10)
+    with connected(served, Cookie=cookies) as page:
+        page.socket.ping().wait(10)
     without = cookies.replace(served.cookie, "x")
     assert served.request("/api/start", cookie=without)[0] == 401
     with pytest.raises(websockets.InvalidStatus):
@@ -240,12 +232,14 @@ def test_requests_that_are_large_or_of_unknown_length_are_refused(
         assert connection.getresponse().status == status
 
 
-@pytest.mark.parametrize("frame", [b"", b"\xff\xff\xff\xff{}", b"\x02\0\0\0{}"])
+@pytest.mark.parametrize(
+    "frame", [b"", numbered(1, 0), numbered(1, 0, b"\xff\xff\xff\xff{}"), numbered(1, 0, b"\x02\0\0\0{}")]
+)
 def test_nonsense_on_the_socket_closes_it(served: Served, frame: bytes) -> None:
-    with connected(served) as socket:
-        socket.send(frame)
+    with connected(served) as page:
+        page.socket.send(frame)
         with pytest.raises(websockets.ConnectionClosed):
-            list(messages(socket))
+            list(page.messages())
 
 
 def test_only_results_can_be_read(served: Served) -> None:
@@ -312,12 +306,12 @@ def test_a_run_is_saved_where_the_command_line_writes(served: Served) -> None:
 
 
 def test_previews_follow_and_the_last_one_wins(served: Served) -> None:
-    with connected(served) as socket:
+    with connected(served) as page:
         for number in (1, 2, 3):
-            preview(socket, number, {**RECIPE, "seed": number})
-        for message, size in messages(socket):
+            preview(page, number, {**RECIPE, "seed": number})
+        for message, payload in page.messages():
             if message["kind"] == "preview_picture":
-                assert size == 4 * message["height"] * message["width"]
+                assert len(payload) == 4 * message["height"] * message["width"]
                 if message["number"] == 3 and message["is_final"]:
                     break
     assert (message["height"], message["width"], message["scale"]) == (48, 64, 1.0)
@@ -408,9 +402,9 @@ def test_maps_are_written_for_a_program(served: Served) -> None:
 
 
 def test_a_failing_preview_says_why(served: Served) -> None:
-    with connected(served) as socket:
-        preview(socket, 1, {**RECIPE, "params": {"texture.block": 4000}})
-        told = next(message for message, _ in messages(socket) if message["kind"] == "preview_failed")
+    with connected(served) as page:
+        preview(page, 1, {**RECIPE, "params": {"texture.block": 4000}})
+        told = next(message for message, _ in page.messages() if message["kind"] == "preview_failed")
     assert "block" in told["problem"]
 
 
@@ -466,3 +460,22 @@ def test_a_waiting_run_can_be_cancelled(served: Served) -> None:
         served.json(f"/api/jobs/{job['id']}", method="DELETE")
     assert finished(served, {**RECIPE, "seed": 14})["state"] == "done"
     assert served.request("/api/jobs/none", method="DELETE")[0] == 404
+
+
+def test_what_was_cancelled_can_be_tried_again_under_its_name(served: Served) -> None:
+    served.json("/api/jobs", {**RECIPE, "flow": "self_tuning", "size": "256x256"})
+    job = served.json("/api/jobs", {**RECIPE, "seed": 15})  # waits for the other one
+    served.json(f"/api/jobs/{job['id']}", method="DELETE")
+    assert served.json(f"/api/jobs/{job['id']}/again", b"", "POST")["state"] == "waiting"
+    with connected(served) as page:
+        states = (message["job"] for message, _ in page.messages() if message["kind"] == "job_changed")
+        assert next(told for told in states if told["id"] == job["id"] and told["state"] == "done")["files"]
+    assert served.json(f"/api/jobs/{job['id']}/again", b"", "POST")["state"] == "done"
+    assert served.request("/api/jobs/none/again", b"", "POST")[0] == 404
+
+
+def test_the_page_is_sent_compressed(served: Served) -> None:
+    plain = served.request("/studio.js")[1]
+    packed_page = served.request("/studio.js", accept_encoding="gzip")[1]
+    assert gzip.decompress(packed_page) == plain
+    assert len(packed_page) < 0.5 * len(plain)

@@ -48,6 +48,7 @@ DROPS = {
     "analysis.between_joints",
     "analysis.control_direction", "analysis.deformed_lattice", "analysis.dog_mask", "analysis.feature_distance",
     "analysis.gaussian_stack", "analysis.jacobian_field", "analysis.orientation_field", "analysis.plane_proposal",
+    "analysis.growth_guide", "analysis.progression",
     "analysis.surface_charts", "analysis.surface_control",
     "synthesis.exemplar_origin", "synthesis.exemplar_sheet",
     "synthesis.atlas", "synthesis.best_crop", "synthesis.coarse_level", "synthesis.compact_oriented",

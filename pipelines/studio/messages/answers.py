@@ -10,6 +10,14 @@ from texloom.pipelines.studio.messages.requests import Lattice
 from texloom.pipelines.studio.messages.runs import Job
 
 
+class Connected(Message):
+    """The first message over a socket; it has no number."""
+
+    kind: Literal["connected"] = "connected"
+    is_new: bool
+    """whether nothing is known of this page: what it asked for before has to be asked for again"""
+
+
 class PreviewPicture(Message):
     """A preview so far; the payload are its pixels, R G B A in sRGB."""
 
@@ -162,6 +170,7 @@ class JobPicture(Message):
 
 ToPage = (
     AlternativePicture
+    | Connected
     | LatticePicture
     | PaintOpened
     | PaintPicture

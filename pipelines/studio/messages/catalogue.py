@@ -20,6 +20,14 @@ class Picture(Message):
     """whether it is a set of maps"""
 
 
+class OtherPicture(Message):
+    """A picture that a flow takes besides the exemplar."""
+
+    source: str
+    about: str
+    is_required: bool
+
+
 class Method(Message):
     """A flow that makes a texture of one exemplar."""
 
@@ -32,6 +40,7 @@ class Method(Message):
     uniformity: str
     """the param of spatial uniformity, as ``texture.occurrence``; empty where there is none"""
     default_uniformity: float
+    others: tuple[OtherPicture, ...]
 
 
 class Start(Message):

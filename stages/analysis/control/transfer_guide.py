@@ -9,9 +9,10 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis.control.guide import VALUE_STRENGTH, contrast
+from texloom.stages.common.features.slow_features import ranks
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.numerics.filters import gaussian_blur
-from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
+from texloom.stages.vocabulary.arrays import Image, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Outline, Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
@@ -82,8 +83,8 @@ def transfer_guide(
     valid, asked = valid_pixels(image), valid_pixels(picture)
     if asked is not None:
         asked = resize(asked[..., None].astype(np.float32), *size, bilinear=True)[..., 0] > 0.5
-    planes = [_ranks(own, valid)]
-    wanted = [_ranks(_lightness(shown, params.detail), asked)]
+    planes = [ranks(own, valid)]
+    wanted = [ranks(_lightness(shown, params.detail), asked)]
     if contours is not None and picture_contours is not None and params.edges:
         planes.append(contours * np.float32(_EDGES * params.edges))
         found = resize(picture_contours[..., None], *size, bilinear=True)[..., 0]
@@ -98,10 +99,3 @@ def transfer_guide(
 def _lightness(image: Image, deviation: float) -> ScalarMap:
     lightness = np.ascontiguousarray(lab_from_linear(fill_excluded(image).color)[..., 0])
     return gaussian_blur(lightness, deviation) if deviation else lightness
-
-
-def _ranks(values: ScalarMap, counted: Mask | None) -> ScalarMap:
-    """Share of the counted pixels that are darker, half of those that are as dark among them, 0..1."""
-    ordered = np.sort(values[np.ones(values.shape, bool) if counted is None else counted])
-    below, upto = (np.searchsorted(ordered, values.ravel(), side) for side in ("left", "right"))
-    return ((below + upto) / (2 * max(1, len(ordered)))).reshape(values.shape).astype(np.float32)

@@ -1,7 +1,6 @@
 """A map of where a texture shows which of several exemplars, as a guide."""
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,13 +10,13 @@ from pydantic import Field
 
 from texloom.stages.analysis.control.guide import LABEL_STRENGTH, contrast
 from texloom.stages.common.features.control import painted_values
+from texloom.stages.common.grids.gradient import linear_gradient
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
-from texloom.stages.kernels.core.elementary_functions import cos, sin
 from texloom.stages.numerics.filters import gaussian_blur, padded
 from texloom.stages.vocabulary.arrays import Image, ScalarMap
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
-from texloom.stages.vocabulary.facts import NOWHERE, Wraps
+from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.sizes import Size
 from texloom.stages.vocabulary.tileable import Tileable
 
@@ -106,9 +105,11 @@ def mixture_guide(
     strength = np.float32(params.weight * _STRENGTH * LABEL_STRENGTH * contrast(image))
     numbers = numbers_in(rectangles, image.height, image.width)
     own = np.maximum(numbers - 1, 0)[..., None].astype(np.float32) * strength
-    way = (
-        _gradient(size, params.angle, params.tileable or NOWHERE) if map is None else _levels(map, size)
-    ) * np.float32(len(names) - 1)
+    if map is None:
+        way = linear_gradient(size, params.angle, params.tileable or NOWHERE, _PURE)
+    else:
+        way = _levels(map, size)
+    way = way * np.float32(len(names) - 1)
     before = np.minimum(np.floor(way), len(names) - 2)
     patch = params.patch or min(int(rectangles[:, 2:].min()) // _PATCH_SHARE, min(size) // _MIN_PATCHES)
     threshold = 0.5 + params.patchiness * (_noise(size, max(patch, _CELLS), rng) - 0.5)
@@ -116,19 +117,6 @@ def mixture_guide(
     number = before + side
     wanted = np.bincount(np.rint(number).astype(int).ravel(), minlength=len(names)) / number.size
     return MixtureGuide(own, (number * strength)[..., None].astype(np.float32), wanted.tolist())
-
-
-def _gradient(size: tuple[int, int], angle: float, wraps: Wraps) -> ScalarMap:
-    """From 0 to 1 across the picture; along axes that wrap from the middle to both borders."""
-    down, across = float(sin(math.radians(angle))), float(cos(math.radians(angle)))
-    rows, columns = (
-        2 * np.abs(place) - 0.5 if back else place
-        for place, back in zip(((np.arange(side) + 0.5) / side - 0.5 for side in size), wraps, strict=True)
-    )
-    along = (rows[:, None] * size[0] * down + columns * size[1] * across) / (
-        abs(size[0] * down) + abs(size[1] * across)
-    )
-    return np.clip((along + 0.5 - _PURE) / (1 - 2 * _PURE), 0, 1).astype(np.float32)
 
 
 def _levels(given: Image, size: tuple[int, int]) -> ScalarMap:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Float32, Int64
 from pydantic import Field
 
 from texloom.stages.common.features.maps import MapWeights, check_weights
@@ -193,6 +193,7 @@ class Synthesis:
         border: int,
         params: WangParams,
         materials: TileMaterials | None = None,
+        guide: Float32[np.ndarray, "h w k"] | None = None,
     ):
         self.image, self.tile, self.materials = image, tile, materials
         self.colors = lab_from_linear(fill_excluded(image).color)
@@ -204,7 +205,7 @@ class Synthesis:
         options = ReviseParams(
             **self.chosen, occurrence_coarse=params.occurrence, coarsest=max(8, math.ceil(coarsest))
         )
-        own = None if materials is None else materials.exemplar
+        own = guide if materials is None else materials.exemplar
         self.revision = Revision(image, guidance, weight, generators, options, own)
 
     def start(self, count: int, structure: Mask | None, rng: np.random.Generator) -> Torus:
@@ -230,6 +231,7 @@ class Synthesis:
         corners: Int64[np.ndarray, "m n"],
         rng: np.random.Generator,
         parts: Int64[np.ndarray, "H W"] | None = None,
+        wanted: Float32[np.ndarray, "H W k"] | None = None,
     ) -> Torus:
         """A torus that fits to the pixels of ``keep``, and has those of ``shared`` among them unchanged.
 
@@ -238,11 +240,11 @@ class Synthesis:
         line, since patches across it are averaged on one side only.
 
         Of several starts it is the one with least difference between the mean colours of its ``parts``, numbers
-        from 1, and that of the exemplar; not where there are several, whose materials ``corners`` has.
+        from 1, and that of the exemplar; not where there are several, whose materials ``corners`` has. ``wanted``
+        is what the guide of the exemplar is to be where.
         """
-        wanted = None if self.materials is None else self.materials.between(corners, self.tile)
         if self.materials is not None:
-            parts = None
+            wanted, parts = self.materials.between(corners, self.tile), None
         block = min(self.tile, self.image.height, self.image.width) // 2
         *placing, optimising = rng.spawn(2 if parts is None else _STARTS + 1)
         with part(0.0, 0.2):

@@ -1,19 +1,38 @@
 """Wang tiles: interiors between borders that fit, and the table that tells which tile fits where."""
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Float32
+from pydantic import Field
 
+from texloom.stages.analysis.control.guide import contrast
 from texloom.stages.common.grids.wang import CORNERS, SIDES, WangSet
 from texloom.stages.common.similarity.neighbourhoods import Rectangles
+from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials
 from texloom.stages.synthesis.tiles.wang_borders import Synthesis, Torus, WangParams, core, to_borders
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
-from texloom.stages.vocabulary.declare import Outline, stage
+from texloom.stages.vocabulary.declare import InputError, Outline, stage
 from texloom.stages.vocabulary.masks import fill_excluded
+from texloom.stages.vocabulary.progress import part
+
+_LAYOUT = 1.0  # deviation of slow colours as a guide, in deviations of the exemplar's colours
+_MOST_LAYOUT = 6.0  # times that slow colours are made stronger for it
+
+
+class WangTilesParams(WangParams):
+    """Parameters of the main method that matter for tiles, and how much variants differ."""
+
+    strength: float = Field(1.0, ge=0, le=1)
+    """how much variants differ from the first one, 0..1: from the same layout of colours with other details, to new
+    ones"""
+    layout_scale: float = Field(6.0, ge=1, le=256)
+    """deviation of the blur, px, in which variants are like the first one where ``strength`` is below 1"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,7 +50,7 @@ class WangTiles:
     pair"""
 
 
-def outlines(params: WangParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
+def outlines(params: WangTilesParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
     """The image is as the borders'."""
     borders = known.get("borders")
     return {} if borders is None else {"image": Outline(borders.height, borders.width, borders.channels)}
@@ -45,7 +64,7 @@ def wang_tiles(
     keep: Mask,
     filled: Mask,
     layout: dict[str, Any],
-    params: WangParams,
+    params: WangTilesParams,
     rng: np.random.Generator,
     guidance: ScalarMap | None = None,
     weight: float = 1.0,
@@ -57,7 +76,8 @@ def wang_tiles(
     The whole atlas is one torus for the main method, to which the borders are given, so that interiors differ as
     much as other parts of a result. Beyond its innermost pixels, which tiles share, each border passes into the
     interiors along minimum cuts. Tiles are then cut apart along the lines, inside the borders, across which the
-    texture changes least; any of these gives tiles that fit.
+    texture changes least; any of these gives tiles that fit. Variants that are to be alike follow the slow colours
+    of the first one, as a guide.
 
     Parameters
     ----------
@@ -66,21 +86,70 @@ def wang_tiles(
     guidance, weight, generators : of the exemplar, see `optimise`.
     rectangles : of several exemplars, see `wang_borders`.
 
+    Raises
+    ------
+    InputError
+        there are several exemplars, and ``strength`` is not 1.
+
     References
     ----------
     [Cohen2003]_ and [Lagae2006]_; [Wei2004]_ for the atlas; [Kwatra2003]_ for the cuts. [Wei2008]_ section 7
-    proposes tiles for compactions.
+    proposes tiles for compactions. Variants like the first one are ours.
     """
     tiles, size = WangSet.of(layout), int(layout["size"])
     border = int(layout["border"])
     materials = None if rectangles is None else TileMaterials.of(image, rectangles)
-    synthesis = Synthesis(image, guidance, weight, generators, size, border, params, materials)
     to_row, to_column = to_borders((borders.height, borders.width), size)
     shared = np.minimum(to_row[:, None], to_column) < core(border)
-    made = synthesis.completed(Torus(borders, match), keep, shared, filled, tiles.corners, rng)
+    known = Torus(borders, match)
+    begun = (known, keep, shared, filled)
+    synthesis = partial(Synthesis, image, guidance, weight, generators, size, border, params, materials)
+    if params.strength == 1 or tiles.variants == (1, 1):
+        made = synthesis().completed(*begun, tiles.corners, rng)
+    elif materials is not None:
+        raise InputError("strength: variants of tiles between materials are new ones; leave it at 1")
+    else:
+        made = _like_the_first(image, synthesis, begun, tiles, size, params, rng)
     down, across = (_least_change(made.image, axis, size, border // 2) for axis in (0, 1))
     shifted = made.at(np.arange(borders.height)[:, None] + down, np.arange(borders.width) + across)
     return WangTiles(shifted.image.wrapping(True), shifted.match, _table(tiles, size))
+
+
+def _like_the_first(
+    image: Image,
+    synthesis: Callable[..., Synthesis],
+    begun: tuple[Torus, Mask, Mask, Mask],
+    tiles: WangSet,
+    size: int,
+    params: WangTilesParams,
+    rng: np.random.Generator,
+) -> Torus:
+    """The atlas whose first variant is synthesised alone, and the others under a guide of its slow colours."""
+    first, others = rng.spawn(2)
+    known, keep, shared, filled = begun
+    one = np.s_[: size * tiles.side, : size * tiles.side]
+    alone = known.at(*np.ogrid[one])
+    with part(0.0, 0.2):
+        corners = tiles.corners[: tiles.side, : tiles.side]
+        base = synthesis().completed(alone, keep[one], shared[one], filled[one], corners, first)
+    own, wanted = _slow(image, params.layout_scale, "reflect"), _slow(base.image, params.layout_scale, "wrap")
+    deviation = float(np.sqrt(own.var(axis=(0, 1), dtype=np.float64).sum()))
+    factor = np.float32(
+        min(_LAYOUT * contrast(image) / max(deviation, 1e-6), _MOST_LAYOUT) * (1 - params.strength) ** 2
+    )
+    everywhere = np.tile(wanted * factor, (*tiles.variants, 1))
+    with part(0.2, 1.0):
+        made = synthesis(guide=own * factor).completed(*begun, tiles.corners, others, wanted=everywhere)
+    made.image.pixels[one], made.match[one] = base.image.pixels, base.match
+    return made
+
+
+def _slow(image: Image, deviation: float, beyond: Literal["reflect", "wrap"]) -> Float32[np.ndarray, "h w 3"]:
+    """Blurred colours, CIELAB units."""
+    lab = lab_from_linear(fill_excluded(image).color)
+    margin = min(round(4 * deviation), *(side - 1 for side in lab.shape[:2]))
+    around = np.pad(lab, [(margin, margin), (margin, margin), (0, 0)], beyond)
+    return np.ascontiguousarray(gaussian_blur(around, deviation)[margin:-margin, margin:-margin])
 
 
 def _least_change(image: Image, axis: int, size: int, reach: int) -> int:

@@ -50,13 +50,13 @@ def test_a_flow_that_is_gone_is_refused_with_the_command_that_replaces_it(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert_refused(texloom("run", name, "my.png"), f"{name}: is part of another flow now, as in: texloom run ")
+    assert_refused(texloom("run", name, "my.png"), f"{name}: is another flow now, as in: texloom run ")
     flow, *words = shlex.split(FLOWS[name])
     sources = dict(word.split("=") for word in words if "=" in word)
     pictures = [word for word in words if "=" not in word and word != "--source"]
     load_flow(find_flow(flow), Overrides(sources=sources, pictures=pictures)).check_sources()
     (tmp_path / "mine.yaml").write_text(f"flow: mine\ninclude: {name}\n")
-    with pytest.raises(InputError, match=f"mine.yaml: include: {name}: is part of another flow now"):
+    with pytest.raises(InputError, match=f"mine.yaml: include: {name}: is another flow now"):
         load_flow(tmp_path / "mine.yaml")
 
 
@@ -70,7 +70,7 @@ def test_an_earlier_flow_loads_or_says_how_it_is_written_now(earlier: Path, fold
         except InputError as error:
             line = str(error)
             assert "\n" not in line
-            if "is part of another flow now, as in: texloom run" in line:
+            if "is another flow now, as in: texloom run" in line:
                 return
             place, problem = line.removeprefix(f"{path}: ").split(": ", 1)
             assert corrected(document, place, problem), line

@@ -15,8 +15,8 @@ from texloom.stages.evaluation.wang_tiling import WangTilingParams, wang_tiling
 from texloom.stages.synthesis.remix.exemplar_sheet import ExemplarSheet, ExemplarSheetParams, exemplar_sheet
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials
 from texloom.stages.synthesis.tiles.tile_sheets import TileSheets, TileSheetsParams, tile_sheets
-from texloom.stages.synthesis.tiles.wang_borders import WangBordersParams, WangParams, wang_borders
-from texloom.stages.synthesis.tiles.wang_tiles import WangTiles, wang_tiles
+from texloom.stages.synthesis.tiles.wang_borders import WangBordersParams, wang_borders
+from texloom.stages.synthesis.tiles.wang_tiles import WangTiles, WangTilesParams, wang_tiles
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 
@@ -34,13 +34,19 @@ def exemplars(count: int) -> ExemplarSheet:
     return exemplar_sheet(images, [{"name": name} for name in "abcd"[:count]], ExemplarSheetParams())
 
 
-def tiles_of(made: ExemplarSheet, **params: Any) -> WangTiles:
+def tiles_of(made: ExemplarSheet, strength: float = 1.0, **params: Any) -> WangTiles:
     borders = wang_borders(
         made.image, WangBordersParams(**{**QUICK, "tile": TILE, "border": 5, **params}),
         np.random.default_rng(1), rectangles=made.rectangles,
     )  # fmt: skip
     parts = (borders.image, borders.match, borders.keep, borders.filled, borders.table)
-    return wang_tiles(made.image, *parts, WangParams(**QUICK), np.random.default_rng(2), rectangles=made.rectangles)
+    return wang_tiles(
+        made.image,
+        *parts,
+        WangTilesParams(**QUICK, strength=strength),
+        np.random.default_rng(2),
+        rectangles=made.rectangles,
+    )
 
 
 @pytest.fixture(scope="module", params=[2, 3])
@@ -205,3 +211,8 @@ def test_variants_lie_below() -> None:
 def test_two_or_three_exemplars(count: int) -> None:
     with pytest.raises(InputError, match=f"need two or three, got {count}"):
         tiles_of(exemplars(count))
+
+
+def test_variants_between_materials_are_new_ones() -> None:
+    with pytest.raises(InputError, match="strength: variants of tiles between materials are new ones"):
+        tiles_of(exemplars(2), strength=0.5, variants=(1, 2))

@@ -17,10 +17,10 @@ from tests.runs import run_with_threads
 from tests.synthetic import blobs, masked, picture, stamped
 from texloom.stages.common.grids.wang import CORNERS, SIDES, WangSet, laid
 from texloom.stages.evaluation.wang_tiling import WangTilingParams, wang_tiling
+from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.synthesis.tiles.wang_borders import (
     WangBorders,
     WangBordersParams,
-    WangParams,
     check_size,
     core,
     tile_side,
@@ -28,7 +28,7 @@ from texloom.stages.synthesis.tiles.wang_borders import (
     wang_borders,
 )
 from texloom.stages.synthesis.tiles.wang_shaders import WangShaders, WangShadersParams, wang_shaders
-from texloom.stages.synthesis.tiles.wang_tiles import WangTiles, wang_tiles
+from texloom.stages.synthesis.tiles.wang_tiles import WangTiles, WangTilesParams, wang_tiles
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 
@@ -41,7 +41,9 @@ def exemplar() -> Image:
     return picture(blobs((72, 80, 3), np.random.default_rng(3)))
 
 
-def made(image: Image, generators: np.ndarray | None = None, **params: Any) -> tuple[WangBorders, WangTiles]:
+def made(
+    image: Image, generators: np.ndarray | None = None, strength: float = 1.0, **params: Any
+) -> tuple[WangBorders, WangTiles]:
     borders = wang_borders(
         image,
         WangBordersParams(**{**QUICK, "tile": TILE, "border": BORDER, **params}),
@@ -49,7 +51,8 @@ def made(image: Image, generators: np.ndarray | None = None, **params: Any) -> t
         generators=generators,
     )
     parts = (borders.image, borders.match, borders.keep, borders.filled, borders.table)
-    return borders, wang_tiles(image, *parts, WangParams(**QUICK), np.random.default_rng(2), generators=generators)
+    varied = WangTilesParams(**QUICK, strength=strength, layout_scale=3)
+    return borders, wang_tiles(image, *parts, varied, np.random.default_rng(2), generators=generators)
 
 
 @pytest.fixture(scope="module", params=[("edges", 2), ("corners", 2), ("edges", 3), ("edges", 1)], ids=str)
@@ -108,6 +111,31 @@ def test_borders_do_not_show_in_a_random_tiling(result: tuple[WangBorders, WangT
     tiling = wang_tiling(tiles.image, tiles.table, WangTilingParams(side=320))
     assert tiling.table["albedo"]["ratio"] < 1.1
     assert tiling.image.shape == (320, 320, 3)
+
+
+def test_variants_differ_as_much_as_is_asked_for() -> None:
+    """From the first one's slow colours with other details, to new ones; the first and the borders stay."""
+    exemplar = picture(blobs((128, 128), np.random.default_rng(3)))
+    alike, details, firsts = [], [], []
+    for strength in (0.0, 0.5, 1.0):
+        borders, tiles = made(exemplar, colors=1, variants=(2, 2), strength=strength)
+        assert len(shifts(borders, tiles)) == 1
+        assert wang_tiling(tiles.image, tiles.table, WangTilingParams()).table["albedo"]["ratio"] < 1.1
+        pieces = tiles_of(tiles.image, TILE).reshape(4, TILE, TILE)
+        slow = np.stack([gaussian_blur(np.ascontiguousarray(piece), 3.0) for piece in pieces])
+        inside = np.s_[2 * BORDER : -2 * BORDER]
+        alike.append(np.mean([correlation(slow[0][inside, inside], one[inside, inside]) for one in slow[1:]]))
+        details.append(np.mean(np.abs(pieces[1:] - pieces[0])[:, inside, inside] > 0.02))
+        firsts.append(pieces[0])
+    assert alike[0] > alike[1] > alike[2]
+    assert alike[0] > 0.9
+    assert alike[2] < 0.5
+    assert details[0] > 0.2
+    np.testing.assert_array_equal(firsts[0], firsts[1])
+
+
+def correlation(one: np.ndarray, other: np.ndarray) -> float:
+    return float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
 
 
 def test_the_ends_of_the_borders_do_not_show() -> None:

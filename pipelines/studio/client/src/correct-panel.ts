@@ -64,6 +64,7 @@ export class CorrectPanel extends Element {
   }
 
   private more(): void {
+    this.problem = "";
     this.wanted += SEEDS;
     this.ask(this.found.length + 1);
   }
@@ -72,7 +73,7 @@ export class CorrectPanel extends Element {
     if (!("number" in message) || message.number !== this.number) return;
     if (message.kind === "alternative_picture") {
       const made = { picture: canvasOf(payload, message.width, message.height), place: message };
-      this.found = [...this.found, made];
+      this.found = [...this.found.filter(({ place }) => place.seed !== message.seed), made];
       if (!this.chosen) this.choose(made);
     } else if (message.kind === "preview_failed") {
       this.problem = message.problem;
@@ -119,7 +120,7 @@ export class CorrectPanel extends Element {
             <p class="hint" role="status">${this.problem || (waits ? `Making version ${this.found.length + 1} of ${this.wanted} …` : "Choose a version; click it again to see the spot as it was.")}</p>
             ${waits && !this.problem ? html`<progress max=${this.wanted} .value=${this.found.length} aria-label="Versions"></progress>` : nothing}
             <p class="row"><button class="primary" ?disabled=${!this.chosen} @click=${() => this.accept()}>Accept</button>
-              <button ?disabled=${waits} @click=${() => this.more()}>More</button>
+              <button ?disabled=${waits} @click=${() => this.more()}>${this.problem ? "Try again" : "More"}</button>
               <button @click=${() => this.tell("accept", null)}>Cancel</button></p>`
         : html`<p class="row"><button @click=${() => this.tell("accept", null)}>Done</button></p>`}
     `;

@@ -53,7 +53,7 @@ export class DirectLattice extends DirectMode {
   protected override onMessage(message: ToPage, payload: Payload): void {
     if (!("number" in message) || message.number !== this.request) return;
     if (message.kind === "preview_failed") {
-      this.refuse(message.problem);
+      this.refuse(message.problem, () => this.follow(this.lattice));
     } else if (message.kind === "lattice_picture") {
       if (message.problem) this.refuse(message.problem);
       else {

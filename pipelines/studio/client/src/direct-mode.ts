@@ -3,7 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import { property, state } from "lit/decorators.js";
 import { type Draft, kept } from "./drafts";
 import { Element } from "./element";
-import { choice, isTyping, undoButtons } from "./fields";
+import { failure, choice, isTyping, undoButtons } from "./fields";
 import "./job-panel";
 import type { Job, Method, Picture, Recipe, ToPage } from "./messages";
 import type { Drawable, PictureView } from "./picture-view";
@@ -29,6 +29,8 @@ export abstract class DirectMode extends Element {
   @state() private form: Partial<Recipe> = {};
   @state() private done = 1;
   @state() private problem = "";
+  /** what to try again, where the server has failed */
+  protected failed: (() => void) | null = null;
   @state() private job = "";
   protected abstract readonly name: ModeName;
   protected readonly presets: string[] = ["default", "fast"];
@@ -103,8 +105,8 @@ export abstract class DirectMode extends Element {
   }
 
   /** Say why something is not done. */
-  protected refuse(problem: string): void {
-    this.problem = problem;
+  protected refuse(problem: string, again: (() => void) | null = null): void {
+    [this.problem, this.failed] = [problem, again];
   }
 
   private async ask(): Promise<void> {
@@ -113,10 +115,12 @@ export abstract class DirectMode extends Element {
     const draft = await this.draft();
     if (turn !== this.turn) return;
     if (typeof draft === "string") {
-      [this.problem, this.done, this.number] = [draft, 1, -1];
+      this.refuse(draft);
+      [this.done, this.number] = [1, -1];
       return;
     }
-    [this.problem, this.done] = ["", 0];
+    this.refuse("");
+    this.done = 0;
     this.number = this.studio.next();
     await this.studio.previewDraft(draft, this.number);
   }
@@ -130,7 +134,8 @@ export abstract class DirectMode extends Element {
       this.shown = canvasOf(payload, message.width, message.height);
       this.done = message.is_final ? 1 : message.done;
     } else if (message.kind === "preview_failed" && message.number === this.number) {
-      [this.problem, this.done] = [this.explained(message.problem), 1];
+      this.refuse(this.explained(message.problem), () => void this.ask());
+      this.done = 1;
     } else if (message.kind === "job_changed" && message.job.id === this.job && message.job.state === "done") {
       void this.load(message.job);
     } else if (message.kind === "job_picture" && message.job === this.job) {
@@ -192,7 +197,7 @@ export abstract class DirectMode extends Element {
     const job = this.studio.jobs.get(this.job);
     const isBusy = job?.state === "waiting" || job?.state === "running";
     const method: Method = {
-      flow: "", about: "", size: sizeText(this.size), can_tile: true, presets: this.presets, uniformity: "", default_uniformity: 0,
+      flow: "", about: "", size: sizeText(this.size), can_tile: true, presets: this.presets, uniformity: "", default_uniformity: 0, others: [],
     };
     return html`
       <section class="stage" aria-label=${MODES[this.name]}>
@@ -216,8 +221,8 @@ export abstract class DirectMode extends Element {
     `;
   }
 
-  private status(job?: Job): string {
-    if (this.problem) return this.problem;
+  private status(job?: Job): string | TemplateResult {
+    if (this.problem) return this.failed ? failure(this.problem, this.failed) : this.problem;
     if (job?.state === "done") return "Full size";
     if (job?.state === "running") return "Running at full size; scales appear as they finish";
     if (this.done < 1) return this.shown ? "Refining the preview …" : "Preparing the first preview …";

@@ -15,6 +15,10 @@ export const slider = (label: string, value: number, most: number, set: (value: 
       @input=${(event: Event) => set(Number((event.target as HTMLInputElement).value))} />
   </label>`;
 
+/** Why something failed, with a button that tries it again. */
+export const failure = (problem: string, again: () => void): TemplateResult =>
+  html`${problem} <button class="quiet" @click=${again}>Try again</button>`;
+
 /** Buttons of which one is chosen. */
 export const choice = <Key extends string>(
   label: string, names: Record<Key, string>, chosen: Key, choose: (key: Key) => void,

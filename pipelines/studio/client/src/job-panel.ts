@@ -3,7 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
 import type { Job } from "./messages";
-import { cancel, fileAddress, RequestError, save } from "./server";
+import { again, cancel, fileAddress, RequestError, save } from "./server";
 import { title } from "./recipe-form";
 import { download, type Studio } from "./studio";
 
@@ -76,7 +76,9 @@ export class JobPanel extends Element {
         ? html`<progress max="1" .value=${job.done} aria-label="Progress of the step ${job.step}"></progress>
             <p class="hint">${[job.step, job.text].filter(Boolean).join(": ")}</p>`
         : nothing}
-      ${["failed", "cancelled"].includes(job.state) ? html`<p class="hint">${job.text}</p>` : nothing}
+      ${["failed", "cancelled"].includes(job.state) 
+        ? html`<p class="hint">${job.text}</p><p class="row"><button @click=${() => this.studio.attempt(again(job.id))}>Try again</button></p>`
+        : nothing}
       ${job.files.length
         ? html`<h2>Download</h2>
             <ul class="files" aria-label="Downloads">

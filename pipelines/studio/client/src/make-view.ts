@@ -4,7 +4,7 @@ import { customElement, property, query, state } from "lit/decorators.js";
 import { Element } from "./element";
 import type { CorrectPanel } from "./correct-panel";
 import "./correct-panel";
-import { isTyping, undoButtons } from "./fields";
+import { failure, isTyping, undoButtons } from "./fields";
 import "./job-panel";
 import type { BadPlace, Job, Method, Picture, PreviewPicture, Recipe, ToPage } from "./messages";
 import "./picture-list";
@@ -85,6 +85,11 @@ export class MakeView extends Element {
     return methods.find((one) => one.flow === this.recipe?.flow) ?? methods[0];
   }
 
+  /** What has still to be chosen before anything can be made. */
+  private get lacking(): string {
+    return this.method.others.find((one) => one.is_required && !this.recipe?.sources[one.source])?.about ?? "";
+  }
+
   private get exemplarId(): string {
     return Object.values(this.recipe?.sources ?? {})[0] ?? "";
   }
@@ -95,7 +100,7 @@ export class MakeView extends Element {
     const flow = picture.is_material ? "materials" : this.recipe && !isMaterial(this.recipe) ? this.recipe.flow : "self_tuning";
     const method = this.studio.begin.methods.find((one) => one.flow === flow)!;
     const size = this.recipe?.size ?? doubled(picture, method);
-    this.edit({ ...this.recipe, flow, sources: { exemplar: picture.id }, size });
+    this.edit({ ...this.recipe, flow, sources: { ...this.recipe?.sources, exemplar: picture.id }, size });
   }
 
   private edit(change: Partial<Recipe>): void {
@@ -105,6 +110,8 @@ export class MakeView extends Element {
       recipe.preset = method.presets.includes(recipe.preset ?? "") ? recipe.preset : null;
       recipe.params = method.uniformity ? recipe.params : {};
       recipe.tileable = method.can_tile ? recipe.tileable : null;
+      const taken = ["exemplar", ...method.others.map((one) => one.source)];
+      recipe.sources = Object.fromEntries(Object.entries(recipe.sources).filter(([name]) => taken.includes(name)));
     }
     this.undo.set(recipe);
     this.refresh();
@@ -169,7 +176,8 @@ export class MakeView extends Element {
       return;
     }
     const job = this.studio.jobs.get(this.job);
-    if (this.mode === "seeds") this.beginSheet();
+    if (this.lacking) [this.preview, this.done] = [null, 1];
+    else if (this.mode === "seeds") this.beginSheet();
     else if (job?.state === "done") void this.loadResult(job);
     else this.ask(recipe);
     void this.loadExemplar();
@@ -341,7 +349,7 @@ export class MakeView extends Element {
         @hover=${(event: CustomEvent<Point | null>) => (this.hovered = event.detail)}
         label=${this.result ? "Texture at full size" : "Preview"}
       ></picture-view>`}
-      ${shown || this.sheet ? nothing : html`<p class="welcome over">${this.problem || (this.job ? "The first scale is being made …" : "The exemplar is being analysed …")}</p>`}
+      ${shown || this.sheet ? nothing : html`<p class="welcome over">${this.problem || this.waits}</p>`}
       ${this.origins && this.result && this.exemplar && this.hovered && !this.isCorrecting
         ? html`<source-inset .exemplar=${this.exemplar} .origins=${this.origins} .place=${this.hovered}
             .size=${[this.result.height, this.result.width]} .scale=${exemplarWidth / this.exemplar.width}></source-inset>`
@@ -350,9 +358,21 @@ export class MakeView extends Element {
     `;
   }
 
-  private status(): string {
+  /** What is shown before there is a picture. */
+  private get waits(): string {
+    if (this.lacking) return `Choose a picture on the right: ${this.lacking.toLowerCase()}`;
+    return this.job ? "The first scale is being made …" : "The exemplar is being analysed …";
+  }
+
+  private again(): void {
+    [this.problem, this.done] = ["", 0];
+    this.studio.repeat(this.number);
+  }
+
+  private status(): string | TemplateResult {
     const job = this.studio.jobs.get(this.job);
-    if (this.problem) return this.problem;
+    if (this.problem) return failure(this.problem, () => this.again());
+    if (this.lacking) return `Choose: ${this.lacking.toLowerCase()}`;
     if (job?.state === "done") return this.results.canUndo ? "Full size, corrected" : `Full size, seed ${job.recipe.seed}`;
     if (job?.recipe.flow === "revise" && this.job) return "Keeping the correction …";
     if (job?.state === "running") return "Running at full size; scales appear as they finish";
@@ -388,9 +408,9 @@ export class MakeView extends Element {
     const isMaps = this.studio.picture(this.exemplarId)?.is_material ?? false;
     const methods = this.studio.begin.methods.filter((one) => isMaps || one.flow !== "materials");
     return html`
-      <recipe-form .recipe=${recipe} .method=${this.method} .methods=${methods}
+      <recipe-form .recipe=${recipe} .method=${this.method} .methods=${methods} .pictures=${[...this.studio.pictures, ...this.studio.begin.examples]}
         @edit=${(event: CustomEvent<Partial<Recipe>>) => this.edit(event.detail)}></recipe-form>
-      <button class="primary" ?disabled=${isBusy} @click=${() => this.finish()}>Finish at full size</button>
+      <button class="primary" ?disabled=${isBusy || this.lacking !== ""} @click=${() => this.finish()}>Finish at full size</button>
       ${job?.state === "done"
         ? html`<p class="row"><button class="half" ?disabled=${!this.isWhole} @click=${() => this.correct()}>Correct a spot</button>
             <button class="half" @click=${() => this.tell("inspect", `job:${job.id}`)}>Look at it in 3D</button></p>`

@@ -8,6 +8,12 @@ export interface Picture {
   is_material: boolean;
 }
 
+export interface OtherPicture {
+  source: string;
+  about: string;
+  is_required: boolean;
+}
+
 export interface Method {
   flow: string;
   about: string;
@@ -16,6 +22,7 @@ export interface Method {
   presets: (string)[];
   uniformity: string;
   default_uniformity: number;
+  others: (OtherPicture)[];
 }
 
 export interface Start {
@@ -215,6 +222,11 @@ export interface LatticeRequest {
   lattice?: Lattice | null;
 }
 
+export interface Connected {
+  kind: "connected";
+  is_new: boolean;
+}
+
 export interface PreviewPicture {
   kind: "preview_picture";
   number: number;
@@ -328,4 +340,4 @@ export interface JobPicture {
 
 export type ToServer = AlternativesRequest | LatticeRequest | PaintDabRequest | PaintOpenRequest | PhotoRequest | PreviewRequest;
 
-export type ToPage = AlternativePicture | LatticePicture | PaintOpened | PaintPicture | PaintProgress | PhotoArea | PhotoLines | PhotoPreview | PhotoProposal | PhotoState | PreviewPicture | PreviewFailed | JobChanged | JobPicture;
+export type ToPage = AlternativePicture | Connected | LatticePicture | PaintOpened | PaintPicture | PaintProgress | PhotoArea | PhotoLines | PhotoPreview | PhotoProposal | PhotoState | PreviewPicture | PreviewFailed | JobChanged | JobPicture;

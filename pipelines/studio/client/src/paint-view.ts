@@ -3,7 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, query, state } from "lit/decorators.js";
 import { type Area, ControlMap, joined } from "./control-map";
 import { Element } from "./element";
-import { slider, undoButtons } from "./fields";
+import { failure, slider, undoButtons } from "./fields";
 import "./job-panel";
 import type { Job, PaintPicture, Picture, Recipe, ToPage } from "./messages";
 import "./picture-list";
@@ -44,6 +44,7 @@ export class PaintView extends Element {
     super.connectedCallback();
     this.studio.listen((message, payload) => this.receive(message, payload));
     this.studio.addEventListener("change", () => this.requestUpdate());
+    this.studio.addEventListener("renewed", () => this.state !== "none" && this.open());
   }
 
   // -- opening
@@ -262,8 +263,8 @@ export class PaintView extends Element {
     `;
   }
 
-  private status(): string {
-    if (this.problem) return this.problem;
+  private status(): string | TemplateResult {
+    if (this.problem) return failure(this.problem, () => this.open());
     if (this.state === "opening") return `Summarising the original, once: ${this.progress || "starting"}`;
     return this.state === "ready" ? "Paint: the texture follows" : "";
   }

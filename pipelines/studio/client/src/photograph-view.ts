@@ -3,7 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, query, state } from "lit/decorators.js";
 import { surface } from "./bezier";
 import { Element } from "./element";
-import { choice, tilingField, undoButtons } from "./fields";
+import { failure, choice, tilingField, undoButtons } from "./fields";
 import "./job-panel";
 import type { PatchRecipe, PhotoPatch, PhotoProposal, PhotoRecipe, Picture, Recipe, ToPage } from "./messages";
 import { AREA_COLORS, type Brush, type Edit, type Shown } from "./photo-canvas";
@@ -65,6 +65,8 @@ export class PhotographView extends Element {
   @state() private brush: Required<Brush> = { tool: "stroke", erase: false, radius: 24, tolerance: 8, features: "dark" };
   @state() private settings: Settings = { purpose: "flatten", side: 512, tileable: "both", seed: 7, scene: "" };
   @state() private problem = "";
+  /** what to try again, where the server has failed */
+  private failed: (() => void) | null = null;
   @state() private isProposing = false;
   @state() private job = "";
   @query("canvas.front") private front!: HTMLCanvasElement;
@@ -145,6 +147,8 @@ export class PhotographView extends Element {
       const plain = new Float32Array(payload.slice().buffer);
       photo.streamlines = { plain, lines: message.lines, points: message.points };
     } else if (message.kind === "preview_failed") {
+      const proposed = this.isProposing;
+      this.failed = () => (proposed ? this.propose() : this.ask());
       this.problem = message.problem;
       this.isProposing = false;
       this.answered();
@@ -178,7 +182,7 @@ export class PhotographView extends Element {
       this.photo!.patch = name;
     }
     if (planes.length) this.set(document);
-    else this.problem = "No plane is evident from the lines of the photograph: add one by hand";
+    else [this.failed, this.problem] = [null, "No plane is evident from the lines of the photograph: add one by hand"];
   }
 
   // -- edits
@@ -299,8 +303,8 @@ export class PhotographView extends Element {
     `;
   }
 
-  private status(photo: Photo): string {
-    if (this.problem) return this.problem;
+  private status(photo: Photo): string | TemplateResult {
+    if (this.problem) return this.failed ? failure(this.problem, this.failed) : this.problem;
     if (this.isProposing) return "Looking for planes …";
     if (!this.document.patches.length) return "Propose planes, or add one";
     const invalid = [...photo.described.values()].find((one) => one.problem);

@@ -3,7 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property } from "lit/decorators.js";
 import { Element } from "./element";
 import { tilingField } from "./fields";
-import type { Method, Recipe } from "./messages";
+import type { Method, Picture, Recipe } from "./messages";
 import { sides, sizeText } from "./sizes";
 
 const SIZES = [256, 512, 1024, 2048, 4096];
@@ -15,6 +15,7 @@ export class RecipeForm extends Element {
   @property({ attribute: false }) recipe!: Recipe;
   @property({ attribute: false }) method!: Method;
   @property({ attribute: false }) methods: Method[] = [];
+  @property({ attribute: false }) pictures: readonly Picture[] = [];
 
   override render(): TemplateResult {
     const { recipe, method } = this;
@@ -29,6 +30,11 @@ export class RecipeForm extends Element {
             </label>
             <p class="hint">${method.about}</p>`
         : nothing}
+      ${method.others.map(({ source, about, is_required }) => html`<label class="field"><span>${about}</span>
+        <select aria-label=${about} @change=${(event: Event) => this.edit({ sources: this.withOther(source, value(event)) })}>
+          <option value="" ?selected=${!recipe.sources[source]}>${is_required ? "choose …" : "none"}</option>
+          ${this.pictures.map((one) => html`<option value=${one.id} ?selected=${one.id === recipe.sources[source]}>${one.name}</option>`)}
+        </select></label>`)}
       <div class="field">
         <span>Size, px</span>
         <span class="pair">
@@ -84,6 +90,11 @@ export class RecipeForm extends Element {
     const weight = Math.round(10 * (shown / 50) ** 2 * (method.default_uniformity || 10)) / 10;
     const { [method.uniformity]: _, ...others } = recipe.params ?? {};
     return weight === method.default_uniformity ? others : { ...others, [method.uniformity]: weight };
+  }
+
+  private withOther(source: string, id: string): Recipe["sources"] {
+    const { [source]: _, ...sources } = this.recipe.sources;
+    return id ? { ...sources, [source]: id } : sources;
   }
 
   private edit(change: Partial<Recipe>): void {

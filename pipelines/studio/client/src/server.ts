@@ -1,4 +1,4 @@
-// Talking to the server: requests over HTTP, messages over one binary socket.
+// Talking to the server: requests over HTTP, and how messages are packed.
 import type {
   Described, FlowEntry, Insight, Job, KeptPhoto, Layers, PastRun, PastStep, PhotoRecipe, Picture, Problem, Recipe, Start, ToPage, ToServer,
 } from "./messages";
@@ -36,6 +36,9 @@ export const describe = (recipe: Recipe): Promise<Described> => post("/api/descr
 export const keepPhoto = (recipe: PhotoRecipe): Promise<KeptPhoto> => post("/api/photographs", recipe);
 export const run = (recipe: Recipe): Promise<Job> => post("/api/jobs", recipe);
 export const cancel = (job: string): Promise<Response> => request(`/api/jobs/${job}`, { method: "DELETE" });
+
+/** Run again what has failed or was cancelled. */
+export const again = (job: string): Promise<Job> => post(`/api/jobs/${job}/again`);
 
 /** Write the files of a run beside the pictures of the folder. */
 export const save = (job: string): Promise<Job> => post(`/api/jobs/${job}/saved`);
@@ -93,52 +96,8 @@ export const PAINTED = "painted_";
 /** Keep a document, such as the pieces of a collage; its id. */
 export const keepDocument = (name: string, content: object): Promise<string> => post(`/api/documents/${name}`, content);
 
-export type Listener = (message: ToPage, payload: Uint8ClampedArray<ArrayBuffer>) => void;
-
-const EMPTY = new Uint8Array();
-const FIRST_WAIT = 500; // ms before the first attempt to connect again
-
-/** The socket of this page; it connects again when the connection is lost. */
-export class Socket {
-  private socket: WebSocket | null = null;
-  private wait = FIRST_WAIT;
-  private waiting: [ToServer, Uint8Array][] = [];
-
-  constructor(
-    private readonly listener: Listener,
-    private readonly connected: (is: boolean) => void,
-  ) {
-    this.connect();
-  }
-
-  send(message: ToServer, payload: Uint8Array = EMPTY): void {
-    if (this.socket?.readyState === WebSocket.OPEN) {
-      this.socket.send(packed(message, payload));
-    } else {
-      this.waiting = [[message, payload]];
-    }
-  }
-
-  private connect(): void {
-    const socket = new WebSocket(`ws://${location.host}/api/socket`);
-    socket.binaryType = "arraybuffer";
-    socket.onopen = () => {
-      this.socket = socket;
-      this.wait = FIRST_WAIT;
-      this.connected(true);
-      this.waiting.splice(0).forEach((one) => this.send(...one));
-    };
-    socket.onmessage = (event: MessageEvent<ArrayBuffer>) => this.listener(...unpacked(event.data));
-    socket.onclose = () => {
-      this.socket = null;
-      this.connected(false);
-      setTimeout(() => this.connect(), this.wait);
-      this.wait = Math.min(2 * this.wait, 10_000);
-    };
-  }
-}
-
-function packed(message: ToServer, payload: Uint8Array): Uint8Array<ArrayBuffer> {
+/** Pack a message as it goes over the socket after its two numbers, and unpack an answer. */
+export function packed(message: ToServer, payload: Uint8Array): Uint8Array<ArrayBuffer> {
   const header = new TextEncoder().encode(JSON.stringify(message));
   const frame = new Uint8Array(4 + header.length + payload.length);
   new DataView(frame.buffer).setUint32(0, header.length, true);
@@ -147,7 +106,7 @@ function packed(message: ToServer, payload: Uint8Array): Uint8Array<ArrayBuffer>
   return frame;
 }
 
-function unpacked<T = ToPage>(frame: ArrayBuffer): [T, Uint8ClampedArray<ArrayBuffer>] {
+export function unpacked<T = ToPage>(frame: ArrayBuffer): [T, Uint8ClampedArray<ArrayBuffer>] {
   const length = new DataView(frame).getUint32(0, true);
   const header = new TextDecoder().decode(new Uint8Array(frame, 4, length));
   return [JSON.parse(header) as T, new Uint8ClampedArray(frame, 4 + length)];

@@ -1,12 +1,16 @@
 // What all views share: the socket, the runs, the pictures, and messages for the user.
 import type { Draft } from "./drafts";
 import type { Job, Picture, Recipe, Start, ToPage, ToServer } from "./messages";
-import { describe, RequestError, run, Socket } from "./server";
+import { describe, RequestError, run } from "./server";
+import { Socket } from "./socket";
 
 export type Payload = Uint8ClampedArray<ArrayBuffer>;
 type Receiver = (message: ToPage, payload: Payload) => void;
 
-/** Changes are told as events: `change`, `problem` with a text, and `described` with a recipe that is to be shown. */
+/**
+ * Changes are told as events: `change`, `problem` with a text, `described` with a recipe that is to be shown, and `renewed`
+ * where the server knows nothing of this page any more.
+ */
 export class Studio extends EventTarget {
   readonly jobs = new Map<string, Job>();
   pictures: Picture[];
@@ -24,6 +28,8 @@ export class Studio extends EventTarget {
         this.isConnected = is;
         this.changed();
       },
+      () => this.dispatchEvent(new Event("renewed")),
+      (problem) => this.dispatchEvent(new CustomEvent("problem", { detail: problem })),
     );
   }
 
@@ -35,6 +41,11 @@ export class Studio extends EventTarget {
 
   send(message: ToServer, payload?: Uint8Array): void {
     this.socket.send(message, payload);
+  }
+
+  /** Ask once more for what was asked for under a number. */
+  repeat(number: number): void {
+    this.socket.repeat(number);
   }
 
   /** A number that tells the answers to one request from those to others. */
