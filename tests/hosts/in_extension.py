@@ -254,7 +254,7 @@ def refusals() -> str:
     assert line.startswith("Larger Texture: "), line
     assert len(bpy.data.images) == 3
     assert not part("session").JOBS.running
-    return "11 refusals, each in one line"
+    return "10 refusals, each in one line"
 
 
 def plane() -> bpy.types.Object:
