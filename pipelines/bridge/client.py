@@ -15,6 +15,7 @@ from __future__ import annotations
 import atexit
 import collections
 import contextlib
+import fnmatch
 import http.client
 import json
 import os
@@ -222,10 +223,12 @@ class Run:
 
     def _fetched(self, now: Mapping[str, Any]) -> Result:
         place, quote = f"/runs/{self._id}", urllib.parse.quote
-        if lacking := [name for name in self._files if name not in now["files"]]:
+        wanted = {asked: fnmatch.filter(now["files"], asked) for asked in self._files}
+        if lacking := [asked for asked, names in wanted.items() if not names]:
             raise TexloomError(f"{lacking[0]}: the run exports {', '.join(now['files']) or 'nothing'}")
         maps = {one["name"]: self._client._pixels(f"{place}/maps/{quote(one['name'])}") for one in now["maps"]}
-        files = {name: self._client._request("GET", f"{place}/files/{quote(name)}")[1] for name in self._files}
+        named = [name for names in wanted.values() for name in names]
+        files = {name: self._client._request("GET", f"{place}/files/{quote(name)}")[1] for name in named}
         return Result(maps, files, tuple(now["files"]), tuple(now["notes"]), now["scores"])
 
     def _delete(self) -> None:
@@ -273,9 +276,9 @@ class Client:
         sources : name to `Source`. Arrays must not be changed until the run has ended.
         params : of the flow, or of a step: ``{"STEP.PARAM": value}``.
         callback : called with the run whenever its status changes, from another thread.
-        files : the exports whose bytes are wanted, such as ``texture.exr``.
+        files : the exports whose bytes are wanted, such as ``texture.exr``, or patterns, as ``maps/*``.
         previews : whether `Run.preview` is wanted.
-        options : size, tileable, preset, seed, crop, reduce, layout, as of ``texloom run``.
+        options : size, tileable, preset, seed, crop, reduce, layout, texel_size, as of ``texloom run``.
         """
         asked = {"flow": flow, "params": dict(params or {}), **options}
         asking = threading.Event()

@@ -40,6 +40,8 @@ from texloom.stages.vocabulary.declare import InputError
 
 HELP = "the token is wrong: read it from the line that the running `texloom serve` has printed\n"
 MOST_KEPT = 64  # pictures, and runs that have ended; the oldest go
+MOST_KEPT_BYTES = 2**32  # of the pictures that no run waits for; the oldest go, never the latest
+MOST_WAITING_BYTES = 2**33  # of the pictures that runs wait for
 MOST_WAITING = 256  # runs
 LONGEST_WAIT = 20.0  # seconds until a request that waits for changes is answered without
 
@@ -67,13 +69,25 @@ class HostRuns(RunQueue[HostRun]):
         return folder / (name or "pixels.raw")
 
     def keep(self, file: Path, pixels: Pixels | None) -> str:
-        """Take a picture that has been received; its id."""
-        self.received[file.parent.name] = Received(path=str(file), pixels=pixels)
+        """Take a picture that has been received; its id. Of those that no run waits for, the oldest go.
+
+        Raises
+        ------
+        InputError : the pictures that runs wait for take too much already.
+        """
         open_runs = [self._submitted[job.id] for job in self.jobs.values() if not _has_ended(job)]
         waiting = {one for run in open_runs for one in run.received}
-        idle = [one for one in self.received if one not in waiting]
-        for one in idle[:-MOST_KEPT]:
-            shutil.rmtree(Path(self.received.pop(one).path).parent, ignore_errors=True)
+        sizes = {one: Path(kept.path).stat().st_size for one, kept in self.received.items()}
+        if sum(sizes[one] for one in waiting & sizes.keys()) > MOST_WAITING_BYTES:
+            told = f"the pictures of runs that wait take more than {MOST_WAITING_BYTES / 2**30:g} GiB"
+            raise InputError(f"{told}; wait for one of them, cancel it, or send paths")
+        self.received[file.parent.name] = Received(path=str(file), pixels=pixels)
+        idle = [one for one in sizes if one not in waiting]
+        room, count = MOST_KEPT_BYTES - file.stat().st_size, 1
+        for one in reversed(idle):
+            room, count = room - sizes[one], count + 1
+            if room < 0 or count > MOST_KEPT:
+                shutil.rmtree(Path(self.received.pop(one).path).parent, ignore_errors=True)
         return file.parent.name
 
     def submit(self, asked: Submitted) -> HostRun:
@@ -90,7 +104,8 @@ class HostRuns(RunQueue[HostRun]):
             self.forget(one)
         needed = [one for given in asked.sources.values() for one in _ids(given)]
         if missing := [one for one in needed if one not in self.received]:
-            raise InputError(one_line(f"{missing[0]}: no such picture was sent, or it is gone; send it again"))
+            kept = f"the latest {MOST_KEPT} are kept, of at most {MOST_KEPT_BYTES / 2**30:g} GiB"
+            raise InputError(one_line(f"{missing[0]}: was not sent, or is gone: {kept}; send it again"))
         job = HostRun(id=f"run-{secrets.token_hex(8)}", flow=asked.flow, state="waiting")
         folder = self._root / job.id
         folder.mkdir()
@@ -221,10 +236,10 @@ def _add_runs(app: FastAPI, runs: HostRuns) -> None:
                     await anyio.to_thread.run_sync(opened.write, chunk)
             if pixels is not None and size != pixels.size:
                 raise InputError(f"shape: {shape} of {dtype} are {pixels.size} bytes, but {size} were sent")
+            return runs.keep(file, pixels)
         except BaseException:  # such as a full disk, or a program that has ended
             shutil.rmtree(file.parent, ignore_errors=True)
             raise
-        return runs.keep(file, pixels)
 
     @app.post("/runs")
     async def submit(asked: Submitted) -> HostRun:

@@ -91,6 +91,15 @@ def test_maps_of_a_material_keep_their_kinds(client: Client, picture: np.ndarray
     assert any(name.startswith("maps/") for name in made.names)
 
 
+def test_exports_by_pattern_in_the_layout_that_was_asked_for(client: Client, picture: np.ndarray) -> None:
+    maps = {"albedo": picture, "height": picture[..., 0]}
+    options = {"size": 64, "preset": "fast", "layout": "blender", "texel_size": "2mm"}
+    made = client.submit("materials", {"exemplar": maps}, files=("maps/*",), **options).wait(600)
+    assert sorted(made.files) == [one for one in made.names if one.startswith("maps/")]
+    (document,) = [one for name, one in made.files.items() if name.endswith(".usda")]
+    assert f"inputs:scale = ({0.05 * 64 * 0.002:g}," in document.decode()  # height in metres
+
+
 def test_a_large_picture(client: Client, picture: np.ndarray) -> None:
     large = np.tile(picture, (64, 64, 1))
     assert large.shape == (4096, 4096, 3)

@@ -102,7 +102,7 @@ def test_examples_in_python_use_what_exists() -> None:
         for block in blocks(page):
             if block.language == "python":
                 compile(block.text, str(page), "exec")
-                used: list[Any] = re.findall(r"\btexloom\.(\w+)(?:\.(\w+))?", block.text)
+                used: list[Any] = re.findall(r"(?<!bpy\.ops\.)\btexloom\.(\w+)(?:\.(\w+))?", block.text)
                 assert {name for name, _ in used} <= names | {"stages", "pipelines"}
                 assert {stage for name, stage in used if name == "stages" and stage} <= stages | {
                     "interactive",

@@ -91,6 +91,7 @@ class Submitted(Message):
     crop: str | None = None
     reduce: str | None = None
     layout: str | None = None
+    texel_size: str | None = None
 
 
 class ResultMap(Message):

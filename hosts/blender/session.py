@@ -1,0 +1,65 @@
+"""The one client of this Blender, and where its texloom is."""
+
+from __future__ import annotations
+
+import bpy
+
+from .controller import Jobs
+from .texloom_client import Client
+
+JOBS = Jobs()
+_CLIENTS: list[Client] = []
+
+
+def close() -> None:
+    """End the server; the next run starts one."""
+    JOBS.cancel_all()
+    while _CLIENTS:
+        _CLIENTS.pop().close()
+
+
+def _changed(_: Preferences, __: bpy.types.Context) -> None:
+    close()
+
+
+class Preferences(bpy.types.AddonPreferences):
+    bl_idname = __package__
+
+    __annotations__ = {
+        "command": bpy.props.StringProperty(
+            name="texloom", subtype="FILE_PATH", update=_changed,
+            description="Path of texloom; empty: of the variable TEXLOOM, on the PATH, or of uv tool",
+        ),
+        "store": bpy.props.StringProperty(
+            name="Store", subtype="DIR_PATH", update=_changed,
+            description="Folder of its results; empty: texloom's own",
+        ),
+    }  # fmt: skip
+
+    def draw(self, _: bpy.types.Context) -> None:
+        self.layout.prop(self, "command")
+        self.layout.prop(self, "store")
+
+
+def _preferences() -> Preferences | None:
+    addon = bpy.context.preferences.addons.get(__package__)
+    return addon.preferences if addon else None
+
+
+def client() -> Client:
+    """The connection, which starts texloom when a run needs it."""
+    if not _CLIENTS:
+        chosen = _preferences()
+        command = bpy.path.abspath(chosen.command) if chosen and chosen.command else None
+        store = bpy.path.abspath(chosen.store) if chosen and chosen.store else None
+        _CLIENTS.append(Client(command, store=store))
+    return _CLIENTS[0]
+
+
+def register() -> None:
+    bpy.utils.register_class(Preferences)
+
+
+def unregister() -> None:
+    close()
+    bpy.utils.unregister_class(Preferences)
