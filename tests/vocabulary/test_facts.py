@@ -53,7 +53,8 @@ DROPS = {
     "synthesis.atlas", "synthesis.best_crop", "synthesis.coarse_level", "synthesis.compact_oriented",
     "synthesis.control_features",
     "synthesis.histogram_summary", "synthesis.initialise", "synthesis.layout", "synthesis.on_surface",
-    "synthesis.place_texture", "synthesis.seam_carving", "synthesis.tile_sheets", "synthesis.wang_borders",
+    "synthesis.place_texture", "synthesis.seam_carving", "synthesis.edge_sheets",
+    "synthesis.tile_sheets", "synthesis.wang_borders",
     "synthesis.whole_periods",
     "synthesis.reapply",  # it wraps as the earlier result
     "evaluation.contact_sheet", "evaluation.endless_plane", "evaluation.energy_curve", "evaluation.hex_plane",

@@ -8,7 +8,7 @@ import numpy as np
 
 from texloom.stages.common.grids.wang import CORNERS, SIDES, WangSet
 from texloom.stages.common.similarity.neighbourhoods import Rectangles
-from texloom.stages.synthesis.tiles.tile_materials import TileMaterials
+from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, material_points
 from texloom.stages.synthesis.tiles.wang_borders import Synthesis, Torus, WangParams, core, to_borders
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
@@ -77,7 +77,7 @@ def wang_tiles(
     synthesis = Synthesis(image, guidance, weight, generators, size, border, params, materials)
     to_row, to_column = to_borders((borders.height, borders.width), size)
     shared = np.minimum(to_row[:, None], to_column) < core(border)
-    made = synthesis.completed(Torus(borders, match), keep, shared, filled, tiles.corners, rng)
+    made = synthesis.completed(Torus(borders, match), keep, shared, filled, material_points(tiles), rng)
     down, across = (_least_change(made.image, axis, size, border // 2) for axis in (0, 1))
     shifted = made.at(np.arange(borders.height)[:, None] + down, np.arange(borders.width) + across)
     return WangTiles(shifted.image.wrapping(True), shifted.match, _table(tiles, size))
