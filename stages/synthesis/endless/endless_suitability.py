@@ -2,6 +2,7 @@
 
 import dataclasses
 import logging
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -69,6 +70,19 @@ def endless_suitability(image: Image, params: EndlessSuitabilityParams) -> Endle
     ----------
     [HeitzNeyret2018]_ say which textures suit; the measures are ours.
     """
+    table = suitability_of(image)
+    if table["verdict"] == "structured" and not params.accept:
+        raise InputError(
+            f"image: blending would destroy its structure: {why_not(table)}; the flow wang_tiles keeps it, --set "
+            "accept=true goes on"
+        )
+    if table["verdict"] != "stochastic":
+        _LOG.warning("blending may destroy its structure: %s; the flow wang_tiles keeps it", why_not(table))
+    return EndlessSuitability(table)
+
+
+def suitability_of(image: Image) -> dict[str, Any]:
+    """The table of `EndlessSuitability`."""
     while min(image.height, image.width) > _SIDE:
         image = image.with_pixels(halved(image.pixels))
     color = image.with_pixels(np.ascontiguousarray(image.color), ("R", "G", "B")).wrapping(True)
@@ -77,19 +91,16 @@ def endless_suitability(image: Image, params: EndlessSuitabilityParams) -> Endle
     found = {"difference": max(differences), "repetition": _repetition(texture.first[..., 0])}
     worst = max(sum(value > limit for limit in LIMITS[name]) for name, value in found.items())
     verdict = ("stochastic", "doubtful", "structured")[worst]
-    why = " and ".join(
-        f"its {name} is {value:.3f}, that of stochastic textures below {LIMITS[name][0]}"
-        for name, value in found.items()
-        if value > LIMITS[name][0]
+    return {**found, "differences": differences, "verdict": verdict}
+
+
+def why_not(table: Mapping[str, Any]) -> str:
+    """What makes a texture not stochastic, by its table."""
+    return " and ".join(
+        f"its {name} is {table[name]:.3f}, that of stochastic textures below {limits[0]}"
+        for name, limits in LIMITS.items()
+        if table[name] > limits[0]
     )
-    if verdict == "structured" and not params.accept:
-        raise InputError(
-            f"image: blending would destroy its structure: {why}; the flow wang_tiles keeps it, --set accept=true "
-            "goes on"
-        )
-    if verdict != "stochastic":
-        _LOG.warning("blending may destroy its structure: %s; the flow wang_tiles keeps it", why)
-    return EndlessSuitability({**found, "differences": differences, "verdict": verdict})
 
 
 def _differences(texture: GaussianTexture) -> list[float]:
