@@ -25,9 +25,11 @@ def with_common_statistics(
     tables = map(suitability_of, whole)
     doubts = [f"{name}: {why_not(table)}" for name, table in zip(names, tables, strict=True) if why_not(table)]
     if doubts:
-        _LOG.info("patches of either in between, as not all are stochastic: %s", "; ".join(doubts))
+        _LOG.warning("patches of either in between, as not all are stochastic: %s", "; ".join(doubts))
         return None
-    _LOG.info("all are stochastic: colours and contrasts in between change gradually from one to the next")
+    _LOG.warning(
+        "all are stochastic: colours and contrasts in between change gradually; --set gradual=false keeps them"
+    )
     labs = [lab_from_linear(image.color) for image in whole]
     found = [Statistics.of(lab, valid) for lab, valid in zip(labs, usable, strict=True)]
     common = found[0]

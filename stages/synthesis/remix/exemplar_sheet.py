@@ -3,7 +3,7 @@
 import dataclasses
 import logging
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Float32
@@ -13,10 +13,13 @@ from texloom.stages.common.grids.packing import arranged
 from texloom.stages.common.grids.size_checks import check_side
 from texloom.stages.common.similarity.neighbourhoods import Rectangles
 from texloom.stages.synthesis.remix.common_statistics import with_common_statistics
-from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
+from texloom.stages.vocabulary.arrays import Channels, Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear, linear_from_lab
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.masks import EXCLUSION_CHANNELS, valid_pixels, with_usable
+
+Lattice: TypeAlias = Annotated[Float32[np.ndarray, "_ 2"], Channels(("row", "column"))]
+"""`Vectors`, of which each item has as many as it has"""
 
 _LOG = logging.getLogger(__name__)
 
@@ -60,7 +63,10 @@ class ExemplarSheet:
 
 @stage(version=1)
 def exemplar_sheet(
-    exemplars: list[Image | None], items: list[dict[str, Any]], params: ExemplarSheetParams
+    exemplars: list[Image | None],
+    items: list[dict[str, Any]],
+    params: ExemplarSheetParams,
+    generators: list[Lattice | None] | None = None,
 ) -> ExemplarSheet:
     """Arrange exemplars of any size in one picture, with excluded gaps between them.
 
@@ -69,6 +75,7 @@ def exemplar_sheet(
     Parameters
     ----------
     exemplars : None where an item failed.
+    generators : of the lattices of exemplars, of which it is said that they are not kept.
     items : name of each exemplar's item; provided by the runner.
 
     Raises
@@ -85,6 +92,8 @@ def exemplar_sheet(
     if not known:
         raise InputError("exemplars: there is none")
     names = [name for name, _ in known]
+    if generators is not None:
+        _tell_lattices([str(item["name"]) for item in items], generators)
     usable = [_usable(image) for _, image in known]
     images = _of_one_kind(names, [_without_exclusion(image) for _, image in known])
     for image in images:
@@ -155,6 +164,15 @@ def _shares(weights: Mapping[str, float], names: Sequence[str]) -> np.ndarray | 
         raise InputError(f"weights: {unknown[0]} is no exemplar; they are {', '.join(names)}")
     asked = np.array([weights.get(name, 1.0) for name in names])
     return asked / asked.sum() if weights else None
+
+
+def _tell_lattices(names: Sequence[str], generators: Sequence[Lattice | None]) -> None:
+    periodic = [name for name, own in zip(names, generators, strict=True) if own is not None and len(own)]
+    if periodic:
+        _LOG.warning(
+            "%s: lattice or courses dropped, which several exemplars do not have in common; self_tuning keeps them",
+            ", ".join(periodic),
+        )
 
 
 def _tell_sizes(names: Sequence[str], images: Sequence[Image]) -> None:
