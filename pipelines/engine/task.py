@@ -17,7 +17,7 @@ from texloom.pipelines.engine.stage_log import logging_to
 from texloom.pipelines.flow.model import Reference, Step
 from texloom.pipelines.media.sources import Source, SourceValue
 from texloom.pipelines.store.outputs import Outputs
-from texloom.pipelines.store.preview import eight_bits, small_png
+from texloom.pipelines.store.preview import small_png
 from texloom.pipelines.store.result_files import BrokenArtifactError
 from texloom.pipelines.store.store import Store
 from texloom.stages.kernels.core.threads import sharing
@@ -176,7 +176,7 @@ class _ProgressReports:
         if self._spec.shows_scales and progress.preview is not None and progress.scale != self._scale:
             self._scale = progress.scale
             with contextlib.suppress(Exception):  # a plug-in's may be wrong, and its result right
-                picture = small_png(eight_bits(progress.preview().color))
+                picture = small_png(progress.preview().srgb)
         self._listener(StepProgress(self._spec.label, progress, picture))
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.png_file import png
-from texloom.pipelines.store.preview import eight_bits
+from texloom.stages.vocabulary.color import srgb_codes
 from texloom.stages.vocabulary.scratch import empty, release
 
 TILE = 512  # px
@@ -62,7 +62,7 @@ def write_deep_zoom(path: str | os.PathLike[str], height: int, width: int, read:
                     half = empty((-(-height // 2), -(-width // 2), pixels.shape[2]), np.float32)
                 small = _halved(pixels)
                 half[top // 2 : top // 2 + len(small), left // 2 : left // 2 + small.shape[1]] = small
-                levels = eight_bits(pixels)
+                levels = srgb_codes(pixels)
                 content = png(levels)
                 write_atomically(folder / f"{column}_{row}.png", content, durable=False)
                 written[f"{room}/{level}/{column}_{row}.png"] = hashlib.sha256(content).hexdigest()

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
-from texloom.stages.vocabulary.color import linear_from_lab, srgb_from_linear
+from texloom.stages.vocabulary.color import linear_from_lab, srgb_codes
 from texloom.stages.vocabulary.masks import EXCLUSION_CHANNELS
 from texloom.stages.vocabulary.scratch import release
 
@@ -40,7 +40,7 @@ def picture(
     if colors:
         return _color_picture(planes, colors)
     if set(planes) == {"L", "a", "b"}:
-        return eight_bits(linear_from_lab(_stacked(planes, "Lab")))
+        return np.asarray(srgb_codes(linear_from_lab(_stacked(planes, "Lab"))))
     if set(planes) == {"row", "column"}:
         return _position_picture(planes, ranges)
     if len(planes) <= _MAX_PLANES:
@@ -92,7 +92,7 @@ def color_strips(planes: Mapping[str, np.ndarray], colors: str) -> Iterator[np.n
     for top in range(0, height, rows):
         strip = {name: planes[name][top : top + rows] for name in (*colors, *alphas)}
         rounded = np.empty((*strip[colors[0]].shape, len(colors) + bool(alphas)), np.uint8)
-        rounded[..., : len(colors)] = eight_bits(_stacked(strip, colors))
+        rounded[..., : len(colors)] = srgb_codes(_stacked(strip, colors))
         if alphas:
             rounded[..., -1] = _rounded(np.clip(_stacked(strip, alphas), 0, 1).min(axis=2))
         release(*strip.values())
@@ -107,11 +107,6 @@ def small_png(levels: np.ndarray) -> bytes:
         made.thumbnail((_SIDE, _SIDE))
         made.save(stream, "png")
         return stream.getvalue()
-
-
-def eight_bits(linear: np.ndarray) -> np.ndarray:
-    """8-bit sRGB codes of linear light, which is clipped to 0..1."""
-    return _rounded(srgb_from_linear(linear))
 
 
 def _rounded(levels: np.ndarray) -> np.ndarray:

@@ -16,7 +16,6 @@ from texloom.stages.common.per_pixel.levels import Rect
 from texloom.stages.common.per_pixel.target import normalised
 from texloom.stages.synthesis.per_pixel.per_pixel import ArrangementParams, check_divisible, prepare, style_of
 from texloom.stages.vocabulary.arrays import Image
-from texloom.stages.vocabulary.color import srgb_from_linear
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.sizes import format_size
 from texloom.stages.vocabulary.tileable import parse_tileable
@@ -94,7 +93,7 @@ class Canvas:
         pixels = tables.pixels_of(np.arange(tables.places, dtype=np.int32).reshape(-1, tables.pitch))
         rows, columns = (np.clip(part, 0, side - 1) for part, side in zip(pixels, tables.shape, strict=True))
         self._pixels = image.pixels[rows, columns].reshape(tables.places, -1)
-        colours = np.rint(srgb_from_linear(image.color) * 255).astype(np.uint8)
+        colours = image.srgb
         self._colours = colours[rows, columns].reshape(tables.places, 3)
         try:
             wrap = parse_tileable(tileable)

@@ -25,7 +25,6 @@ from texloom.stages.analysis.regularity.vertices import Vertices
 from texloom.stages.common.grids.pyramid import reduced
 from texloom.stages.interactive.flow_file import flow_text
 from texloom.stages.vocabulary.arrays import Image, Vectors
-from texloom.stages.vocabulary.color import srgb_from_linear
 from texloom.stages.vocabulary.declare import InputError, NoParams
 
 Step = tuple[int, int]
@@ -165,7 +164,7 @@ class LatticeSession:
             np.asarray((points + 0.5) * factor - 0.5, np.float32) for points in (lattice.vertices, lattice.regular)
         )
         straight = straighten(Image(small, ("R", "G", "B")), vertices, regular, NoParams()).image
-        return np.rint(srgb_from_linear(straight.color) * 255).astype(np.uint8)
+        return straight.srgb
 
     def content(self) -> dict[str, Any]:
         """The content of a file of vertices: those that were moved or detected."""

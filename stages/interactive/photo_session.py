@@ -142,7 +142,7 @@ class PhotoSession(PhotoAreas):
         seed : equal seeds give equal previews.
         """
         made = flat_texture(self.coarse_photo, self.coarse(), size, tileable, np.random.default_rng(seed))
-        return np.rint(srgb_from_linear(made.color) * 255).astype(np.uint8)
+        return made.srgb
 
     def content(self) -> dict[str, Any]:
         """The content of a geometry file: patches, and areas that are polygons.

@@ -13,7 +13,7 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float32, UInt8, UInt32
 
-from texloom.stages.vocabulary.color import linear_from_codes, srgb_from_linear
+from texloom.stages.vocabulary.color import linear_from_codes, srgb_codes
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.facts import UNKNOWN, Facts, Wraps
 
@@ -135,7 +135,7 @@ class Image:
     @property
     def srgb(self) -> UInt8[np.ndarray, "h w 3"]:
         """The colour as 8-bit sRGB, clipped to 0..1."""
-        return np.rint(srgb_from_linear(self.color) * 255).astype(np.uint8)
+        return srgb_codes(self.color)
 
     @property
     def height(self) -> int:

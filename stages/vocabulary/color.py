@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, UInt8
 
 from texloom.stages.kernels.core.elementary_functions import cbrt, power
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
@@ -60,6 +62,42 @@ def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
         curved = 1.055 * power(clipped, 1 / 2.4) - 0.055
         encoded[top : top + rows] = np.where(clipped <= 0.0031308, clipped * 12.92, curved)
     return encoded.reshape(np.shape(linear))
+
+
+def srgb_codes(linear: Float32[np.ndarray, "*n"]) -> UInt8[np.ndarray, "*n"]:
+    """8-bit sRGB codes of linear light, which is clipped to 0..1; NaN is 0.
+
+    They are those of `srgb_from_linear`, rounded.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> srgb_codes(np.array([0, 0.18, 2], np.float32))
+    array([  0, 118, 255], dtype=uint8)
+    """
+    from texloom.stages.kernels.core.colour_codes import find_codes
+
+    codes = np.empty(linear.shape, np.uint8)
+    values = np.ascontiguousarray(linear).reshape(-1)
+    for first in range(0, values.size, _STRIP):
+        strip = np.where(np.isnan(values[first : first + _STRIP]), np.float32(0), values[first : first + _STRIP])
+        find_codes(strip.view(np.int32), *_code_tables(), codes.reshape(-1)[first : first + _STRIP])
+    return codes
+
+
+@functools.cache
+def _code_tables() -> tuple[np.ndarray, np.ndarray]:
+    """Bits of the least light of each code from 1 on, and the codes that these bits begin with."""
+    from texloom.stages.kernels.core.colour_codes import SHIFT
+
+    codes = np.arange(1, 256)
+    below, reached = np.zeros(255, np.int32), np.full(255, np.float32(1).view(np.int32))
+    while (reached - below > 1).any():
+        middle = (below + reached) // 2
+        is_reached = np.rint(srgb_from_linear(middle.view(np.float32)) * np.float32(255)) >= codes
+        below, reached = np.where(is_reached, below, middle), np.where(is_reached, middle, reached)
+    firsts = np.arange((int(reached[-1]) >> SHIFT) + 1) << SHIFT
+    return reached, np.searchsorted(reached, firsts, side="right").astype(np.uint8)
 
 
 def linear_from_codes(codes: np.ndarray, data_planes: int = 0) -> Float32[np.ndarray, "h w c"]:

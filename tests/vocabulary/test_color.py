@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from texloom.stages.vocabulary.color import lab_from_linear, linear_from_lab, linear_from_srgb, srgb_from_linear
+from texloom.stages.vocabulary.color import (
+    lab_from_linear,
+    linear_from_lab,
+    linear_from_srgb,
+    srgb_codes,
+    srgb_from_linear,
+)
 
 
 def lab(*color: float) -> np.ndarray:
@@ -81,3 +87,18 @@ def test_large_pictures_are_converted_like_small_ones() -> None:
     color = np.random.default_rng(1).random((150, 1200, 3), np.float32)
     rows = np.concatenate([lab_from_linear(row[None]) for row in color])
     np.testing.assert_array_equal(lab_from_linear(color), rows)
+
+
+def test_codes_are_those_of_the_curve_rounded(rng: np.random.Generator) -> None:
+    codes = np.arange(256)
+    reached = linear_from_srgb((codes[1:] - 0.5) / 255).astype(np.float32)
+    near = (reached.view(np.int32)[:, None] + np.arange(-40, 41)).astype(np.int32).view(np.float32)
+    light = np.concatenate([near.ravel(), rng.uniform(-0.2, 1.2, 10000).astype(np.float32)])
+    expected = np.rint(srgb_from_linear(light) * np.float32(255)).astype(np.uint8)
+    assert (srgb_codes(light) == expected).all()
+    assert (srgb_codes(linear_from_srgb(codes / 255).astype(np.float32)) == codes).all()
+
+
+def test_light_that_has_no_code_is_black_or_white() -> None:
+    light = np.array([[-np.inf, -1.0, -0.0, np.nan], [1.0, 2.0, 65504.0, np.inf]], np.float32)
+    assert srgb_codes(light).tolist() == [[0] * 4, [255] * 4]

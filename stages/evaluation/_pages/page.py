@@ -16,7 +16,7 @@ from jaxtyping import Float32, UInt8
 from texloom.stages.evaluation._pages.text import css_color, number, score_color, seconds, writable
 from texloom.stages.vocabulary.animation import animated_webp
 from texloom.stages.vocabulary.arrays import Image, Mask, Page
-from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.color import srgb_codes, srgb_from_linear
 from texloom.stages.vocabulary.scratch import bands
 
 _BLUE_TO_RED = (
@@ -146,7 +146,7 @@ def overview(image: Image) -> Image:
 
 def shown_frames(frames: Sequence[Image], largest: int) -> Shown:
     """The frames of a stack as an animation; see `shown`."""
-    levels = [np.rint(srgb_from_linear(_reduced(frame.color, largest)) * 255).astype(np.uint8) for frame in frames]
+    levels = [srgb_codes(_reduced(frame.color, largest)) for frame in frames]
     held = (levels[0].shape[0], levels[0].shape[1])
     return Shown(_data_uri(animated_webp(levels)), frames[0].height, frames[0].width, held)
 

@@ -8,7 +8,7 @@ KEPT, FREE, FILLED, ABSENT = 0, 1, 2, 3
 """state of a pixel: keeps its source, may take either, takes the new one, has none"""
 
 _DOWN, _RIGHT, _UP, _LEFT = 0, 1, 2, 3
-_LARGE = 1 << 60
+_BLOCKED = -2  # level of a node from which nothing more flows before the next levels
 
 
 @compiled
@@ -84,8 +84,16 @@ def cut_window(lab, slopes, core, offset, unit, most, old, new, state, taken, co
     costs : (2,) int64, of all seams before and after
     """
     height, width = state.shape
-    capacity = np.zeros((4, height, width), np.int64)  # to the neighbour on each side
-    keep, take = np.zeros((height, width), np.int64), np.zeros((height, width), np.int64)
+    node = np.full((height, width), -1, np.int32)
+    count = 0
+    for y in range(height):
+        for x in range(width):
+            if state[y, x] == FREE:
+                node[y, x] = count
+                count += 1
+    beside = np.full((count, 4), -1, np.int32)
+    capacity = np.zeros((count, 4), np.int64)  # to the neighbour on each side
+    keep, take = np.zeros(count, np.int64), np.zeros(count, np.int64)
     before = np.int64(0)
     for axis in range(2):
         forth, back = (_DOWN, _UP) if axis == 0 else (_RIGHT, _LEFT)
@@ -103,40 +111,25 @@ def cut_window(lab, slopes, core, offset, unit, most, old, new, state, taken, co
                 e, f, g, h = new[y, x, 0], new[y, x, 1], new[v, u, 0], new[v, u, 1]
                 right = _cost(lab, slopes, core, offset, unit, most, axis, a, b, g, h)
                 left = _cost(lab, slopes, core, offset, unit, most, axis, e, f, c, d)
+                first, second = node[y, x], node[v, u]
                 if one == FREE and other == FREE:
                     stay = min(stay, left + right)
                     share = min(max(stay // 2, stay - left), right)
-                    keep[y, x] += share
-                    keep[v, u] += stay - share
-                    capacity[forth, y, x] += right - share
-                    capacity[back, v, u] += left - (stay - share)
+                    keep[first] += share
+                    keep[second] += stay - share
+                    beside[first, forth], beside[second, back] = second, first
+                    capacity[first, forth] = right - share
+                    capacity[second, back] = left - (stay - share)
                 elif one == FREE:
-                    keep[y, x] += right if other == FILLED else stay
-                    take[y, x] += 0 if other == FILLED else left
+                    keep[first] += right if other == FILLED else stay
+                    take[first] += 0 if other == FILLED else left
                 else:
-                    keep[v, u] += left if one == FILLED else stay
-                    take[v, u] += 0 if one == FILLED else right
-    _flow(keep, take, capacity, state)
-    # what still reaches the sink takes the new source
-    stack = np.empty(height * width, np.int64)
-    count = 0
+                    keep[second] += left if one == FILLED else stay
+                    take[second] += 0 if one == FILLED else right
+    reaches = _flow(keep, take, beside, capacity)
     for y in range(height):
         for x in range(width):
-            taken[y, x] = state[y, x] == FILLED or (state[y, x] == FREE and keep[y, x] > 0)
-            if taken[y, x] and state[y, x] == FREE:
-                stack[count] = y * width + x
-                count += 1
-    while count > 0:
-        count -= 1
-        y, x = stack[count] // width, stack[count] % width
-        for side in range(4):
-            v, u = y + (side == _DOWN) - (side == _UP), x + (side == _RIGHT) - (side == _LEFT)
-            if v < 0 or u < 0 or v >= height or u >= width or state[v, u] != FREE or taken[v, u]:
-                continue
-            if capacity[(side + 2) % 4, v, u] > 0:
-                taken[v, u] = True
-                stack[count] = v * width + u
-                count += 1
+            taken[y, x] = state[y, x] == FILLED or (node[y, x] >= 0 and reaches[node[y, x]] >= 0)
     after = np.int64(0)
     for axis in range(2):
         for y in range(height - (axis == 0)):
@@ -154,94 +147,92 @@ def cut_window(lab, slopes, core, offset, unit, most, old, new, state, taken, co
 
 
 @compiled
-def _flow(keep, take, capacity, state):
+def _flow(keep, take, beside, capacity):
     """Push a maximum flow from ``take``, arcs from the source, to ``keep``, arcs to the sink, by Dinic's levels.
 
-    What is left of all arcs remains in place.
+    What is left of all arcs remains in place. Returns how many arcs with capacity left lead from each node to the
+    sink, -1 where none do: what still reaches the sink takes the new source.
+
+    Parameters
+    ----------
+    keep, take : (n,) int64
+    beside : (n, 4) int32, neighbour on each side; -1 for none
+    capacity : (n, 4) int64, to the neighbour on each side
     """
-    height, width = keep.shape
-    for y in range(height):
-        for x in range(width):
-            both = min(keep[y, x], take[y, x])
-            keep[y, x] -= both
-            take[y, x] -= both
-    level = np.empty((height, width), np.int32)
-    side_of = np.empty((height, width), np.int8)
-    queue = np.empty(height * width, np.int64)
-    path = np.empty(height * width + 1, np.int64)
+    count = len(keep)
+    for node in range(count):
+        both = min(keep[node], take[node])
+        keep[node] -= both
+        take[node] -= both
+    level = np.empty(count, np.int32)
+    side_of = np.empty(count, np.int8)
+    queue = np.empty(count, np.int32)
+    path = np.empty(count + 1, np.int32)
     while True:
         level[:] = -1
-        first = last = 0
-        for y in range(height):
-            for x in range(width):
-                if state[y, x] == FREE and take[y, x] > 0:
-                    level[y, x] = 0
-                    queue[last] = y * width + x
-                    last += 1
-        reached = False
+        last = 0
+        for node in range(count):
+            if keep[node] > 0:
+                level[node] = 0
+                queue[last] = node
+                last += 1
+        first, reached = 0, False
         while first < last:
-            y, x = queue[first] // width, queue[first] % width
+            node = queue[first]
             first += 1
-            if keep[y, x] > 0:
+            if take[node] > 0:
                 reached = True
             for side in range(4):
-                if capacity[side, y, x] <= 0:
-                    continue
-                v, u = y + (side == _DOWN) - (side == _UP), x + (side == _RIGHT) - (side == _LEFT)
-                if level[v, u] < 0:
-                    level[v, u] = level[y, x] + 1
-                    queue[last] = v * width + u
+                other = beside[node, side]
+                if other >= 0 and level[other] < 0 and capacity[other, (side + 2) % 4] > 0:
+                    level[other] = level[node] + 1
+                    queue[last] = other
                     last += 1
         if not reached:
-            return
+            return level
         side_of[:] = 0
         for index in range(last):
-            start = queue[index]
-            if level[start // width, start % width] > 0:
-                break
-            while take[start // width, start % width] > 0:
-                if not _augmented(keep, take, capacity, level, side_of, path, start, width):
-                    break
+            node = queue[index]
+            if take[node] > 0:
+                _push(keep, take, beside, capacity, level, side_of, path, node)
 
 
 @compiled
-def _augmented(keep, take, capacity, level, side_of, path, start, width):
-    """Push flow along one path of rising levels; whether there is one."""
+def _push(keep, take, beside, capacity, level, side_of, path, start):
+    """Push what ``start`` can take along paths of falling levels."""
     length = 0
     path[0] = start
     while True:
-        y, x = path[length] // width, path[length] % width
-        if keep[y, x] > 0:
-            break
-        moved = False
-        while side_of[y, x] < 4:
-            side = side_of[y, x]
-            if capacity[side, y, x] > 0:
-                v, u = y + (side == _DOWN) - (side == _UP), x + (side == _RIGHT) - (side == _LEFT)
-                if level[v, u] == level[y, x] + 1:
-                    length += 1
-                    path[length] = v * width + u
-                    moved = True
-                    break
-            side_of[y, x] += 1
-        if moved:
+        node = path[length]
+        if keep[node] > 0:
+            amount = min(take[start], keep[node])
+            for index in range(length):
+                amount = min(amount, capacity[path[index], side_of[path[index]]])
+            take[start] -= amount
+            keep[node] -= amount
+            full = length
+            for index in range(length - 1, -1, -1):
+                own, side = path[index], side_of[path[index]]
+                capacity[own, side] -= amount
+                capacity[path[index + 1], (side + 2) % 4] += amount
+                if capacity[own, side] == 0:
+                    full = index
+            if take[start] == 0:
+                return
+            length = full  # on from the first arc that is full
             continue
-        if length == 0:
-            return False
-        level[y, x] = -1
-        length -= 1
-        side_of[path[length] // width, path[length] % width] += 1
-    y, x = path[length] // width, path[length] % width
-    amount = min(take[start // width, start % width], keep[y, x])
-    for index in range(length):
-        v, u = path[index] // width, path[index] % width
-        amount = min(amount, capacity[side_of[v, u], v, u])
-    take[start // width, start % width] -= amount
-    keep[y, x] -= amount
-    for index in range(length):
-        v, u = path[index] // width, path[index] % width
-        side = side_of[v, u]
-        capacity[side, v, u] -= amount
-        y, x = path[index + 1] // width, path[index + 1] % width
-        capacity[(side + 2) % 4, y, x] += amount
-    return True
+        while side_of[node] < 4:
+            side = side_of[node]
+            other = beside[node, side]
+            if other >= 0 and capacity[node, side] > 0 and 0 <= level[other] == level[node] - 1:
+                break
+            side_of[node] += 1
+        if side_of[node] < 4:
+            length += 1
+            path[length] = beside[node, side_of[node]]
+        elif length == 0:
+            return
+        else:
+            level[node] = _BLOCKED
+            length -= 1
+            side_of[path[length]] += 1

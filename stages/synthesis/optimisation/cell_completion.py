@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int32, Int64
+from jaxtyping import Bool, Float32, Float64, Int64
 
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.cells import most_frequent
@@ -85,11 +85,15 @@ class CellCompletion:
         recent = np.ones(match.shape[1:], bool)  # what the round before changed
         for _ in range(_ROUNDS):
             changed = 0
-            tried, recent = recent, np.zeros(match.shape[1:], bool)
+            waiting, recent = recent, np.zeros(match.shape[1:], bool)
             for window in target_windows(match.shape[1:], wrap, _WINDOW, _WIDEST + 2 * int(_pad(_WIDEST)) + 2):
+                own = waiting[window.place]
+                if not own.any():
+                    continue
                 source = match[:, *window.place].astype(np.int64) + self.middle
                 before = source.copy()
-                count = self._completed(source, window.border, tried[window.place])
+                count = self._completed(source, window.border, own)
+                waiting[window.place] = own
                 if count:
                     match[:, *window.place] = source - self.middle
                     recent[window.place] |= (source != before).any(axis=0)
@@ -100,38 +104,42 @@ class CellCompletion:
         return total
 
     def _completed(
-        self, source: Int64[np.ndarray, "2 p q"], border: Bool[np.ndarray, "p q"], tried: Bool[np.ndarray, "p q"]
+        self, source: Int64[np.ndarray, "2 p q"], border: Bool[np.ndarray, "p q"], waiting: Bool[np.ndarray, "p q"]
     ) -> int:
-        """Complete those cells of a window, in place, that have pixels of ``tried``; how many."""
+        """Complete those cells of a window, in place, that have pixels of ``waiting``; how many.
+
+        What was looked at waits no longer: cells that no border of the window cuts, with all around them.
+        """
         shown = self._shown(source)
         largest = min(_WIDEST, int(_LARGEST * min(self.lab.shape[:2])))
         sides = shown.boxes[:, 2:] - shown.boxes[:, :2]
         mixed = (shown.severity >= _MIN_SEAM * UNIT) & (sides.max(axis=1) <= largest)
-        mixed &= np.bincount(shown.number[tried], minlength=len(mixed)) > 0
-        pad = _pad(sides)
+        mixed &= np.bincount(shown.number[waiting], minlength=len(mixed)) > 0
+        pad, inside = _pad(sides), np.ones(len(sides), bool)
         limits = np.array(source.shape[1:])
         outer = np.concatenate([shown.boxes[:, :2] - pad, shown.boxes[:, 2:] + pad], axis=1)
         for axis in (0, 1):
             before, after = (border[0, :], border[-1, :]) if axis == 0 else (border[:, 0], border[:, -1])
             if before[1:-1].any():
-                mixed &= outer[:, axis] > 0
+                inside &= outer[:, axis] > 0
             if after[1:-1].any():
-                mixed &= outer[:, axis + 2] < limits[axis]
+                inside &= outer[:, axis + 2] < limits[axis]
+        waiting &= ~inside[shown.number]
         outer = np.clip(outer, 0, np.tile(limits, 2))
-        waiting = np.flatnonzero(mixed)
-        waiting = waiting[np.lexsort((waiting, -shown.severity[waiting]))]
+        left_over = np.flatnonzero(mixed & inside)
+        left_over = left_over[np.lexsort((left_over, -shown.severity[left_over]))]
         done = 0
-        while len(waiting):
+        while len(left_over):
             busy = np.zeros(source.shape[1:], bool)
             now: list[int] = []
             later: list[int] = []
-            for cell in waiting.tolist():
+            for cell in left_over.tolist():
                 top, left, bottom, right = outer[cell]
                 view = busy[top:bottom, left:right]
                 (later if view.any() else now).append(cell)
                 view[:] = True
             done += self._laid(source, shown, now, outer)
-            waiting = np.array(later, np.int64)
+            left_over = np.array(later, np.int64)
         return done
 
     def _shown(self, source: Int64[np.ndarray, "2 p q"]) -> _Shown:
@@ -190,18 +198,21 @@ class CellCompletion:
         from texloom.stages.kernels.cells.cell_cuts import FILLED, FREE, KEPT, cut_cells
         from texloom.stages.kernels.core.threads import run_all, spans
 
-        sides = outer[:, 2:] - outer[:, :2]
-        rows = np.cumsum([0, *(sides[cell, 0] for cell, *_ in tried)])
-        width = max(int(sides[cell, 1]) for cell, *_ in tried)
+        boxes = np.array([_box_around(shown.boxes[cell], region, outer[cell]) for cell, _, region, _ in tried])
+        sides = boxes[:, 2:] - boxes[:, :2]
+        rows = np.cumsum([0, *sides[:, 0]])
+        width = int(sides[:, 1].max())
         old, state = np.zeros((rows[-1], width, 2), np.int32), np.zeros((rows[-1], width), np.int8)
         shifts = np.zeros((len(tried), 3), np.int64)
         element = np.ones((2 * _BAND + 1,) * 2, np.uint8)
         possible = np.ones(len(tried), bool)
-        for index, (cell, shift, region, _) in enumerate(tried):
-            top, left, bottom, right = outer[cell]
+        for index, (cell, shift, whole, _) in enumerate(tried):
+            top, left, bottom, right = boxes[index]
             view = np.s_[rows[index] : rows[index + 1], : right - left]
             old[view] = np.moveaxis(source[:, top:bottom, left:right], 0, 2)
             own = shown.number[top:bottom, left:right] == cell
+            first = outer[cell, :2]
+            region = whole[top - first[0] : bottom - first[0], left - first[1] : right - first[1]]
             shifts[index] = top + shift[0], left + shift[1], right - left
             usable = _window(self.places, shifts[index, :2], own.shape)
             near = cv2.dilate((own | region).astype(np.uint8), element) > 0
@@ -227,31 +238,36 @@ class CellCompletion:
             gain = float(saved[index, 0] - saved[index, 1])
             if not possible[index] or gain <= 0 or gain / factor <= best.get(cell, (0.0, 0))[0]:
                 continue
-            stubs = self._more_stubs(
-                old[rows[index] : rows[index + 1]], taken[rows[index] : rows[index + 1]], shifts[index]
-            )
-            gain -= self.stub_cost * stubs
+            chosen = taken[rows[index] : rows[index + 1], : sides[index, 1]]
+            gain -= self.stub_cost * self._more_stubs(source, outer[cell], boxes[index], chosen, shifts[index, :2])
             if gain > 0 and gain / factor > best.get(cell, (0.0, 0))[0]:
                 best[cell] = gain / factor, index
-        for cell, (_, index) in best.items():
-            top, left, bottom, right = outer[cell]
+        for _, index in best.values():
+            top, left, bottom, right = boxes[index]
             chosen = taken[rows[index] : rows[index + 1], : right - left]
             new = np.indices(chosen.shape) + shifts[index, :2, None, None]
             source[:, top:bottom, left:right] = np.where(chosen, new, source[:, top:bottom, left:right])
         return set(best)
 
     def _more_stubs(
-        self, old: Int32[np.ndarray, "a b 2"], taken: Bool[np.ndarray, "a b"], shift: Int64[np.ndarray, "3"]
+        self,
+        source: Int64[np.ndarray, "2 p q"],
+        around: Int64[np.ndarray, "4"],
+        box: Int64[np.ndarray, "4"],
+        taken: Bool[np.ndarray, "a b"],
+        corner: Int64[np.ndarray, "2"],
     ) -> int:
-        """How many stubs of cells a cut leaves, less those it removes."""
+        """How many stubs of cells a cut in ``box`` leaves, less those it removes."""
         import cv2
 
-        old, taken = old[:, : shift[2]], taken[:, : shift[2]]
-        before = self.cells.core[old[..., 0], old[..., 1]]
-        after = np.where(taken, _window(self.cells.core, shift[:2], before.shape), before)
+        top, left, bottom, right = around
+        before = self.cells.core[source[0, top:bottom, left:right], source[1, top:bottom, left:right]]
+        after = before.copy()
+        cut = after[box[0] - top : box[2] - top, box[1] - left : box[3] - left]
+        np.copyto(cut, _window(self.cells.core, corner, cut.shape), where=taken)
         counts = []
         for inside in (before, after):
-            boxes = cv2.connectedComponentsWithStats(inside.astype(np.uint8), connectivity=4)[2][1:]
+            boxes = cv2.connectedComponentsWithStats(inside.view(np.uint8), connectivity=4)[2][1:]
             within = (boxes[:, :2] > 0).all(axis=1)
             within &= (boxes[:, :2] + boxes[:, 2:4] < inside.shape[::-1]).all(axis=1)
             counts.append(int((within & (boxes[:, 4] < self.stub)).sum()))
@@ -359,6 +375,17 @@ class CellCompletion:
 def _pad(sides: Any) -> Any:
     """How far around a cell of these sides the pixels lie that its completion looks at or changes, px."""
     return _BAND + 3 + np.ceil(_REACH * np.asarray(sides)).astype(np.int64)
+
+
+def _box_around(
+    cell: Int64[np.ndarray, "4"], region: Bool[np.ndarray, "a b"], outer: Int64[np.ndarray, "4"]
+) -> Int64[np.ndarray, "4"]:
+    """The part of ``outer`` in which a cut of a cell and a region of ``outer`` may lie, with a pixel around."""
+    rows, columns = np.flatnonzero(region.any(axis=1)), np.flatnonzero(region.any(axis=0))
+    laid = np.array([rows[0], columns[0], rows[-1] + 1, columns[-1] + 1]) + np.tile(outer[:2], 2)
+    first = np.minimum(cell[:2], laid[:2]) - (_BAND + 1)
+    last = np.maximum(cell[2:], laid[2:]) + (_BAND + 1)
+    return np.concatenate([np.maximum(first, outer[:2]), np.minimum(last, outer[2:])])
 
 
 def _template(

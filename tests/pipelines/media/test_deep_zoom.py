@@ -13,8 +13,8 @@ import texloom
 from texloom.pipelines.media import deep_zoom
 from texloom.pipelines.media.writers.registry import Job, write
 from texloom.pipelines.store.atomic import file_digest
-from texloom.pipelines.store.preview import eight_bits
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import srgb_codes
 
 
 @pytest.fixture(autouse=True)
@@ -40,9 +40,9 @@ def test_levels_halve_the_picture(tmp_path: Path) -> None:
     assert {level: shown.shape[:2] for level, shown in levels.items()} == {
         6: (37, 50), 5: (19, 25), 4: (10, 13), 3: (5, 7), 2: (3, 4), 1: (2, 2), 0: (1, 1),
     }  # fmt: skip
-    np.testing.assert_array_equal(levels[6], eight_bits(image.color))
+    np.testing.assert_array_equal(levels[6], srgb_codes(image.color))
     means = image.color[:36, :48].reshape(18, 2, 24, 2, 3).mean(axis=(1, 3))
-    np.testing.assert_allclose(levels[5][:18, :24].astype(int), eight_bits(means).astype(int), atol=1)
+    np.testing.assert_allclose(levels[5][:18, :24].astype(int), srgb_codes(means).astype(int), atol=1)
 
 
 def test_an_endless_texture_is_made_window_by_window(tmp_path: Path) -> None:
@@ -59,4 +59,4 @@ def test_an_endless_texture_is_made_window_by_window(tmp_path: Path) -> None:
         ]
 
     texloom.write_deep_zoom(tmp_path / "endless.dzi", 48, 40, read)
-    np.testing.assert_array_equal(put_together(tmp_path / "endless_files/6"), eight_bits(whole.color))
+    np.testing.assert_array_equal(put_together(tmp_path / "endless_files/6"), srgb_codes(whole.color))
