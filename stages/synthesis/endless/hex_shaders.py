@@ -103,6 +103,9 @@ def hex_shaders(image: Image, params: HexShadersParams) -> HexShaders:
         "factors": [f"0x{factor:08x}" for factor in HASH_FACTORS], "signed_factors": SIGNED_FACTORS,
     }  # fmt: skip
     here = Path(__file__)
-    kinds = (("glsl", False), ("hlsl", False), ("glsl", True), ("osl", False))
-    found = [(templates(here.parent).get_template(f"{here.stem}.{kind}.j2"), godot) for kind, godot in kinds]
-    return HexShaders(*(template.render({**values, "godot": godot}) + "\n" for template, godot in found), layout)
+
+    def written(kind: str, is_godot: bool = False) -> str:
+        template = templates(here.parent).get_template(f"{here.stem}.{kind}.j2")
+        return str(template.render({**values, "godot": is_godot})) + "\n"
+
+    return HexShaders(written("glsl"), written("hlsl"), written("glsl", True), written("osl"), layout)
