@@ -118,6 +118,9 @@ def mixture_guide(
     number = before + side
     wanted = np.bincount(np.rint(number).astype(int).ravel(), minlength=len(names)) / number.size
     target = (number * strength)[..., None].astype(np.float32)
+    if map is None:  # a ramp that begins at once would show as a line
+        part = way - before
+        way = before + part * part * (3 - 2 * part)
     return MixtureGuide(own, target, way.astype(np.float32), wanted.tolist())
 
 
