@@ -1,19 +1,22 @@
 """Wang tiles: interiors between borders that fit, and the table that tells which tile fits where."""
 
 import dataclasses
+import logging
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from texloom.stages.common.grids.wang import CORNERS, SIDES, WangSet
-from texloom.stages.common.similarity.neighbourhoods import Rectangles
+from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, material_points
 from texloom.stages.synthesis.tiles.wang_borders import Synthesis, Torus, WangParams, core, to_borders
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Outline, stage
 from texloom.stages.vocabulary.masks import fill_excluded
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,7 +83,29 @@ def wang_tiles(
     made = synthesis.completed(Torus(borders, match), keep, shared, filled, material_points(tiles), rng)
     down, across = (_least_change(made.image, axis, size, border // 2) for axis in (0, 1))
     shifted = made.at(np.arange(borders.height)[:, None] + down, np.arange(borders.width) + across)
+    if rectangles is not None and tiles.kind == "edges":
+        _tell_edges(numbers_in(rectangles, image.height, image.width), shifted.match, tiles, size)
     return WangTiles(shifted.image.wrapping(True), shifted.match, _table(tiles, size))
+
+
+def _tell_edges(numbers: np.ndarray, match: Correspondence, tiles: WangSet, size: int) -> None:
+    """Warn where edges do not show their material in their middle, a quarter of a tile long."""
+    shown = numbers[match[..., 0], match[..., 1]] - 1
+    near, middle = max(1, size // 16), slice(size // 2 - size // 8, size // 2 + size // 8)
+    places = {"north": np.s_[:near, middle], "west": np.s_[middle, :near]}
+    missing = {
+        (side, color)
+        for row, column in np.ndindex(*tiles.shape)
+        for side, at in places.items()
+        for color in [int(tiles.tiles[row, column, SIDES.index(side)])]
+        if (shown[row * size : (row + 1) * size, column * size : (column + 1) * size][at] == color).mean() < 0.5
+    }
+    if missing:
+        _LOG.warning(
+            "%d of %d edges do not show their material: paths end before them; try larger tiles, the preset "
+            "default, or another first material",
+            len(missing), 2 * tiles.colors,
+        )  # fmt: skip
 
 
 def _least_change(image: Image, axis: int, size: int, reach: int) -> int:
