@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from texloom.pipelines.engine.chosen_steps import may_refuse
-from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, State, StepReport
+from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, State, StepReport, warning_of
 from texloom.pipelines.engine.executors.choice import executor_of
 from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
 from texloom.pipelines.engine.exporter import Exporter
@@ -287,7 +287,7 @@ class Attempt:
     def _warn_again(self, label: str, artifact: Artifact) -> None:
         """Tell what a step warned of when it was computed, which holds for its result whenever it is used."""
         for text in artifact.warnings:
-            self.listener(Note(f"{label}: {text}", is_warning=True))
+            self.listener(warning_of(text, label))
 
     def _result(self, task: InFlight, outcome: Outcome) -> Artifact | Exception:
         """The artifact, or why there is none; `BrokenArtifactError` if it or what the task takes is broken."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
+from texloom.stages.vocabulary.messages import OWN_STEP
 from texloom.stages.vocabulary.progress import Progress
 
 State = Literal["cached", "ran", "failed"]
@@ -15,6 +16,12 @@ State = Literal["cached", "ran", "failed"]
 def label(step: str, item: str | None) -> str:
     """A step's name, after that of its item."""
     return step if item is None else f"{item}/{step}"
+
+
+def warning_of(text: str, step: str) -> Note:
+    """What a stage has warned of, told of the step with this `label`."""
+    own = step.rpartition("/")[2]
+    return Note(f"{step}: {text.replace(f'--set {OWN_STEP}.', f'--set {own}.')}", is_warning=True)
 
 
 @dataclasses.dataclass(frozen=True)

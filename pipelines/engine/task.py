@@ -10,7 +10,7 @@ from typing import Any
 
 import pydantic
 
-from texloom.pipelines.engine.events import Listener, Note, StepProgress
+from texloom.pipelines.engine.events import Listener, Note, StepProgress, warning_of
 from texloom.pipelines.engine.keys import KeyParts, generator, key_parts
 from texloom.pipelines.engine.stage_call import call_stage
 from texloom.pipelines.engine.stage_log import logging_to
@@ -147,7 +147,7 @@ def run_task(
 
     def warn(text: str) -> None:
         warnings.append(text)
-        listener(Note(f"{spec.label}: {text}", is_warning=True))
+        listener(warning_of(text, spec.label))
 
     with sharing(threads) if threads is not None else contextlib.nullcontext():
         with (

@@ -22,18 +22,21 @@ from texloom.stages.vocabulary.arrays import (
     Page,
     Spreadsheet,
     TiledTileset,
+    UnityAsset,
+    UnityMeta,
 )
 from texloom.stages.vocabulary.voted_patches import VotedPatches
 
 TEXTS = {
     "html": Page, "csv": Spreadsheet, "mtlx": MaterialX, "tsx": TiledTileset, "tres": GodotTileset,
-    "glsl": Glsl, "hlsl": Hlsl, "gdshader": GodotShader, "osl": Osl,
+    "asset": UnityAsset, "meta": UnityMeta, "glsl": Glsl, "hlsl": Hlsl, "gdshader": GodotShader, "osl": Osl,
 }  # fmt: skip
 """kinds of text that are files of their own, by suffix"""
 
 TEXT_NAMES = {
     "html": "a page", "csv": "a spreadsheet", "mtlx": "a MaterialX document",
     "tsx": "a tile set of Tiled", "tres": "a tile set of Godot",
+    "asset": "an asset of Unity", "meta": "import settings of Unity",
     **dict.fromkeys(("glsl", "hlsl", "gdshader", "osl"), "a shader"),
 }  # fmt: skip
 

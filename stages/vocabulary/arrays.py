@@ -220,6 +220,12 @@ TiledTileset = Annotated[str, "tsx"]
 GodotTileset = Annotated[str, "tres"]
 """a tile set of Godot 4, a text resource"""
 
+UnityAsset = Annotated[str, "asset"]
+"""an asset of Unity, in its YAML"""
+
+UnityMeta = Annotated[str, "meta"]
+"""how Unity imports the file whose name it continues, in its YAML"""
+
 MaterialX = Annotated[str, "mtlx"]
 """a MaterialX document"""
 

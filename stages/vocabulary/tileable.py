@@ -4,6 +4,8 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, PlainSerializer, PlainValidator, WithJsonSchema
 
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.facts import NOWHERE, TORUS, Wraps
 
 NAMES = ("off", "x", "y", "both")
@@ -48,3 +50,9 @@ Tileable = Annotated[
 """the borders across which a result continues"""
 TileableBoth = Annotated[bool, BeforeValidator(_on_both_axes)]
 """the same for compactions, which are read around a torus or not at all; one axis is refused"""
+
+
+def check_continues(image: Image) -> None:
+    """`InputError` unless the image continues across all its borders."""
+    if not image.wraps.both:
+        raise InputError("image: does not continue across its borders; the flow make_tileable makes it do so")

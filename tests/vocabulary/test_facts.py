@@ -35,6 +35,7 @@ KEEPS = {
     "analysis.normal_from_height", "analysis.roughness_from_colour",
     "analysis.exclusion_mask", "analysis.foreign_parts",
     "evaluation.choice", "evaluation.external_result", "synthesis.gradient_domain",
+    "synthesis.graded_statistics",
     "synthesis.inpaint", "synthesis.propagate_edit", "synthesis.refine", "synthesis.restore_tone",
     "synthesis.revise",
 }  # fmt: skip
@@ -54,7 +55,8 @@ DROPS = {
     "synthesis.atlas", "synthesis.best_crop", "synthesis.coarse_level", "synthesis.compact_oriented",
     "synthesis.control_features",
     "synthesis.histogram_summary", "synthesis.initialise", "synthesis.layout", "synthesis.on_surface",
-    "synthesis.place_texture", "synthesis.seam_carving", "synthesis.tile_sheets", "synthesis.wang_borders",
+    "synthesis.place_texture", "synthesis.seam_carving", "synthesis.edge_sheets",
+    "synthesis.tile_sheets", "synthesis.wang_borders",
     "synthesis.whole_periods",
     "synthesis.reapply",  # it wraps as the earlier result
     "evaluation.contact_sheet", "evaluation.endless_plane", "evaluation.energy_curve", "evaluation.hex_plane",
@@ -100,6 +102,14 @@ def edited(stage: str, image: Image) -> Image:
         "synthesis.inpaint": {"image": image, "keep": ~hole},
         "synthesis.refine": {"image": image, "match": own, "exemplar": image, "rng": random},
         "synthesis.restore_tone": {"image": image, "control": image},
+        "synthesis.graded_statistics": {
+            "image": image,
+            "match": own,
+            "way": np.zeros(hole.shape, np.float32),
+            "exemplars": image,
+            "rectangles": np.array([[0, 0, *hole.shape]], np.int32),
+            "original": None,
+        },
         "synthesis.revise": {"texture": image, "exemplar": image, "region": picture(hole * 1.0), "rng": random},
     }
     options: dict[str, Any] = {

@@ -20,7 +20,7 @@ from texloom.stages.vocabulary.facts import Wraps
 
 Takes = Literal[
     "array", "data", "picture", "image", "value",
-    "html", "csv", "mtlx", "tsx", "tres", "glsl", "hlsl", "gdshader", "osl",
+    "html", "csv", "mtlx", "tsx", "tres", "asset", "meta", "glsl", "hlsl", "gdshader", "osl",
 ]  # fmt: skip
 
 _ROOM = "texloom.pipelines.media.writers"
@@ -100,6 +100,8 @@ WRITERS = (
     Writer(".wang.mtlx", "mtlx", "plain"),
     Writer(".tsx", "tsx", "plain"),
     Writer(".tres", "tres", "plain"),
+    Writer(".asset", "asset", "plain"),
+    Writer(".meta", "meta", "plain"),
     Writer(".jpg", "picture", "pictures"),
     Writer(".webp", "picture", "pictures"),
     Writer(".tif", "picture", "pictures"),

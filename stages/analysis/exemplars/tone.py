@@ -20,6 +20,7 @@ from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Outline, Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded, nearest_valid, valid_pixels
+from texloom.stages.vocabulary.messages import OWN_STEP
 from texloom.stages.vocabulary.progress import Progress, report
 
 _LOG = logging.getLogger(__name__)
@@ -153,8 +154,9 @@ def tone(image: Image, params: ToneParams) -> Tone:
     if params.even == "auto" and chroma > _MAX_CHROMA and not is_light:
         _LOG.warning(
             "the exemplar's colour drifts by %.0f CIELAB units, more than light alone does; it was kept. The "
-            "result may show steps of tone: use a part of one tone, or try --set tone.even=always",
+            "result may show steps of tone: use a part of one tone, or try --set %s.even=always",
             chroma,
+            OWN_STEP,
         )
         return unchanged
     if not any(drift.significant for drift in drifts):
@@ -173,9 +175,9 @@ def tone(image: Image, params: ToneParams) -> Tone:
 def _report(lightness: float, chroma: float) -> None:
     amounts = [f"{name} by {amount:.0f}" for name, amount in (("light", lightness), ("colour", chroma)) if amount]
     _LOG.warning(
-        "the exemplar's tone drifts (%s CIELAB units), and was evened; even=never of this step keeps it, as --set "
-        "tone.even=never",
+        "the exemplar's tone drifts (%s CIELAB units), and was evened; --set %s.even=never keeps it",
         ", ".join(amounts),
+        OWN_STEP,
     )
 
 

@@ -13,6 +13,9 @@ from texloom.stages.vocabulary.arrays import Glsl, GodotShader, Hlsl, Osl
 from texloom.stages.vocabulary.declare import InputError, stage
 from texloom.stages.vocabulary.templates import templates
 
+SIGNED_FACTORS = [factor - (factor >> 31 << 32) for factor in HASH_FACTORS]
+"""the same bits, for languages without unsigned numbers"""
+
 _COMPONENTS = 4  # of a vector, at most
 _TYPES = {
     "glsl": ("float", "vec2", "vec3", "vec4"),
@@ -100,7 +103,7 @@ def _values(layout: dict[str, Any], kind: str) -> dict[str, Any]:
         "levels": layout["levels"], "entries": layout["entries"],
         "across": number(3**-0.5), "twice": number(2 * 3**-0.5),
         "factors": [f"0x{factor:08x}" for factor in HASH_FACTORS],
-        "signed_factors": [factor - (factor >> 31 << 32) for factor in HASH_FACTORS],
+        "signed_factors": SIGNED_FACTORS,
     }  # fmt: skip
 
 

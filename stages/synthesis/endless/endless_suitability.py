@@ -2,11 +2,14 @@
 
 import dataclasses
 import logging
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
 
+from texloom.stages.analysis.regularity.lattice_selection import LatticeSelectionParams, lattice_selection
+from texloom.stages.analysis.regularity.offset_statistics import OffsetStatisticsParams, offset_statistics
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.synthesis.endless.gaussian_texture import (
     GaussianTexture,
@@ -44,7 +47,8 @@ class EndlessSuitability:
     table: dict[str, Any]
     """`difference`: between cumulative histograms of gradients of the texture and of blends of it, at the scale of
     the largest one, 0..1; `differences` at scales of 1, 2, 4 and 8 px; `repetition`: the largest autocorrelation
-    beyond a sixth of its shorter side; `verdict`: `stochastic`, `doubtful` or `structured`"""
+    beyond a sixth of its shorter side; `periods`: `courses`, or how a lattice was found, or `none`; `verdict`:
+    `stochastic`, `doubtful` or `structured`"""
 
 
 @stage(version=1)
@@ -54,7 +58,7 @@ def endless_suitability(image: Image, params: EndlessSuitabilityParams) -> Endle
     Blends keep the histogram of any texture, but contours of two tiles show through each other, with less contrast.
     So gradients of the first component of colour are compared: those where tiles are blended, in the published way,
     with those of the texture. What repeats loses its order in tiles that are shifted at random; it is found by its
-    autocorrelation.
+    autocorrelation, and lattices and courses, of which each brick is another one, as by `lattice_selection`.
 
     Parameters
     ----------
@@ -69,6 +73,19 @@ def endless_suitability(image: Image, params: EndlessSuitabilityParams) -> Endle
     ----------
     [HeitzNeyret2018]_ say which textures suit; the measures are ours.
     """
+    table = suitability_of(image)
+    if table["verdict"] == "structured" and not params.accept:
+        raise InputError(
+            f"image: blending would destroy its structure: {why_not(table)}; the flow wang_tiles keeps it, --set "
+            "accept=true goes on"
+        )
+    if table["verdict"] != "stochastic":
+        _LOG.warning("blending may destroy its structure: %s; the flow wang_tiles keeps it", why_not(table))
+    return EndlessSuitability(table)
+
+
+def suitability_of(image: Image) -> dict[str, Any]:
+    """The table of `EndlessSuitability`."""
     while min(image.height, image.width) > _SIDE:
         image = image.with_pixels(halved(image.pixels))
     color = image.with_pixels(np.ascontiguousarray(image.color), ("R", "G", "B")).wrapping(True)
@@ -76,20 +93,22 @@ def endless_suitability(image: Image, params: EndlessSuitabilityParams) -> Endle
     differences = _differences(texture)
     found = {"difference": max(differences), "repetition": _repetition(texture.first[..., 0])}
     worst = max(sum(value > limit for limit in LIMITS[name]) for name, value in found.items())
-    verdict = ("stochastic", "doubtful", "structured")[worst]
-    why = " and ".join(
-        f"its {name} is {value:.3f}, that of stochastic textures below {LIMITS[name][0]}"
-        for name, value in found.items()
-        if value > LIMITS[name][0]
-    )
-    if verdict == "structured" and not params.accept:
-        raise InputError(
-            f"image: blending would destroy its structure: {why}; the flow wang_tiles keeps it, --set accept=true "
-            "goes on"
-        )
-    if verdict != "stochastic":
-        _LOG.warning("blending may destroy its structure: %s; the flow wang_tiles keeps it", why)
-    return EndlessSuitability({**found, "differences": differences, "verdict": verdict})
+    density = offset_statistics(image, OffsetStatisticsParams()).density
+    lattice = lattice_selection(image, density, LatticeSelectionParams())
+    verdict = "structured" if len(lattice.generators) else ("stochastic", "doubtful", "structured")[worst]
+    return {**found, "differences": differences, "periods": lattice.chosen, "verdict": verdict}
+
+
+def why_not(table: Mapping[str, Any]) -> str:
+    """What makes a texture not stochastic, by its table."""
+    reasons = [
+        f"its {name} is {table[name]:.3f}, that of stochastic textures below {limits[0]}"
+        for name, limits in LIMITS.items()
+        if table[name] > limits[0]
+    ]
+    if table["periods"] != "none":
+        reasons.append("it has courses" if table["periods"] == "courses" else "it has a lattice")
+    return " and ".join(reasons)
 
 
 def _differences(texture: GaussianTexture) -> list[float]:

@@ -15,6 +15,7 @@ from texloom.stages.synthesis.endless.noise import PAGE, Components, Tables
 from texloom.stages.synthesis.endless.triangle_grid import SHARE
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, Params, stage
+from texloom.stages.vocabulary.tileable import check_continues
 
 SIGMA = 1 / 8
 """standard deviation of a Gaussian texture around 1/2: 0..1 holds four of them to each side, and blends beyond
@@ -78,8 +79,7 @@ def gaussian_texture(image: Image, params: GaussianTextureParams) -> GaussianTex
     texture of its level, in place of the table of level 0 blurred by a Gaussian. From afar the plane has the mean
     that it has from near within 4 % on gravel, grass, bark, moss and leather; by the other it is up to 36 % darker.
     """
-    if not image.wraps.both:
-        raise InputError("image: does not continue across its borders; the flow make_tileable makes it do so")
+    check_continues(image)
     maps = averageable(image)
     bases = [basis_of(*one) for one in maps]
     count = sum(basis.count for basis in bases)

@@ -1,4 +1,4 @@
-"""Shaders of hex tiling: GLSL and Godot."""
+"""Shaders of hex tiling: GLSL, HLSL, Godot and OSL."""
 
 import dataclasses
 from pathlib import Path
@@ -9,13 +9,14 @@ from pydantic import Field
 
 from texloom.stages.common.features.maps import map_channels
 from texloom.stages.common.grids.wang import HASH_FACTORS
-from texloom.stages.synthesis.endless.endless_shaders import named, number
+from texloom.stages.synthesis.endless.endless_shaders import SIGNED_FACTORS, named, number
 from texloom.stages.synthesis.endless.hex_tiling import FLATTEST, LUMINANCE
 from texloom.stages.synthesis.endless.triangle_grid import SHARE
-from texloom.stages.vocabulary.arrays import Glsl, GodotShader, Image
+from texloom.stages.vocabulary.arrays import Glsl, GodotShader, Hlsl, Image, Osl
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.normals import NORMAL
 from texloom.stages.vocabulary.templates import templates
+from texloom.stages.vocabulary.tileable import check_continues
 
 _TYPES = ("float", "vec2", "vec3", "vec4")
 
@@ -39,8 +40,12 @@ class HexShaders:
 
     glsl: Glsl
     """a function `hexTiled`, which returns all maps"""
+    hlsl: Hlsl
+    """the same, and an entry for Unity's Shader Graph, see there for Unreal's Custom node"""
     godot: GodotShader
     """a spatial shader of Godot 4"""
+    osl: Osl
+    """a shader with an output for each map"""
     layout: dict[str, Any]
     """`size` (width, height, px), `spacing` (px), `rotation` (degrees), `contrast`, `exponent`, `levels`"""
 
@@ -65,8 +70,7 @@ def hex_shaders(image: Image, params: HexShadersParams) -> HexShaders:
     ----------
     [Mikkelsen2022]_.
     """
-    if not image.wraps.both:
-        raise InputError("image: does not continue across its borders; the flow make_tileable makes it do so")
+    check_continues(image)
     spacing = params.tile * min(image.height, image.width)
     layout = {
         "size": [image.width, image.height], "spacing": spacing,
@@ -80,7 +84,13 @@ def hex_shaders(image: Image, params: HexShadersParams) -> HexShaders:
             raise InputError(f"image: {name} has {len(own)} channels; shaders have at most four")
         is_normal = tuple(image.channels[index] for index in own) == NORMAL
         maps.append(
-            {"name": name, "type": _TYPES[len(own) - 1], "swizzle": "xyzw"[: len(own)], "is_normal": is_normal}
+            {
+                "name": name,
+                "type": _TYPES[len(own) - 1],
+                "count": len(own),
+                "swizzle": "xyzw"[: len(own)],
+                "is_normal": is_normal,
+            }
         )
     color = " + ".join(f"{share} * color.{axis}" for share, axis in zip(LUMINANCE, "xyz", strict=True))
     values = {
@@ -89,8 +99,13 @@ def hex_shaders(image: Image, params: HexShadersParams) -> HexShaders:
         "exponent": number(params.exponent), "flattest": number(FLATTEST),
         "luminance": "color.x" if image.channels[0] == "Y" else color,
         "down": number(3**0.5 / 2), "across": number(3**-0.5), "twice": number(2 * 3**-0.5),
-        "factors": [f"0x{factor:08x}" for factor in HASH_FACTORS],
+        "weights": LUMINANCE,
+        "factors": [f"0x{factor:08x}" for factor in HASH_FACTORS], "signed_factors": SIGNED_FACTORS,
     }  # fmt: skip
-    template = templates(Path(__file__).parent).get_template("hex_shaders.glsl.j2")
-    glsl, godot = (template.render({**values, "godot": godot}) + "\n" for godot in (False, True))
-    return HexShaders(glsl, godot, layout)
+    here = Path(__file__)
+
+    def written(kind: str, is_godot: bool = False) -> str:
+        template = templates(here.parent).get_template(f"{here.stem}.{kind}.j2")
+        return str(template.render({**values, "godot": is_godot})) + "\n"
+
+    return HexShaders(written("glsl"), written("hlsl"), written("glsl", True), written("osl"), layout)

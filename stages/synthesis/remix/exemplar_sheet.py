@@ -3,7 +3,7 @@
 import dataclasses
 import logging
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 from jaxtyping import Float32
@@ -12,10 +12,14 @@ from pydantic import Field
 from texloom.stages.common.grids.packing import arranged
 from texloom.stages.common.grids.size_checks import check_side
 from texloom.stages.common.similarity.neighbourhoods import Rectangles
-from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
+from texloom.stages.synthesis.remix.common_statistics import with_common_statistics
+from texloom.stages.vocabulary.arrays import Channels, Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear, linear_from_lab
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.masks import EXCLUSION_CHANNELS, valid_pixels, with_usable
+
+Lattice: TypeAlias = Annotated[Float32[np.ndarray, "_ 2"], Channels(("row", "column"))]
+"""`Vectors`, of which each item has as many as it has"""
 
 _LOG = logging.getLogger(__name__)
 
@@ -34,6 +38,9 @@ class ExemplarSheetParams(Params):
     named; none: as much as the exemplars are large, so that all pixels are used evenly"""
     match_tone: float = Field(0.0, ge=0, le=1)
     """how far mean and contrast of lightness and colour of each exemplar are moved to those of all, 0..1"""
+    gradual: bool = False
+    """give exemplars their common statistics where all are stochastic, for a texture that `graded_statistics` leads
+    from one to the next"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,6 +49,8 @@ class ExemplarSheet:
 
     image: Image
     """all exemplars; the gaps between them are excluded"""
+    original: Image | None
+    """the same with their own statistics; none where ``image`` has these"""
     share: ScalarMap | None
     """use of each pixel that the weights ask for, relative to even use; none without weights"""
     rectangles: Rectangles
@@ -54,7 +63,10 @@ class ExemplarSheet:
 
 @stage(version=1)
 def exemplar_sheet(
-    exemplars: list[Image | None], items: list[dict[str, Any]], params: ExemplarSheetParams
+    exemplars: list[Image | None],
+    items: list[dict[str, Any]],
+    params: ExemplarSheetParams,
+    generators: list[Lattice | None] | None = None,
 ) -> ExemplarSheet:
     """Arrange exemplars of any size in one picture, with excluded gaps between them.
 
@@ -63,6 +75,7 @@ def exemplar_sheet(
     Parameters
     ----------
     exemplars : None where an item failed.
+    generators : of the lattices of exemplars, of which it is said that they are not kept.
     items : name of each exemplar's item; provided by the runner.
 
     Raises
@@ -72,12 +85,15 @@ def exemplar_sheet(
 
     References
     ----------
-    Ours; the optimisation of [Kaspar2015]_ does not ask where a patch comes from.
+    Ours; the optimisation of [Kaspar2015]_ does not ask where a patch comes from. See `with_statistics` for common
+    ones.
     """
     known = [(str(item["name"]), one) for item, one in zip(items, exemplars, strict=True) if one is not None]
     if not known:
         raise InputError("exemplars: there is none")
     names = [name for name, _ in known]
+    if generators is not None:
+        _tell_lattices([str(item["name"]) for item in items], generators)
     usable = [_usable(image) for _, image in known]
     images = _of_one_kind(names, [_without_exclusion(image) for _, image in known])
     for image in images:
@@ -88,21 +104,28 @@ def exemplar_sheet(
         images = _alike(names, images, usable, params.match_tone)
     rectangles, shape = arranged([(image.height, image.width) for image in images], _GAP)
     areas = np.array(list(map(np.count_nonzero, usable)))
-    canvas = np.zeros((*shape, len(images[0].channels)), np.float32)
     valid, share = np.zeros(shape, bool), np.ones(shape, np.float32)
-    for number, (image, (row, column, height, width)) in enumerate(zip(images, rectangles.tolist(), strict=True)):
+    for number, (row, column, height, width) in enumerate(rectangles.tolist()):
         place = np.s_[row : row + height, column : column + width]
-        canvas[place] = image.pixels
         valid[place] = usable[number]
         if shares is not None:
             share[place] = shares[number] * areas.sum() / areas[number]
+    common = with_common_statistics(names, images, usable) if params.gradual and len(images) > 1 else None
     return ExemplarSheet(
-        image=with_usable(images[0].elsewhere(canvas), valid),
+        image=_laid(common or images, rectangles, valid),
+        original=None if common is None else _laid(images, rectangles, valid),
         share=None if shares is None else share,
         rectangles=rectangles,
         names=names,
         wanted=(areas / areas.sum() if shares is None else shares).tolist(),
     )
+
+
+def _laid(images: Sequence[Image], rectangles: Rectangles, valid: Mask) -> Image:
+    canvas = np.zeros((*valid.shape, len(images[0].channels)), np.float32)
+    for image, (row, column, height, width) in zip(images, rectangles.tolist(), strict=True):
+        canvas[row : row + height, column : column + width] = image.pixels
+    return with_usable(images[0].elsewhere(canvas), valid)
 
 
 def _of_one_kind(names: Sequence[str], images: Sequence[Image]) -> list[Image]:
@@ -141,6 +164,15 @@ def _shares(weights: Mapping[str, float], names: Sequence[str]) -> np.ndarray | 
         raise InputError(f"weights: {unknown[0]} is no exemplar; they are {', '.join(names)}")
     asked = np.array([weights.get(name, 1.0) for name in names])
     return asked / asked.sum() if weights else None
+
+
+def _tell_lattices(names: Sequence[str], generators: Sequence[Lattice | None]) -> None:
+    periodic = [name for name, own in zip(names, generators, strict=True) if own is not None and len(own)]
+    if periodic:
+        _LOG.warning(
+            "%s: lattice or courses dropped, which several exemplars do not have in common; self_tuning keeps them",
+            ", ".join(periodic),
+        )
 
 
 def _tell_sizes(names: Sequence[str], images: Sequence[Image]) -> None:

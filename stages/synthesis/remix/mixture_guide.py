@@ -56,6 +56,8 @@ class MixtureGuide:
     """position of each pixel between the exemplars, CIELAB units"""
     target: Float32[np.ndarray, "H W k"]
     """the same of the result"""
+    way: Float32[np.ndarray, "H W"]
+    """place of each pixel of the result along the exemplars, without patches: 0 for the first, 1 for the next"""
     wanted: list[float]
     """how much of the texture is to come from each exemplar, 0..1, together 1"""
 
@@ -64,7 +66,7 @@ def outlines(params: MixtureGuideParams, known: Mapping[str, Any]) -> dict[str, 
     """The target has the size of the result."""
     given = known.get("map")
     size = params.size or (None if given is None else (given.height, given.width))
-    return {} if size is None else {"target": Outline(*size)}
+    return {} if size is None else {"target": Outline(*size), "way": Outline(*size)}
 
 
 @stage(version=1, outlines=outlines)
@@ -116,7 +118,11 @@ def mixture_guide(
     side = np.clip((way - before - threshold) / _SOFT + 0.5, 0, 1)  # 0 for the exemplar before, 1 for the next
     number = before + side
     wanted = np.bincount(np.rint(number).astype(int).ravel(), minlength=len(names)) / number.size
-    return MixtureGuide(own, (number * strength)[..., None].astype(np.float32), wanted.tolist())
+    target = (number * strength)[..., None].astype(np.float32)
+    if map is None:  # a ramp that begins at once would show as a line
+        part = way - before
+        way = before + part * part * (3 - 2 * part)
+    return MixtureGuide(own, target, way.astype(np.float32), wanted.tolist())
 
 
 def _levels(given: Image, size: tuple[int, int]) -> ScalarMap:

@@ -1,4 +1,4 @@
-"""Materials at the corners of tiles, as guides for the textures between them."""
+"""Materials at the corners or edges of tiles, as guides for the textures between them."""
 
 import dataclasses
 
@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float32, Int64
 
 from texloom.stages.analysis.control.guide import LABEL_STRENGTH, contrast
+from texloom.stages.common.grids.wang import WangSet
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
 from texloom.stages.vocabulary.arrays import Image
 
@@ -28,15 +29,40 @@ class TileMaterials:
         numbers = numbers_in(rectangles, image.height, image.width)
         return cls(np.eye(len(rectangles) + 1, dtype=np.float32)[numbers][..., 1:] * strength, strength)
 
-    def between(self, corners: Int64[np.ndarray, "m n"], tile: int) -> Float32[np.ndarray, "H W k"]:
-        """The same of a torus of tiles of ``tile`` px, from the material of the upper left corner of each."""
-        at = np.eye(self.exemplar.shape[2], dtype=np.float32)[corners]
-        near = (np.arange(tile, dtype=np.float32) + 0.5) / tile
-        for axis in (0, 1):
-            following = np.roll(at, -1, axis=axis)
-            along = np.moveaxis(np.stack([at, following]), axis + 1, 1)[:, :, None]
-            part = near.reshape(tile, 1, 1)
-            mixed = along[0] * (1 - part) + along[1] * part
-            at = np.moveaxis(mixed.reshape(-1, *mixed.shape[2:]), 0, axis)
+    def between(self, points: Int64[np.ndarray, "m n"], rows: int, columns: int) -> Float32[np.ndarray, "H W k"]:
+        """The same of a torus, from the materials at equally spaced points of it, the first at its origin."""
+        at = np.eye(self.exemplar.shape[2], dtype=np.float32)[points]
+        for axis, side in enumerate((rows, columns)):
+            place = (np.arange(side) + 0.5) * (points.shape[axis] / side)
+            first = np.floor(place).astype(np.int64)
+            part = (place - first).astype(np.float32).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
+            before, after = (np.take(at, (first + step) % points.shape[axis], axis) for step in (0, 1))
+            at = before * (1 - part) + after * part
         shares = np.square(np.square(at))  # so that little lies between two materials
         return np.asarray(self.strength * shares / shares.sum(axis=2, keepdims=True), np.float32)
+
+
+def material_points(tiles: WangSet) -> Int64[np.ndarray, "m n"]:
+    """Materials at points of the atlas of a set: at corners, or also at the middles of edges and of tiles.
+
+    Where edges have materials, corners have the first one. The middle of a tile has the one of the others that most
+    of its edges have, the last of these where several have it equally often, and the first only where all have.
+    """
+    if tiles.kind == "corners" or tiles.colors == 1:
+        return tiles.corners
+    upper, left = tiles.borders
+    own = tiles.tiles
+    counts = np.stack([(own == color).sum(axis=2) for color in range(1, tiles.colors)], axis=2)
+    last_most = counts.shape[2] - np.argmax(counts[..., ::-1], axis=2)
+    points = np.zeros((2 * upper.shape[0], 2 * upper.shape[1]), np.int64)
+    points[::2, 1::2], points[1::2, ::2] = upper, left
+    points[1::2, 1::2] = np.where(own.any(axis=2), last_most, 0)
+    return points
+
+
+def band_points(tiles: WangSet) -> Int64[np.ndarray, "m n"]:
+    """The same of the closed band along a row that has every border of a set once, see `WangSet.band`."""
+    corners, numbers = tiles.band
+    if tiles.kind == "corners":
+        return corners[None]
+    return np.tile(np.stack([corners, numbers], axis=1).reshape(1, -1), (2, 1))

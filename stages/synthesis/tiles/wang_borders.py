@@ -22,7 +22,7 @@ from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, i
 from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
 from texloom.stages.synthesis.stitching.overlap import compared
 from texloom.stages.synthesis.stitching.seams import FILLED, FREE, KEPT, SeamCosts, cheapest_cut
-from texloom.stages.synthesis.tiles.tile_materials import TileMaterials
+from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, band_points
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
@@ -214,7 +214,7 @@ class Synthesis:
         starting, optimising = rng.spawn(2)
         guides: dict[str, Any] = {}
         if self.materials is not None:
-            wanted = self.materials.between(np.arange(count)[None], self.tile)
+            wanted = self.materials.between(np.arange(count)[None], self.tile, self.tile * count)
             guides = {"exemplar_guide": self.materials.exemplar, "target_guide": wanted}
         size = InitialiseParams(size=(self.tile, self.tile * count))
         start = initialise(self.image, size, starting, structure, generators, **guides)
@@ -228,7 +228,7 @@ class Synthesis:
         keep: Mask,
         shared: Mask,
         filled: Mask,
-        corners: Int64[np.ndarray, "m n"],
+        points: Int64[np.ndarray, "m n"],
         rng: np.random.Generator,
         parts: Int64[np.ndarray, "H W"] | None = None,
         wanted: Float32[np.ndarray, "H W k"] | None = None,
@@ -240,11 +240,11 @@ class Synthesis:
         line, since patches across it are averaged on one side only.
 
         Of several starts it is the one with least difference between the mean colours of its ``parts``, numbers
-        from 1, and that of the exemplar; not where there are several, whose materials ``corners`` has. ``wanted``
+        from 1, and that of the exemplar; not where there are several, whose materials ``points`` has. ``wanted``
         is what the guide of the exemplar is to be where.
         """
         if self.materials is not None:
-            wanted, parts = self.materials.between(corners, self.tile), None
+            wanted, parts = self.materials.between(points, known.image.height, known.image.width), None
         block = min(self.tile, self.image.height, self.image.width) // 2
         *placing, optimising = rng.spawn(2 if parts is None else _STARTS + 1)
         with part(0.0, 0.2):
@@ -319,8 +319,9 @@ def wang_borders(
     ----------
     image : the exemplar; its masked pixels are never copied.
     structure, guidance, weight, generators : of the exemplar, see `initialise` and `optimise`.
-    rectangles : of two or three exemplars in one picture, see `exemplar_sheet`: corners have the materials as
-        colours, whatever ``kind`` and ``colors`` are, and the texture leads from one to the other between them.
+    rectangles : of two or three exemplars in one picture, see `exemplar_sheet`: corners or edges have the materials
+        as colours, whatever ``colors`` is, and the texture leads from one to the other between them. Where edges
+        have them, all corners have the first material, in which the others lie like paths.
 
     Raises
     ------
@@ -338,7 +339,7 @@ def wang_borders(
         if not 2 <= len(rectangles) <= 3:
             raise InputError(f"exemplars: tiles between materials need two or three, got {len(rectangles)}")
         materials = TileMaterials.of(image, rectangles)
-        layout = WangSet(len(rectangles), "corners", params.variants)
+        layout = WangSet(len(rectangles), params.kind, params.variants)
     wanted = params.tile or _usual_side(
         min(image.height, image.width) if rectangles is None else int(rectangles[:, 2:].min())
     )
@@ -351,6 +352,7 @@ def wang_borders(
     synthesis = Synthesis(image, guidance, weight, generators, tile, border, params, materials)
     first, *randoms = rng.spawn(3)
     corners, numbers = layout.band
+    points = band_points(layout)
     with part(0.0, 0.3):
         start = synthesis.start(int(corners.max() + 1), structure, first)
 
@@ -368,7 +370,7 @@ def wang_borders(
         near = (across >= -border) & (across < border)
         parts = near[:, None] * (1 + np.arange(len(along)) // (tile // 2))
         with part(0.3 + 0.35 * axis, 0.65 + 0.35 * axis):
-            line, halves = (corners[None], parts) if axis == 0 else (corners[:, None], parts.T)
+            line, halves = (points, parts) if axis == 0 else (points.T, parts.T)
             bands.append(synthesis.completed(known, keep, shared, filled, line, random, halves))
 
     down, across = (np.arange(tile * count) for count in layout.shape)

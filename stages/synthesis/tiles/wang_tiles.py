@@ -1,6 +1,7 @@
 """Wang tiles: interiors between borders that fit, and the table that tells which tile fits where."""
 
 import dataclasses
+import logging
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, Literal
@@ -11,9 +12,9 @@ from pydantic import Field
 
 from texloom.stages.analysis.control.guide import contrast
 from texloom.stages.common.grids.wang import CORNERS, SIDES, WangSet
-from texloom.stages.common.similarity.neighbourhoods import Rectangles
+from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
 from texloom.stages.numerics.filters import gaussian_blur
-from texloom.stages.synthesis.tiles.tile_materials import TileMaterials
+from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, material_points
 from texloom.stages.synthesis.tiles.wang_borders import Synthesis, Torus, WangParams, core, to_borders
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
@@ -33,6 +34,9 @@ class WangTilesParams(WangParams):
     ones"""
     layout_scale: float = Field(6.0, ge=1, le=256)
     """deviation of the blur, px, in which variants are like the first one where ``strength`` is below 1"""
+
+
+_LOG = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,13 +109,15 @@ def wang_tiles(
     begun = (known, keep, shared, filled)
     synthesis = partial(Synthesis, image, guidance, weight, generators, size, border, params, materials)
     if params.strength == 1 or tiles.variants == (1, 1):
-        made = synthesis().completed(*begun, tiles.corners, rng)
+        made = synthesis().completed(*begun, material_points(tiles), rng)
     elif materials is not None:
         raise InputError("strength: variants of tiles between materials are new ones; leave it at 1")
     else:
         made = _like_the_first(image, synthesis, begun, tiles, size, params, rng)
     down, across = (_least_change(made.image, axis, size, border // 2) for axis in (0, 1))
     shifted = made.at(np.arange(borders.height)[:, None] + down, np.arange(borders.width) + across)
+    if rectangles is not None and tiles.kind == "edges":
+        _tell_edges(numbers_in(rectangles, image.height, image.width), shifted.match, tiles, size)
     return WangTiles(shifted.image.wrapping(True), shifted.match, _table(tiles, size))
 
 
@@ -150,6 +156,26 @@ def _slow(image: Image, deviation: float, beyond: Literal["reflect", "wrap"]) ->
     margin = min(round(4 * deviation), *(side - 1 for side in lab.shape[:2]))
     around = np.pad(lab, [(margin, margin), (margin, margin), (0, 0)], beyond)
     return np.ascontiguousarray(gaussian_blur(around, deviation)[margin:-margin, margin:-margin])
+
+
+def _tell_edges(numbers: np.ndarray, match: Correspondence, tiles: WangSet, size: int) -> None:
+    """Warn where edges do not show their material in their middle, a quarter of a tile long."""
+    shown = numbers[match[..., 0], match[..., 1]] - 1
+    near, middle = max(1, size // 16), slice(size // 2 - size // 8, size // 2 + size // 8)
+    places = {"north": np.s_[:near, middle], "west": np.s_[middle, :near]}
+    missing = {
+        (side, color)
+        for row, column in np.ndindex(*tiles.shape)
+        for side, at in places.items()
+        for color in [int(tiles.tiles[row, column, SIDES.index(side)])]
+        if (shown[row * size : (row + 1) * size, column * size : (column + 1) * size][at] == color).mean() < 0.5
+    }
+    if missing:
+        _LOG.warning(
+            "%d of %d edges do not show their material: paths end before them; try larger tiles, the preset "
+            "default, or another first material",
+            len(missing), 2 * tiles.colors,
+        )  # fmt: skip
 
 
 def _least_change(image: Image, axis: int, size: int, reach: int) -> int:

@@ -115,7 +115,7 @@ def test_a_change_of_hue_is_preserved_with_a_warning(
     with caplog.at_level(logging.WARNING):
         np.testing.assert_array_equal(tone(image, AUTO).image.pixels, image.pixels)
     (record,) = caplog.records
-    assert "tone.even=always" in record.getMessage()
+    assert "STEP.even=always" in record.getMessage()
 
 
 def test_strong_light_on_a_coloured_surface_is_evened(rng: np.random.Generator) -> None:
@@ -200,7 +200,7 @@ def test_drift_is_reported_in_one_line(rng: np.random.Generator, caplog: pytest.
         assert not caplog.records
         tone(lit(texture(rng), ramp((160, 192), 0.7, 0.0)), AUTO)
     (record,) = caplog.records
-    assert "tone.even=never" in record.getMessage()
+    assert "STEP.even=never" in record.getMessage()
 
 
 def test_threads_do_not_matter(rng: np.random.Generator, on_threads: Any) -> None:

@@ -6,9 +6,12 @@ import contextvars
 import logging
 import threading
 import warnings
+from pathlib import Path
 
+import numpy as np
 import pytest
 
+import texloom
 from texloom.pipelines.engine.stage_log import logging_to
 
 LOGGER = logging.getLogger("texloom.stages.synthesis.something")
@@ -62,3 +65,24 @@ def test_packages_of_plug_ins_are_told_too() -> None:
     with logging_to("plugin.stage", told.append):
         logging.getLogger("plugin.stage").warning("from outside")
     assert told == ["from outside"]
+
+
+def test_a_message_names_the_step_of_the_flow(tmp_path: Path) -> None:
+    light = np.linspace(0.3, 1, 160, dtype=np.float32)[:, None]
+    noise = 0.2 + 0.5 * np.random.default_rng(0).random((160, 160), np.float32)
+    store, told = tmp_path / "store", dict[str, list[str]]()
+    for step in ("even", "flat"):  # the second one is the first one's result
+        flow = tmp_path / f"{step}.yaml"
+        flow.write_text(
+            f"flow: {step}\nsources: {{picture: required}}\n"
+            f"steps:\n  {step}: {{stage: analysis.tone, inputs: {{image: picture}}}}\n"
+            f"exports: {{texture.exr: {step}.image}}\n"
+        )
+        told[step] = []
+        texloom.run(
+            flow, {"picture": light * noise}, store=store, out=tmp_path / step,
+            progress=lambda event, own=told[step]: own.append(event.text) if "--set" in event.text else None,
+        )  # fmt: skip
+    for step, (text,) in told.items():
+        assert f" {step}: the exemplar" in text
+        assert f"--set {step}.even=never" in text

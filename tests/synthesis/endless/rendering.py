@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -75,3 +76,19 @@ def validated(source: Path, text: str, *options: str) -> None:
         [validator, *options, source.name], cwd=source.parent, check=False, capture_output=True, text=True
     )
     assert run.returncode == 0, run.stdout
+
+
+def compiles_osl(folder: Path, name: str, text: str) -> None:
+    """By oslc, or by Blender's module where `TEXLOOM_BLENDER` names a Python that has it; else skip."""
+    blender = os.environ.get("TEXLOOM_BLENDER")
+    if shutil.which("oslc"):
+        command = ["oslc", f"{name}.osl"]
+    elif blender:
+        program = f"import bpy, _cycles, sys; sys.exit(not _cycles.osl_compile('{name}.osl', '{name}.oso'))"
+        command = [blender, "-c", program]
+    else:
+        pytest.skip("no oslc, and TEXLOOM_BLENDER names no Python with bpy")
+    (folder / f"{name}.osl").write_text(text)
+    run = subprocess.run(command, cwd=folder, check=False, capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert (folder / f"{name}.oso").stat().st_size > 1000

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.synthesis.endless.exemplars import colors, material, places
-from tests.synthesis.endless.rendering import rendered, validated
+from tests.synthesis.endless.rendering import compiles_osl, rendered, validated
 from tests.synthetic import smooth_noise
 from texloom.stages.evaluation.hex_plane import HexPlaneParams, hex_plane
 from texloom.stages.synthesis.endless.hex_shaders import HexShaders, HexShadersParams, hex_shaders
@@ -76,6 +78,46 @@ def test_glsl_and_godot_compile(tmp_path: Path, version: str) -> None:
     )
     built_in = "in vec2 UV; out vec3 ALBEDO; vec3 NORMAL_MAP; float ROUGHNESS;\n"
     validated(tmp_path / "godot.frag", f"#version {version}\n{built_in}{text}void main() {{ fragment(); }}\n")
+
+
+HLSL_MAIN = """
+Texture2D color_map : register(t0); Texture2D normal_map : register(t1); Texture2D roughness_map : register(t2);
+SamplerState repeating : register(s3);
+float4 main(float4 at : SV_Position) : SV_Target {
+    float2 uv = (at.xy + float2(-211.0, -150.0)) / HEX_SIZE;
+    float3 color; float3 normal; float roughness;
+    HexTiled_float(color_map, normal_map, roughness_map, repeating, uv, color, normal, roughness);
+    return RESULT;
+}
+"""
+
+
+@pytest.mark.parametrize("rotation", [0.0, 180.0])
+def test_hlsl_renders_the_reference(rotation: float, tmp_path: Path) -> None:
+    """Translated to GLSL by way of SPIR-V; at level 0, where filtering of graphics cards is exact enough."""
+    tiling, shaders = laid(IMAGE, rotation=rotation)
+    expected = tiling.pixels(*places(SIDE))
+    for result, planes in (("float4(color, roughness)", [0, 1, 2, 6]), ("float4(normal, roughness)", [3, 4, 5, 6])):
+        text = shaders.hlsl + HLSL_MAIN.replace("RESULT", result)
+        validated(tmp_path / "a.hlsl", text, *["-D", "-e", "main", "-S", "frag", "-V", "-o", "a.spv"])
+        assert (tmp_path / "a.spv").stat().st_size > 1000
+        translator = shutil.which("spirv-cross")
+        if translator is None:
+            pytest.skip("no spirv-cross; it compiles")
+        command = [translator, "a.spv", "--version", "330", "--no-es", "--output", "a.glsl"]
+        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+        glsl = (tmp_path / "a.glsl").read_text()
+        samplers = re.findall(r"uniform sampler2D (\w+);", glsl)
+        textures = {name: levels for own, levels in levels_of(IMAGE).items() for name in samplers if own in name}
+        assert len(textures) == len(samplers)  # what a result does not need is left out
+        found = rendered(glsl, textures, SIDE)
+        close = np.abs(found - expected[..., planes]).max(axis=2)
+        # Graphics cards place texels to 1/256 px; turned tiles lie between them.
+        assert (close <= (1 / 255 if rotation == 0 else 4 / 255)).mean() >= 0.999, np.sort(close.ravel())[-20:]
+
+
+def test_osl_compiles(tmp_path: Path) -> None:
+    compiles_osl(tmp_path, "hex", laid(IMAGE, rotation=180)[1].osl)
 
 
 def test_normals_are_those_of_the_heights_in_turned_tiles() -> None:

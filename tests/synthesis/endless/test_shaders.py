@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import subprocess
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.synthesis.endless.exemplars import colors, made, material, places
-from tests.synthesis.endless.rendering import rendered, textures_of, validated
+from tests.synthesis.endless.rendering import compiles_osl, rendered, textures_of, validated
 from texloom.stages.synthesis.endless.endless_shaders import EndlessShaders, endless_shaders, number
 from texloom.stages.synthesis.endless.noise import Noise
 from texloom.stages.vocabulary.arrays import Image
@@ -139,19 +138,7 @@ def test_the_function_of_the_godot_shader_compiles_as_glsl(
 
 
 def test_osl_compiles(set_of_maps: tuple[Noise, EndlessShaders], tmp_path: Path) -> None:
-    """By oslc, or by Blender's module where `TEXLOOM_BLENDER` names a Python that has it."""
-    blender = os.environ.get("TEXLOOM_BLENDER")
-    if shutil.which("oslc"):
-        command = ["oslc", "endless.osl"]
-    elif blender:
-        program = "import bpy, _cycles, sys; sys.exit(not _cycles.osl_compile('endless.osl', 'endless.oso'))"
-        command = [blender, "-c", program]
-    else:
-        pytest.skip("no oslc, and TEXLOOM_BLENDER names no Python with bpy")
-    (tmp_path / "endless.osl").write_text(set_of_maps[1].osl)
-    run = subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, text=True)
-    assert run.returncode == 0, run.stderr
-    assert (tmp_path / "endless.oso").stat().st_size > 1000
+    compiles_osl(tmp_path, "endless", set_of_maps[1].osl)
 
 
 def test_numbers_are_exact_and_no_integers() -> None:

@@ -43,6 +43,25 @@ def test_bricks_repeat() -> None:
         endless_suitability(bricks, EndlessSuitabilityParams())
 
 
+def courses(rng: np.random.Generator) -> Image:
+    """Bricks of any length and tone in rows of 20 px."""
+    pixels = np.full((200, 240), 0.1)
+    for top in range(0, 200, 20):
+        left = -int(rng.integers(0, 30))
+        while left < 240:
+            width = int(rng.integers(22, 55))
+            pixels[top : top + 18, max(0, left) : max(0, left + width - 2)] = rng.uniform(0.3, 0.6)
+            left += width
+    return picture(pixels + 0.05 * rng.random(pixels.shape))
+
+
+def test_courses_of_bricks_that_differ_are_structured() -> None:
+    table = endless_suitability(courses(np.random.default_rng(0)), ACCEPT).table
+    assert (table["periods"], table["verdict"]) == ("courses", "structured")
+    with pytest.raises(InputError, match="it has courses; the flow wang_tiles keeps it"):
+        endless_suitability(courses(np.random.default_rng(0)), EndlessSuitabilityParams())
+
+
 def test_contours_would_be_blended_away(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
         table = endless_suitability(outlines(), ACCEPT).table

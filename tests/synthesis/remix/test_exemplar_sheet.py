@@ -51,6 +51,15 @@ def test_every_exemplar_lies_where_it_says_and_gaps_are_excluded(two: list[Image
     np.testing.assert_array_equal(usable, ~left)
 
 
+def test_lattices_that_are_dropped_are_told(two: list[Image | None], caplog: pytest.LogCaptureFixture) -> None:
+    items = [{"name": name} for name in "abc"]
+    lattice, none = np.float32([[0, 20], [20, 0]]), np.zeros((0, 2), np.float32)
+    exemplar_sheet([two[0], None, two[1]], items, ExemplarSheetParams(), [none, None, none])
+    assert not caplog.records
+    exemplar_sheet([two[0], None, two[1]], items, ExemplarSheetParams(), [none, None, lattice])
+    assert "c: lattice or courses dropped" in caplog.text
+
+
 def test_pixels_that_an_exemplar_excludes_stay_excluded(two: list[Image | None]) -> None:
     assert two[0] is not None
     usable = np.ones(SIZES[0], bool)

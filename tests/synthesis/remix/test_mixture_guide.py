@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.synthetic import picture
+from texloom.stages.common.features.control import painted_values
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
 from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
 from texloom.stages.synthesis.remix.exemplar_origin import ExemplarOriginParams, exemplar_origin
@@ -49,6 +50,19 @@ def test_without_patches_the_border_is_where_the_map_is_halfway(rng: np.random.G
     np.testing.assert_allclose(turned, asked.T, atol=1e-6)
     back = numbers(made, mixture(made, size=(96, 64), patchiness=0, angle=-90))
     np.testing.assert_allclose(back, asked.T[::-1], atol=1e-6)
+
+
+def test_the_way_is_the_map_and_begins_and_ends_gently_without_one(rng: np.random.Generator) -> None:
+    made = sheet(rng, 3)
+    way = mixture(made, size=(16, 400)).way[0]
+    assert (way[0], way[-1]) == (0, 2)
+    assert way[200] == pytest.approx(1, abs=0.02)
+    steps = np.diff(way)
+    assert (steps >= 0).all()
+    assert np.abs(np.diff(steps)).max() < 0.2 * steps.max()
+    levels = (np.linspace(0, 1, 400)[None] * np.ones((16, 1)))[..., None]
+    painted = painted_values(Image(levels.astype(np.float32), ("Y",)))[..., 0]
+    np.testing.assert_allclose(mixture(made, levels, size=None).way, 2 * painted, atol=1e-5)
 
 
 @pytest.mark.parametrize(("tileable", "tiles"), [("x", True), ("y", False)])
