@@ -7,14 +7,13 @@ import functools
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from texloom.stages.kernels.core.elementary_functions import cbrt, power
+from texloom.stages.kernels.core.elementary_functions import power
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 
 _XYZ_FROM_LINEAR = np.array(
     [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]]
 )
 _WHITE = np.array([0.95047, 1.0, 1.08883])  # D65, 2 degree observer
-_LINEAR_LIMIT = 216 / 24389  # below it CIELAB's lightness is linear
 _CACHED = 2**15  # pixels converted at once: what is made of them on the way fits into the processor's cache
 _STRIP = 2**20  # values converted at once: numpy makes 8-byte indices of them
 
@@ -24,17 +23,11 @@ def lab_from_linear(color: Float32[np.ndarray, "h w 3"]) -> Float32[np.ndarray, 
 
     L is 0..100 for 0..1 and above 100 for brighter light; negative light counts as 0.
     """
-    matrix = (_XYZ_FROM_LINEAR / _WHITE[:, None]).astype(np.float32)
+    from texloom.stages.kernels.core.cielab import fill_lab
+
     lab = np.empty(color.shape, np.result_type(color, np.float32))
-    rows = max(1, 3 * _CACHED // max(1, color[:1].size))
-    for top in range(0, color.shape[0], rows):
-        relative = matrix_product(np.maximum(color[top : top + rows], 0), matrix.T)
-        is_light = relative > _LINEAR_LIMIT
-        f = np.where(is_light, cbrt(relative), np.float32(841 / 108) * relative + np.float32(4 / 29))
-        strip = lab[top : top + rows]
-        strip[..., 0] = 116 * f[..., 1] - 16
-        strip[..., 1] = 500 * (f[..., 0] - f[..., 1])
-        strip[..., 2] = 200 * (f[..., 1] - f[..., 2])
+    matrix = np.ascontiguousarray((_XYZ_FROM_LINEAR / _WHITE[:, None]).astype(np.float32).T, lab.dtype)
+    fill_lab(np.ascontiguousarray(color, lab.dtype).reshape(-1, 3), matrix, lab.reshape(-1, 3))
     return lab
 
 

@@ -102,3 +102,14 @@ def test_codes_are_those_of_the_curve_rounded(rng: np.random.Generator) -> None:
 def test_light_that_has_no_code_is_black_or_white() -> None:
     light = np.array([[-np.inf, -1.0, -0.0, np.nan], [1.0, 2.0, 65504.0, np.inf]], np.float32)
     assert srgb_codes(light).tolist() == [[0] * 4, [255] * 4]
+
+
+def test_lab_keeps_what_is_not_finite_and_any_layout(rng: np.random.Generator) -> None:
+    color = rng.uniform(-0.1, 1.5, (30, 40, 3)).astype(np.float32)
+    whole = lab_from_linear(color)
+    assert (lab_from_linear(np.asfortranarray(color)) == whole).all()
+    assert (lab_from_linear(color[::2, 1::3]) == whole[::2, 1::3]).all()
+    np.testing.assert_allclose(lab_from_linear(color.astype(np.float64)), whole, atol=1e-4)
+    color[3, 4] = np.nan, 0.5, np.inf
+    assert np.isnan(lab_from_linear(color)[3, 4]).any()
+    np.testing.assert_array_equal(lab_from_linear(color)[4:], whole[4:])

@@ -1,0 +1,52 @@
+"""CIELAB of linear light, a few pixels at a time: what is made on the way stays in the processor's cache."""
+
+import numpy as np
+
+from texloom.stages.kernels.core.compiled import compiled
+
+_BLOCK = 512  # pixels
+_LINEAR_LIMIT = 216 / 24389  # below it lightness is linear
+_SLOPE, _OFFSET = np.float32(841 / 108), np.float32(4 / 29)  # of the line there
+_THIRD = 0x2A9F7893782DA1CE  # added to a third of the bits of a number, its cubic root to some per cent
+
+
+@compiled
+def fill_lab(color, matrix, lab):
+    """Fill ``lab``; negative light counts as 0.
+
+    Parameters
+    ----------
+    color : (n, 3) float32 or float64, linear light
+    matrix : (3, 3) of the same type, from light to X, Y and Z relative to white, a column each
+    lab : (n, 3) of the same type
+    """
+    kind = lab.dtype.type
+    scaled, offset, limit = kind(_SLOPE), kind(_OFFSET), kind(_LINEAR_LIMIT)
+    relative = np.empty((3, _BLOCK), lab.dtype)
+    value, root = np.empty(_BLOCK), np.empty(_BLOCK)
+    for first in range(0, len(color), _BLOCK):
+        count = min(_BLOCK, len(color) - first)
+        for k in range(3):
+            own = relative[k]
+            for i in range(count):
+                total = kind(0)
+                for j in range(3):
+                    light = color[first + i, j]
+                    total += (kind(0) if light <= 0 else light) * matrix[j, k]  # what is not finite stays
+                own[i] = total
+                value[i] = np.float64(total) if total > 0 else 1.0
+            bits, roots = value.view(np.uint64), root.view(np.uint64)
+            for i in range(count):
+                roots[i] = bits[i] // np.uint64(3) + np.uint64(_THIRD)
+            for i in range(count):
+                r, v = root[i], value[i]
+                for _ in range(4):
+                    r = r - (r - v / (r * r)) * (1 / 3)
+                root[i] = r
+            for i in range(count):
+                own[i] = kind(root[i]) if own[i] > limit else scaled * own[i] + offset
+        for i in range(count):
+            x, y, z = relative[0, i], relative[1, i], relative[2, i]
+            lab[first + i, 0] = kind(116) * y - kind(16)
+            lab[first + i, 1] = kind(500) * (x - y)
+            lab[first + i, 2] = kind(200) * (y - z)
