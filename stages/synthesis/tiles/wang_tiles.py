@@ -15,7 +15,8 @@ from texloom.stages.common.grids.wang import CORNERS, SIDES, WangSet
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, material_points
-from texloom.stages.synthesis.tiles.wang_borders import Synthesis, Torus, WangParams, core, to_borders
+from texloom.stages.synthesis.tiles.tile_synthesis import Synthesis, Torus, WangParams
+from texloom.stages.synthesis.tiles.wang_borders import core, to_borders
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, stage
@@ -107,7 +108,10 @@ def wang_tiles(
     shared = np.minimum(to_row[:, None], to_column) < core(border)
     known = Torus(borders, match)
     begun = (known, keep, shared, filled)
-    synthesis = partial(Synthesis, image, guidance, weight, generators, size, border, params, materials)
+    pixels = borders.height * borders.width if materials is not None and tiles.kind == "edges" else None
+    synthesis = partial(
+        Synthesis, image, guidance, weight, generators, size, border, params, materials, pixels=pixels
+    )
     if params.strength == 1 or tiles.variants == (1, 1):
         made = synthesis().completed(*begun, material_points(tiles), rng)
     elif materials is not None:
