@@ -52,17 +52,17 @@ class Torus:
         return Torus(self.image.elsewhere(pixels), np.ascontiguousarray(self.match[rows, columns]))
 
 
-def share_of_uses(image: Image, pixels: int) -> float:
-    """How many of the pixels that can be copied a result of ``pixels`` px can show, at most all, 0..1.
+def small_result(image: Image, pixels: int) -> float:
+    """Factor on the weight of spatial uniformity in a result of ``pixels`` px, 0..1.
 
-    The penalty of a patch is relative to the even use of all pixels. A result much smaller than its exemplar would
-    have to take each patch from elsewhere: to continue a patch as the exemplar does would cost the reciprocal of
-    this share, which outweighs guides, and a smooth material, whose patches fit each other anywhere, would displace
-    a rough one. Times this share it costs as much as in a result of the exemplar's size.
+    The penalty of a patch is relative to the even use of all pixels. In a result much smaller than its exemplar a
+    patch that continues its neighbour as the exemplar does costs the weight times the ratio of their sizes. This
+    outweighs guides, and a smooth material, whose patches fit each other from anywhere, displaces a rough one. The
+    factor is the root of the reciprocal ratio: with all of it, the penalty would be too low to prevent blur.
     """
     valid = valid_pixels(image)
     usable = image.height * image.width if valid is None else int(valid.sum())
-    return min(1.0, pixels / usable)
+    return math.sqrt(min(1.0, pixels / usable))
 
 
 class Synthesis:
@@ -73,7 +73,7 @@ class Synthesis:
     tile, border : side of a tile, and what fits on each side of its borders, px.
     materials : where there are several exemplars.
     guide : of the exemplar.
-    pixels : of a result, in which spatial uniformity then counts by `share_of_uses`; None to let it count fully.
+    pixels : of a result, in which spatial uniformity counts less then, see `small_result`; None to let it count.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class Synthesis:
         self.inputs = (guidance, weight, generators)
         self.chosen = {name: getattr(params, name) for name in WangParams.model_fields} | {"period": (tile, tile)}
         if pixels is not None:
-            self.chosen["occurrence"] *= share_of_uses(image, pixels)
+            self.chosen["occurrence"] *= small_result(image, pixels)
         # What is fixed would not be continued if it were narrower than a patch at the first scale, nor if a
         # stronger penalty outweighed it there.
         coarsest = min(image.height, image.width) * min(1.0, params.patch_size / (2 * border))
