@@ -151,7 +151,6 @@ class _Session:
     async def _deliver(self, socket: WebSocket) -> None:
         told = self._received
         while self._socket is socket:
-            await self._outbox.news.wait()
             self._outbox.news.clear()
             if self._outbox.is_full:
                 await socket.close(_BEHIND, "the page has fallen behind")
@@ -162,6 +161,7 @@ class _Session:
             if told != self._received:
                 told = self._received
                 await socket.send_bytes(numbered(0, told))
+            await self._outbox.news.wait()
 
     async def _receive(self, socket: WebSocket) -> None:
         while self._socket is socket:

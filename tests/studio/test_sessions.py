@@ -71,6 +71,18 @@ def test_the_server_says_what_has_arrived(served: Served) -> None:
         assert page.acknowledged == page.number == 1
 
 
+def test_a_page_may_connect_again_before_its_socket_is_lost(served: Served) -> None:
+    recipe = Recipe(flow="quilting", sources={"exemplar": EXEMPLAR}, size=(48, 64))
+    with Page(served.base, served.cookie) as page:
+        for number in (1, 2, 3):
+            before, page.socket = page.socket, page.connected()
+            page.send(PreviewRequest(number=number, recipe=recipe.model_copy(update={"seed": number})))
+            told, _ = until(page, lambda message: message.get("is_final", False))
+            assert told["number"] == number
+            with pytest.raises(websockets.ConnectionClosed):
+                list(before)
+
+
 def test_a_page_without_a_name_is_refused(served: Served) -> None:
     page = Page(served.base, served.cookie)
     page._address = page._address.partition("?")[0]

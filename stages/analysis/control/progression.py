@@ -109,7 +109,7 @@ def progression(image: Image, params: ProgressionParams, given: Image | None = N
     sign = np.float32(-1 if params.reverse else 1)
     angle = mean_direction(sign * slow)
     if given is None:
-        _tell(share, angle)
+        _tell(share)
     valid = valid_pixels(image)
     found, wanted = (_at_size(sign * one, image) for one in (local, slow))
     found, wanted = ranks(found, valid), ranks(wanted, valid)
@@ -118,16 +118,13 @@ def progression(image: Image, params: ProgressionParams, given: Image | None = N
     return Progression(found, wanted, share, angle, pictured(found, lightness), table)
 
 
-def _tell(share: float, angle: float) -> None:
-    degrees = math.degrees(angle)
+def _tell(share: float) -> None:
     if share < _WEAK:
         _LOG.warning(
             "the exemplar's trend is weak: %.0f %% of its variation is slow; progression.png shows what was found, "
             "and --source progression=PICTURE replaces it",
             100 * share,
         )
-    else:
-        _LOG.info("%.0f %% of the exemplar's variation is a trend, along %.0f degrees", 100 * share, degrees)
 
 
 def _at_size(values: Float32[np.ndarray, "p q"], image: Image) -> ScalarMap:

@@ -1,7 +1,6 @@
 """Whether a coarse level makes a texture more like the original."""
 
 import dataclasses
-import logging
 from typing import Any
 
 import numpy as np
@@ -11,8 +10,6 @@ from texloom.stages.synthesis.control_maps.coarse_level import Guide, TargetGuid
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params, stage
-
-_LOG = logging.getLogger(__name__)
 
 _BLUR = 2.0  # px, before colours are compared: detail lies elsewhere in any reconstruction
 
@@ -54,11 +51,6 @@ def coarse_choice(
     """
     errors = [_difference(texture, image) for image in (plain, guided)]
     used = target_guide is not None and errors[1] < errors[0]
-    _LOG.info(
-        "the coarse level %s: the texture differs by %.2f CIELAB units with it, by %.2f without",
-        "is used" if used else "is not used",
-        *errors[::-1],
-    )
     table = {"plain": errors[0], "guided": errors[1], "used": used}
     return CoarseChoice(exemplar_guide if used else None, target_guide if used else None, table)
 

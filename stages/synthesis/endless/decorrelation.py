@@ -92,7 +92,7 @@ def averageable(image: Image) -> list[AveragedMap]:
         else:
             maps.append((name, channels, "values", values))
     if left_out := [name for name in image.channels if name in EXCLUSION_CHANNELS]:
-        _LOG.info("%s: left out", ", ".join(left_out))
+        _LOG.warning("%s: left out", ", ".join(left_out))
     return maps
 
 

@@ -191,8 +191,8 @@ def wang_borders(
         min(image.height, image.width) if rectangles is None else int(rectangles[:, 2:].min())
     )
     tile, missed = tile_side(wanted, generators)
-    if tile != wanted:
-        _log.info(
+    if tile != wanted and params.tile:
+        _log.warning(
             "tiles of %d px, not %d: these contain whole cells of the lattice, to %.1f px", tile, wanted, missed
         )
     border = _border(tile, params)
