@@ -14,8 +14,9 @@ from texloom.stages.analysis.control.guide import contrast
 from texloom.stages.common.grids.wang import CORNERS, SIDES, WangSet
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
 from texloom.stages.numerics.filters import gaussian_blur
-from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, material_points
-from texloom.stages.synthesis.tiles.wang_borders import Synthesis, Torus, WangParams, core, to_borders
+from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, edges_shown, material_points
+from texloom.stages.synthesis.tiles.tile_synthesis import Synthesis, Torus, WangParams
+from texloom.stages.synthesis.tiles.wang_borders import core, to_borders
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, stage
@@ -23,6 +24,7 @@ from texloom.stages.vocabulary.masks import fill_excluded
 from texloom.stages.vocabulary.progress import part
 
 _LAYOUT = 1.0  # deviation of slow colours as a guide, in deviations of the exemplar's colours
+_SHOWN = 0.5  # share of an edge's middle that has its material, from which on the edge shows it
 _MOST_LAYOUT = 6.0  # times that slow colours are made stronger for it
 
 
@@ -107,7 +109,10 @@ def wang_tiles(
     shared = np.minimum(to_row[:, None], to_column) < core(border)
     known = Torus(borders, match)
     begun = (known, keep, shared, filled)
-    synthesis = partial(Synthesis, image, guidance, weight, generators, size, border, params, materials)
+    pixels = borders.height * borders.width if materials is not None and tiles.kind == "edges" else None
+    synthesis = partial(
+        Synthesis, image, guidance, weight, generators, size, border, params, materials, pixels=pixels
+    )
     if params.strength == 1 or tiles.variants == (1, 1):
         made = synthesis().completed(*begun, material_points(tiles), rng)
     elif materials is not None:
@@ -159,22 +164,13 @@ def _slow(image: Image, deviation: float, beyond: Literal["reflect", "wrap"]) ->
 
 
 def _tell_edges(numbers: np.ndarray, match: Correspondence, tiles: WangSet, size: int) -> None:
-    """Warn where edges do not show their material in their middle, a quarter of a tile long."""
-    shown = numbers[match[..., 0], match[..., 1]] - 1
-    near, middle = max(1, size // 16), slice(size // 2 - size // 8, size // 2 + size // 8)
-    places = {"north": np.s_[:near, middle], "west": np.s_[middle, :near]}
-    missing = {
-        (side, color)
-        for row, column in np.ndindex(*tiles.shape)
-        for side, at in places.items()
-        for color in [int(tiles.tiles[row, column, SIDES.index(side)])]
-        if (shown[row * size : (row + 1) * size, column * size : (column + 1) * size][at] == color).mean() < 0.5
-    }
-    if missing:
+    """Warn where paths end before the edges that they are to cross."""
+    shares = edges_shown(numbers[match[..., 0], match[..., 1]].astype(np.int64) - 1, tiles, size)
+    if missing := int((shares[:, 1:] < _SHOWN).sum()):
         _LOG.warning(
-            "%d of %d edges do not show their material: paths end before them; try larger tiles, the preset "
-            "default, or another first material",
-            len(missing), 2 * tiles.colors,
+            "%d of %d edges that others than the first material cross do not show them: paths end before them; try "
+            "larger tiles, the preset default, or another first material",
+            missing, shares[:, 1:].size,
         )  # fmt: skip
 
 
