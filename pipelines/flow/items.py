@@ -44,7 +44,7 @@ class Item:
 
 
 def items_of(flow: Flow) -> list[Item]:
-    """All items, in the order of their file names and then of the seeds.
+    """All items, in the order of their file names, or in that of an ordered source, and then of the seeds.
 
     Files of a source with ``pair`` go with those of the other source whose wildcards match the same words. Other
     sources are combined in every way.
@@ -63,9 +63,10 @@ def items_of(flow: Flow) -> list[Item]:
     if count > _MAX_ITEMS:
         raise refused(f"{flow.where('sources')}: {count} items, at most {_MAX_ITEMS}")
 
-    own = {name: _own_names([*files[name].values()]) for name in leaders}
+    own = {name: own_names([*files[name].values()]) for name in leaders}
     items = []
-    for words in itertools.product(*(sorted(files[name]) for name in leaders)):
+    orders = (list(files[name]) if source.is_ordered else sorted(files[name]) for name, source in leaders.items())
+    for words in itertools.product(*orders):
         chosen = dict(zip(leaders, words, strict=True))
         paths = {name: files[name][chosen[source.pair or name]] for name, source in sets.items()}
         stem = "-".join(own[name][files[name][word]] for name, word in chosen.items())
@@ -116,7 +117,7 @@ def _without_suffix(words: Mapping[str, str]) -> Mapping[str, str]:
     return shorter if len(set(shorter.values())) == len(words) else words
 
 
-def _own_names(paths: Sequence[str]) -> dict[str, str]:
+def own_names(paths: Sequence[str]) -> dict[str, str]:
     """The name of each file's folder of results, whatever pattern has found it."""
     names: dict[str, str] = {}
     taken: set[str] = set()

@@ -39,6 +39,8 @@ class Each:
     """another such source, whose files belong to these"""
     notes: tuple[str, ...] = ()
     """what the user should know of files that are not among them"""
+    is_ordered: bool = False
+    """whether they keep the order of ``patterns``, which are files then; else they are in that of their names"""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -96,6 +96,14 @@ def _mapping_of(fields: str) -> BeforeValidator:
     return _expect(dict, f"must be a mapping with {fields}")
 
 
+def _each(value: Any) -> Any:
+    """A pattern, or a list of files."""
+    listed = value if isinstance(value, list) and value else [value]
+    if not all(isinstance(one, str) and one for one in listed):
+        _fail("must be a pattern like 'folder/*.png'")
+    return value
+
+
 _optional = BeforeValidator(lambda value: {} if value is None else value)
 
 
@@ -130,7 +138,9 @@ class StepPart(_Part):
 
 
 class SetPart(_Part):
-    """A source that is every file of a pattern, or the frame stack of a folder, pattern or EXR.
+    """A source that is every file of a pattern or list, or the frame stack of a folder, pattern or EXR.
+
+    Where it is ``ordered``, files that are given one by one keep that order; else they are in that of their names.
 
     With ``pair`` alone it is a required file, or as many as the other source has. With ``optional`` it has no file
     unless the caller gives one, or as many as the other source has.
@@ -138,7 +148,8 @@ class SetPart(_Part):
 
     optional: Annotated[str, _expect(str, "must be a text, what the source does")] | None = None
 
-    each: Annotated[str, _expect(str, "must be a pattern like 'folder/*.png'")] | None = None
+    each: Annotated[str | list[str], BeforeValidator(_each)] | None = None
+    ordered: Annotated[bool, _expect(bool, "must be true or false")] = False
     pair: Annotated[str, _expect(str, "must be another source")] | None = None
     stack: Annotated[str, _expect(str, f"must be a folder, pattern, EXR or '{REQUIRED}'")] | None = None
 

@@ -38,7 +38,7 @@ class SourceChoice:
             elif is_optional(part):
                 left_out.append(name)
             else:
-                sources[name] = _declared_source(entry)
+                sources[name] = _declared_source(name, entry)
                 if _is_required(entry.value):
                     missing.append(name)
         for name, entry in self.draft.sources.items():
@@ -87,10 +87,10 @@ def _chosen_source(name: str, given: str | Sequence[str], entry: Entry) -> str |
         return source_of(name, references, None, is_map_set(absolute(entry.value, entry.path.parent)))
     if entry.value.stack is not None:
         return stack_of(name, references)
-    return source_of(name, references, entry.value.pair, False)
+    return source_of(name, references, entry.value.pair, False, entry.value.ordered)
 
 
-def _declared_source(entry: Entry) -> str | Each:
+def _declared_source(name: str, entry: Entry) -> str | Each:
     """The source of an entry that nothing replaces."""
     value, folder = entry.value, entry.path.parent
     if not isinstance(value, SetPart):
@@ -101,6 +101,9 @@ def _declared_source(entry: Entry) -> str | Each:
         return SCHEME + absolute(value.stack, folder)
     if value.is_required:
         return absolute(REQUIRED, folder)
+    if isinstance(value.each, list):
+        references = [absolute(one, folder) for one in value.each]
+        return source_of(name, references, value.pair, False, value.ordered)
     if value.each is None or not is_pattern(value.each):
         raise entry.fail(f"must be a pattern like 'folder/*.png', got {shown(value.each)}", "each")
     return Each((absolute(value.each, folder),), value.pair)

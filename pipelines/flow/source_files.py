@@ -30,7 +30,9 @@ _LISTED = 4  # files in a note
 _MOST_MAPS = 64  # files that may be maps of one material; to read the names of thousands takes seconds
 
 
-def source_of(name: str, references: Sequence[str], pair: str | None, takes_maps: bool) -> str | Each:
+def source_of(
+    name: str, references: Sequence[str], pair: str | None, takes_maps: bool, ordered: bool = False
+) -> str | Each:
     """What a source is, from what is given for it.
 
     One picture, or the maps of one material, are one source; several references, a pattern, or a folder of
@@ -43,6 +45,7 @@ def source_of(name: str, references: Sequence[str], pair: str | None, takes_maps
     pair : of the set.
     takes_maps : whether any folder that holds an albedo, or pictures of one name and size, is one material; else
         it has to hold several maps and not several albedos.
+    ordered : whether files keep the order in which they are given one by one, without patterns and folders of many.
 
     Raises
     ------
@@ -67,7 +70,8 @@ def source_of(name: str, references: Sequence[str], pair: str | None, takes_maps
             f"sources.{name}: these files are maps of one material, and each is taken by itself; "
             f"their folder, {folder}, keeps them in register"
         )
-    return Each(tuple(dict.fromkeys(files)), pair, tuple(map(one_line, notes)))
+    is_ordered = ordered and files == list(references)
+    return Each(tuple(dict.fromkeys(files)), pair, tuple(map(one_line, notes)), is_ordered)
 
 
 def stack_of(name: str, references: Sequence[str]) -> str:

@@ -31,7 +31,7 @@ _MARGIN = 24  # px around a region, of the picture that is shown
 def insight(work: InsightWork, places: Places, send: Callable[..., None]) -> None:
     """Send the worst places of a result, and row and column of the exemplar's pixel of each pixel, 16-bit integers.
 
-    Whatever the result does not tell is left out.
+    Whatever the result does not tell is left out, and places in several exemplars are.
     """
     run = open_recipe(work.recipe, library_of(places), Store(Path(places.store)))
     run.plan()
@@ -41,7 +41,7 @@ def insight(work: InsightWork, places: Places, send: Callable[..., None]) -> Non
     if joints is not None and joints.shape == size:
         worst = worst_places(joints, _COUNT, round(_SEPARATION * max(size)))
         found = [BadPlace(row=one.row, column=one.column, value=one.value) for one in worst]
-    is_known = match is not None and match.shape[0] * match.shape[1] <= _MOST_PIXELS
+    is_known = match is not None and not run.items and match.shape[0] * match.shape[1] <= _MOST_PIXELS
     payload = b"" if not is_known else np.minimum(match, 65535).astype("<u2").tobytes()
     send(Insight(height=size[0], width=size[1], places=tuple(found)), payload)
 

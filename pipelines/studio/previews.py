@@ -9,23 +9,28 @@ import shutil
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
+from texloom.pipelines.media.sources import Source, open_source
 from texloom.pipelines.store.housekeeping import set_limit
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages.answers import PreviewPicture
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.requests import PreviewRequest
+from texloom.pipelines.studio.methods import OFFERS, Offer
 from texloom.pipelines.studio.pixels import rgba
 from texloom.pipelines.studio.recipes import image_of, open_texture
-from texloom.pipelines.studio.reduced import Reducer, reduced_document, reduced_size, scale_of
+from texloom.pipelines.studio.reduced import Reducer, reduced_document, reduced_lengths, reduced_size, scale_of
 from texloom.pipelines.studio.work import Places
 from texloom.stages.vocabulary.arrays import Image
 
 _MOST_BYTES = 2**29  # of the results of previews; those that were used least recently are removed
+_UNOFFERED = Offer("")
+_TILES = 2  # sides of an exemplar that all tiles of a set take, about
 _INTERVAL = 0.06  # seconds between pictures of one preview
 
 
@@ -35,10 +40,11 @@ class Previewer:
     def __init__(self, places: Places):
         scratch = Path(places.scratch)
         self.attached = scratch / f"attached-{os.getpid()}"
-        self.library = Library(Path(places.folder), Path(places.store), attached=self.attached)
         self.store = Store(scratch / "store")
         set_limit(self.store, _MOST_BYTES)
         self.reducer = Reducer(self.store.root / "sources")
+        others = {"attached": self.attached, "reduced": self.reducer.folder}
+        self.library = Library(Path(places.folder), Path(places.store), **others)
 
     def make(
         self, work: PreviewRequest, payload: bytes, check: Callable[[], None], send: Callable[..., None]
@@ -46,16 +52,36 @@ class Previewer:
         """Send pictures of a recipe until the preview is final; ``check`` raises when it is not wanted any more."""
         recipe = work.recipe
         self._keep(work.attached, payload)
-        run, made = open_texture(recipe, self.library, self.store)
-        exemplar = run.shared.source(next(iter(recipe.sources)))
-        size = recipe.size or _default_size(run) or (exemplar.height, exemplar.width)
+        offer = OFFERS.get(recipe.flow, _UNOFFERED)
+        export = offer.views[0].file if offer.views else None
+        run, made = open_texture(recipe, self.library, self.store, export)
+        several = {
+            name: [open_source(name, self.library.reference(one)) for one in given]
+            for name, given in recipe.sources.items()
+            if not isinstance(given, str)
+        }
+        name = next(iter(recipe.sources))
+        exemplar = min(several[name], key=_shorter) if name in several else run.shared.source(name)
+        size = recipe.size or _default_size(run) or (_TILES * exemplar.height, _TILES * exemplar.width)
         scale = scale_of((exemplar.height, exemplar.width), size)
-        small = recipe.model_copy(
-            update={"size": reduced_size(size, scale), "files": self._reduced_files(recipe, scale)}
-        )
-        run, made = open_texture(small, self.library, self.store)
+        changes: dict[str, Any] = {
+            "files": self._reduced_files(recipe, scale),
+            "params": reduced_lengths(recipe.params, offer.lengths, scale),
+        }
+        if "size" in run.flow.params:
+            changes["size"] = reduced_size(size, scale)
+        if scale < 1:
+            reduced = {
+                name: tuple(f"reduced:{self.reducer.named(one, scale)}" for one in pictures)
+                for name, pictures in several.items()
+            }
+            changes["sources"] = {**recipe.sources, **reduced}
+        small = recipe.model_copy(update=changes)
+        run, made = open_texture(small, self.library, self.store, export)
         sources = {
-            name: self.reducer.reference(run.shared.source(name), exemplar, scale) for name in recipe.sources
+            name: self.reducer.reference(run.shared.source(name), exemplar, scale)
+            for name in recipe.sources
+            if name not in several
         }
         run = Run(dataclasses.replace(run.flow, sources={**run.flow.sources, **sources}), self.store)
         last = 0.0
@@ -102,6 +128,10 @@ class Previewer:
             path.write_text(json.dumps(reduced_document(content, scale)))
             made[name] = f"attached:{path.name}"
         return made
+
+
+def _shorter(source: Source) -> int:
+    return min(source.height, source.width)
 
 
 def _default_size(run: Run) -> tuple[int, int] | None:

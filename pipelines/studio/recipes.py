@@ -7,7 +7,8 @@ import dataclasses
 import json
 import re
 from collections.abc import Iterable
-from typing import Any, get_args
+from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -16,77 +17,24 @@ from texloom.pipelines.engine.opening import open_run
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.flow.command import command_of
-from texloom.pipelines.flow.loader import load_flow
-from texloom.pipelines.flow.model import Flow, Overrides, Reference
+from texloom.pipelines.flow.items import own_names
+from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference
 from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.pipelines.media.arrays import file_source, masked
+from texloom.pipelines.media.material_set import is_map_set
 from texloom.pipelines.request import RunRequest, request
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
-from texloom.pipelines.studio.messages.catalogue import Method, OtherPicture
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.runs import Described, PlannedStep
+from texloom.pipelines.studio.methods import WEIGHTS
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.sizes import size_value
 
-METHODS = {
-    "self_tuning": "Most materials; structures stay connected",
-    "materials": "All maps of a material, from one correspondence",
-    "near_regular": "Tiles, grids and weaves",
-    "quilting": "Large irregular pieces, in a second or two",
-    "graph_cut": "Large irregular pieces, cut along the best seams",
-    "patch_based": "Grain, soil and noise, quickly",
-    "per_pixel": "Grain, soil and noise, pixel by pixel",
-    "grow": "What ages or changes from place to place, its trend over all of the result",
-    "restyle": "Another picture, made of the exemplar",
-}
-"""the flows of an exemplar that the page offers, and what each is for"""
-_OTHERS = {
-    "grow": {"target": "Trend of the result", "progression": "Trend of the exemplar"},
-    "restyle": {"picture": "Picture that it is laid over"},
-}
-"""flow to the pictures that it takes besides the exemplar, and what the page calls them"""
-_SIDES = (1024, 1024)  # px, of a result whose flow has no size of its own
 _SHARED = (RunRequest.model_fields.keys() & Recipe.model_fields.keys()) - {"sources", "params"}
 """what a recipe gives as a request does; its pictures and documents have ids, not paths"""
-_UNIFORMITY = "occurrence"
-
-
-def methods() -> list[Method]:
-    """What the page has to know of each of `METHODS`."""
-    return [_method(name) for name in METHODS]
-
-
-def _method(name: str) -> Method:
-    flow = load_flow(shipped_flows()[name])
-    size = _default(flow, "size")
-    texture = flow.steps["texture"]
-    has_uniformity = _UNIFORMITY in type(texture.params).model_fields
-    return Method(
-        flow=name,
-        about=METHODS[name],
-        size=size or _SIDES,
-        can_tile="tileable" in flow.params,
-        presets=_choices(flow, "preset"),
-        uniformity=f"texture.{_UNIFORMITY}" if has_uniformity else "",
-        default_uniformity=getattr(texture.params, _UNIFORMITY) if has_uniformity else 0.0,
-        others=tuple(
-            OtherPicture(source=source, about=about, is_required=source not in flow.optional)
-            for source, about in _OTHERS.get(name, {}).items()
-        ),
-    )
-
-
-def _default(flow: Flow, name: str) -> Any:
-    step, _, param = flow.params[name][0].partition(".")
-    return getattr(flow.steps[step].params, param)
-
-
-def _choices(flow: Flow, name: str) -> tuple[str, ...]:
-    """The values that a param can have, where they are words."""
-    step, _, param = flow.params.get(name, ("",))[0].partition(".")
-    return get_args(type(flow.steps[step].params).model_fields[param].annotation) if step else ()
+_MOST_NAMES = 3  # of pictures, in the name of a result
 
 
 def overrides_of(recipe: Recipe, library: Library) -> Overrides:
@@ -95,12 +43,17 @@ def overrides_of(recipe: Recipe, library: Library) -> Overrides:
         raise InputError(one_line(f"{recipe.flow}: no such flow"))
     if not recipe.sources:
         raise InputError("no picture is chosen")
-    sources = {name: library.reference(picture) for name, picture in recipe.sources.items()}
+    sources: dict[str, str | tuple[str, ...]] = {
+        name: library.reference(given) if isinstance(given, str) else _several(name, given, library)
+        for name, given in recipe.sources.items()
+    }
     if recipe.mask is not None:
-        first = next(iter(sources))
+        first, exemplar = next(iter(sources.items()))
+        if not isinstance(exemplar, str):
+            raise InputError(f"sources.{first}: a mask is of one picture, not of several")
         mask = library.reference(recipe.mask)
         folder = library.roots.get("attached") or library.dropped()
-        sources[first] = file_source(masked(sources[first], mask), folder)
+        sources[first] = file_source(masked(exemplar, mask), folder)
     given = {name: getattr(recipe, name) or None for name in _SHARED} | {"seed": recipe.seed}
     params = {
         name: value if isinstance(value, tuple) else json.dumps(value)
@@ -108,6 +61,17 @@ def overrides_of(recipe: Recipe, library: Library) -> Overrides:
         if name not in _SHARED
     }
     return request(**given, sources=sources, params=params).overrides
+
+
+def _several(name: str, pictures: tuple[str, ...], library: Library) -> tuple[str, ...]:
+    """What a flow file calls pictures of one source; `InputError` also where one is there twice, or is none."""
+    found = tuple(library.reference(picture) for picture in pictures)
+    for number, one in enumerate(found):
+        if one in found[:number]:
+            raise InputError(one_line(f"sources.{name}: {Path(one).name} is chosen twice"))
+        if Path(one).is_dir() and not is_map_set(one):
+            raise InputError(one_line(f"sources.{name}: {Path(one).name} is a folder of several; choose pictures"))
+    return found
 
 
 def _params(recipe: Recipe, library: Library) -> Iterable[tuple[str, Any]]:
@@ -119,8 +83,19 @@ def _params(recipe: Recipe, library: Library) -> Iterable[tuple[str, Any]]:
     if recipe.preset is not None:
         yield "preset", recipe.preset
     yield from recipe.params.items()
+    for name, numbers in recipe.lists.items():
+        yield name, _weights(recipe, numbers, library) if name == WEIGHTS else list(numbers)
     for name, file in recipe.files.items():
         yield name, library.reference(file)
+
+
+def _weights(recipe: Recipe, numbers: tuple[float, ...], library: Library) -> dict[str, float]:
+    """One number for each of several pictures, by the names that the flow gives them."""
+    source, pictures = next(iter(recipe.sources.items()))
+    if isinstance(pictures, str) or len(pictures) != len(numbers):
+        raise InputError(f"lists.{WEIGHTS}: one number for each picture of '{source}', got {len(numbers)}")
+    names = own_names([library.reference(picture) for picture in pictures])
+    return dict(zip(names.values(), numbers, strict=True))
 
 
 def open_recipe(recipe: Recipe, library: Library, store: Store) -> Run:
@@ -128,12 +103,23 @@ def open_recipe(recipe: Recipe, library: Library, store: Store) -> Run:
     return open_run(recipe.flow, overrides_of(recipe, library), store)
 
 
-def open_texture(recipe: Recipe, library: Library, store: Store) -> tuple[Run, Reference]:
-    """As `open_recipe`, but only with the steps that the texture needs, without scores and exports; the texture."""
+def open_texture(
+    recipe: Recipe, library: Library, store: Store, export: str | None = None
+) -> tuple[Run, Reference]:
+    """As `open_recipe`, but only with the steps that one picture needs, without scores and exports; the picture.
+
+    Parameters
+    ----------
+    export : what is wanted; none: the texture.
+    """
     run = open_recipe(recipe, library, store)
     flow, made = for_texture(run.flow, recipe.flow)
-    steps = {name: step for name, step in flow.steps.items() if name in upstream_of(flow, made.name)}
-    return Run(dataclasses.replace(flow, steps=steps), store), made
+    if export is not None:
+        flow, made = run.flow, run.flow.exports[export]
+    needed = upstream_of(flow, made.name)
+    steps = {name: step for name, step in flow.steps.items() if name in needed}
+    flow = dataclasses.replace(flow, steps=steps, exports={}, likes={}, surfaces={}, of_maps=())
+    return Run(flow, store), made
 
 
 def steps_alone(run: Run, names: set[str]) -> Run:
@@ -175,13 +161,24 @@ def described(recipe: Recipe, run: Run, library: Library) -> Described:
 def file_name(run: Run) -> str:
     """A name for the files of a result: that of the exemplar, or else of the first source, and the flow's."""
     source = "exemplar" if "exemplar" in run.flow.sources else next(iter(run.flow.sources))
-    picture = run.shared.source(source).picture
+    if isinstance(run.flow.sources[source], Each):
+        names = [item.name for item in run.items]
+        picture = "_".join(names[:_MOST_NAMES]) + (f"_and_{rest}" if (rest := len(names) - _MOST_NAMES) > 0 else "")
+    else:
+        picture = run.shared.source(source).picture
     return re.sub(r"[^A-Za-z0-9_-]+", "_", f"{picture}_{run.flow.name}").strip("_")
 
 
 def _in_file(name: str, value: Any) -> Any:
     """A value as a flow file has it."""
     return size_value(value) if name == "size" else copy.copy(value)  # YAML has no anchors
+
+
+def _source_in_file(source: str | Each) -> Any:
+    """A source as a flow file has it."""
+    if isinstance(source, str):
+        return source
+    return {"each": list(source.patterns)} | ({"ordered": True} if source.is_ordered else {})
 
 
 def flow_file(recipe: Recipe, flow: Flow, file: str, library: Library) -> str:
@@ -192,9 +189,10 @@ def flow_file(recipe: Recipe, flow: Flow, file: str, library: Library) -> str:
             step, _, param = target.partition(".")
             steps.setdefault(step, {"params": {}})["params"][param] = _in_file(name, value)
     document: dict[str, Any] = {"flow": flow.name, "seed": recipe.seed, "include": recipe.flow}
-    if recipe.layout:
-        document["delivery"] = {"layout": recipe.layout}
-    document["sources"] = {name: flow.sources[name] for name in recipe.sources}
+    delivery = {"layout": recipe.layout, "udim": recipe.udim}
+    if any(delivery.values()):
+        document["delivery"] = {name: value for name, value in delivery.items() if value}
+    document["sources"] = {name: _source_in_file(flow.sources[name]) for name in recipe.sources}
     if steps:
         document["steps"] = steps
     head = f"# Made in the studio of texloom.\n#\n#   texloom run {file} --out {file.removesuffix('.yaml')}\n"

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import shutil
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from texloom.pipelines.media.arrays import file_source
 from texloom.pipelines.media.sources import Source
+from texloom.pipelines.studio.messages.recipes import Params
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.masks import valid_pixels, without_usable
 
@@ -29,6 +31,16 @@ def reduced_size(size: tuple[int, int], scale: float) -> tuple[int, int]:
     """Height and width of a preview, px; multiples of 4, which pyramids of tileable textures divide."""
     height, width = (min(_LARGEST_RESULT, max(16, 4 * round(side * scale / 4))) for side in size)
     return height, width
+
+
+def reduced_lengths(params: Params, lengths: Mapping[str, int], scale: float) -> Params:
+    """Params for pictures that are reduced: those of ``lengths`` are px, at least so many."""
+    small = {
+        name: max(lengths[name], round(value * scale))
+        for name, value in params.items()
+        if name in lengths and isinstance(value, int | float)
+    }
+    return params | small
 
 
 def reduced_document(content: dict[str, Any], scale: float) -> dict[str, Any]:
@@ -66,14 +78,31 @@ class Reducer:
         if scale >= 1:
             return source.reference
         size = source.height, source.width
-        small = (max(2, round(size[0] * scale)), max(2, round(size[1] * scale)))
+        small = _sides(size, scale)
         if size != (exemplar.height, exemplar.width):
             small = reduced_size(size, scale)
-        key = source.digest, small
+        return self._small(source, small)
+
+    def named(self, source: Source, scale: float) -> str:
+        """The small picture of one of several exemplars, under its own name; relative to the folder."""
+        small = _sides((source.height, source.width), scale)
+        file = Path(self._small(source, small))
+        named = self.folder / file.stem / f"{source.picture}{file.suffix}"
+        if not named.exists():
+            named.parent.mkdir(exist_ok=True)
+            shutil.copyfile(file, named)
+        return str(named.relative_to(self.folder))
+
+    def _small(self, source: Source, size: tuple[int, int]) -> str:
+        key = source.digest, size
         if key not in self._made or not Path(self._made[key]).exists():
             is_guide = source.name.endswith("_guide")  # whose colours are labels
-            self._made[key] = file_source(_reduced(source.read(), small, is_guide), self.folder)
+            self._made[key] = file_source(_reduced(source.read(), size, is_guide), self.folder)
         return self._made[key]
+
+
+def _sides(size: tuple[int, int], scale: float) -> tuple[int, int]:
+    return max(2, round(size[0] * scale)), max(2, round(size[1] * scale))
 
 
 def _reduced(image: Image, size: tuple[int, int], is_guide: bool) -> Image:

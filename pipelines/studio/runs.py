@@ -14,7 +14,7 @@ from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.media.map_names import read_names
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.pixels import rgba, small
-from texloom.pipelines.studio.recipes import open_recipe
+from texloom.pipelines.studio.recipes import file_name, open_recipe
 from texloom.pipelines.studio.work import Places, Ran, Running, RunWork, Saved, SaveWork, library_of
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -84,7 +84,7 @@ def save(work: SaveWork, places: Places, check: Callable[[], None], send: Callab
     InputError : there are files that texloom did not write.
     """
     opened = open_recipe(work.recipe, library_of(places), Store(Path(places.store)))
-    out = Path(places.folder) / default_name(opened)
+    out = Path(places.folder) / (file_name(opened) if opened.items else default_name(opened))
     try:
         Preflight(opened).check(out)
     except InputError as error:

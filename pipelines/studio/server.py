@@ -24,7 +24,7 @@ from texloom.pipelines.flow.shipped import flow_catalogue
 from texloom.pipelines.media.delivery import LAYOUTS
 from texloom.pipelines.media.meshes import SUFFIXES
 from texloom.pipelines.store.store import Store
-from texloom.pipelines.studio import history, recipes, work
+from texloom.pipelines.studio import history, methods, recipes, work
 from texloom.pipelines.studio.jobs import Jobs
 from texloom.pipelines.studio.library import MOST_BYTES, safe_name
 from texloom.pipelines.studio.messages.catalogue import Picture, Problem, Start
@@ -158,7 +158,7 @@ def _add_library(app: FastAPI, studio: Studio) -> None:
             examples=tuple(studio.library.examples()),
             meshes=tuple(studio.library.meshes()),
             mesh_suffixes=SUFFIXES,
-            methods=tuple(recipes.methods()),
+            methods=tuple(methods.methods()),
             layouts=LAYOUTS,
         )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from texloom.pipelines.studio.messages.message import Message
+from texloom.pipelines.studio.messages.recipes import MOST_PICTURES, Lists, Params
 from texloom.stages.vocabulary.sizes import SIDES
 
 
@@ -28,19 +29,82 @@ class OtherPicture(Message):
     is_required: bool
 
 
+class SeveralPictures(Message):
+    """The pictures of which a flow takes several."""
+
+    source: str
+    least: int
+    most: int = MOST_PICTURES
+    is_ordered: bool = True
+    """whether their order matters"""
+    ends: tuple[str, str]
+    """what the first and the last one are; empty: nothing else than the others"""
+    weights: str = ""
+    """the param that has a number for each of them, of how much of it there is to be; empty: none"""
+
+
+class Control(Message):
+    """A param that the page offers as a slider or a switch."""
+
+    param: str
+    label: str
+    least: float
+    most: float
+    default: float
+    ends: tuple[str, str]
+    """what the least and the most mean"""
+    is_switch: bool = False
+
+
+class Setting(Message):
+    """Values of params, under a name."""
+
+    name: str
+    params: Params
+    lists: Lists
+    udim: str = ""
+    """as of a recipe"""
+
+
+class Choice(Message):
+    """Settings of which one is taken; the first has the flow's own values."""
+
+    label: str
+    settings: tuple[Setting, ...]
+    without: str = ""
+    """a source beside which it does nothing; empty: none"""
+
+
+class ResultPicture(Message):
+    """An export that the page shows."""
+
+    file: str
+    name: str
+
+
 class Method(Message):
-    """A flow that makes a texture of one exemplar."""
+    """A flow that makes a texture of one exemplar, or of several."""
 
     flow: str
     about: str
-    size: Annotated[tuple[int, int], SIDES]
-    """the default one, ``WIDTHxHEIGHT``, px"""
+    size: Annotated[tuple[int, int], SIDES] | None
+    """the default one, ``WIDTHxHEIGHT``, px; none where that of the exemplars decides"""
     can_tile: bool
     presets: tuple[str, ...]
     uniformity: str
     """the param of spatial uniformity, as ``texture.occurrence``; empty where there is none"""
     default_uniformity: float
     others: tuple[OtherPicture, ...]
+    several: SeveralPictures | None
+    """in place of the exemplar"""
+    choices: tuple[Choice, ...]
+    controls: tuple[Control, ...]
+    views: tuple[ResultPicture, ...]
+    """what is shown of a result, the preview first; none: the texture"""
+    is_texture: bool
+    """whether it makes one texture, as large as the recipe says"""
+    can_correct: bool
+    """whether spots of it can be corrected"""
 
 
 class Start(Message):

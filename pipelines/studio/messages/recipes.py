@@ -10,13 +10,25 @@ from pydantic import Field
 from texloom.pipelines.studio.messages.message import Message, Side
 from texloom.stages.vocabulary.sizes import LENGTHS, SIDES
 
+MOST_PICTURES = 16
+"""of one source"""
+Number = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
+Grid = Annotated[str, Field(pattern=r"^[1-9]\d?x[1-9]\d?$")]
+"""``COLUMNSxROWS`` of tiles"""
+Params = dict[str, float | int | bool | Literal["labels", "values"] | Grid | tuple[int, int]]
+"""``STEP.PARAM`` to its value"""
+Lists = Annotated[
+    dict[str, Annotated[tuple[Number, ...], Field(min_length=1, max_length=64)]], Field(max_length=16)
+]
+"""``STEP.PARAM`` to its numbers"""
+
 
 class Recipe(Message):
     """A flow with its sources and params: all that decides a result."""
 
     flow: str = Field(max_length=64)
-    sources: dict[str, str]
-    """name to the id of a picture"""
+    sources: dict[str, str | Annotated[tuple[str, ...], Field(min_length=1, max_length=MOST_PICTURES)]]
+    """name to the id of a picture, or to those of several, in their order"""
     mask: str | None = None
     """id of a picture, black where the first source must not be used"""
     size: Annotated[tuple[Side, Side], SIDES] | None = None
@@ -24,12 +36,15 @@ class Recipe(Message):
     tileable: Literal["off", "x", "y", "both"] | None = None
     seed: int = Field(7, ge=0, lt=2**53)
     preset: str | None = Field(None, max_length=64)
-    params: dict[str, float | int | bool | Literal["labels", "values"] | tuple[int, int]] = Field({})
-    """``STEP.PARAM`` to its value"""
+    params: Params = Field({})
+    lists: Lists = Field({})
+    """of `texloom.pipelines.studio.methods.WEIGHTS`, one for each of several pictures"""
     files: dict[str, str] = Field({})
     """``STEP.PARAM`` to the id of a document, as of pieces or vertices"""
     layout: str | None = Field(None, max_length=64)
     """the program that the maps are written for, one of `Start`"""
+    udim: Grid | None = None
+    """tiles into which these are cut"""
 
 
 # -- surfaces in photographs

@@ -14,15 +14,58 @@ export interface OtherPicture {
   is_required: boolean;
 }
 
+export interface SeveralPictures {
+  source: string;
+  least: number;
+  most: number;
+  is_ordered: boolean;
+  ends: [string, string];
+  weights: string;
+}
+
+export interface Control {
+  param: string;
+  label: string;
+  least: number;
+  most: number;
+  default: number;
+  ends: [string, string];
+  is_switch: boolean;
+}
+
+export interface Setting {
+  name: string;
+  params: Record<string, number | boolean | "labels" | "values" | string | [number, number]>;
+  lists: Record<string, (number)[]>;
+  udim: string;
+}
+
+export interface Choice {
+  label: string;
+  settings: (Setting)[];
+  without: string;
+}
+
+export interface ResultPicture {
+  file: string;
+  name: string;
+}
+
 export interface Method {
   flow: string;
   about: string;
-  size: string;
+  size: string | null;
   can_tile: boolean;
   presets: (string)[];
   uniformity: string;
   default_uniformity: number;
   others: (OtherPicture)[];
+  several: SeveralPictures | null;
+  choices: (Choice)[];
+  controls: (Control)[];
+  views: (ResultPicture)[];
+  is_texture: boolean;
+  can_correct: boolean;
 }
 
 export interface Start {
@@ -43,15 +86,17 @@ export interface Problem {
 
 export interface Recipe {
   flow: string;
-  sources: Record<string, string>;
+  sources: Record<string, string | (string)[]>;
   mask?: string | null;
   size?: string | null;
   tileable?: "off" | "x" | "y" | "both" | null;
   seed?: number;
   preset?: string | null;
-  params?: Record<string, number | boolean | "labels" | "values" | [number, number]>;
+  params?: Record<string, number | boolean | "labels" | "values" | string | [number, number]>;
+  lists?: Record<string, (number)[]>;
   files?: Record<string, string>;
   layout?: string | null;
+  udim?: string | null;
 }
 
 export interface PatchRecipe {
