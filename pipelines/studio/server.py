@@ -9,7 +9,7 @@ import io
 import json
 import shutil
 import zipfile
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -269,9 +269,18 @@ def _add_jobs(app: FastAPI, studio: Studio) -> None:
         folder = _exports(studio, job, name)
         path = folder / name.rstrip("/")
         if path.is_dir():
-            return Response(_zipped(path), media_type="application/zip")
+            return Response(_zipped(path, [path]), media_type="application/zip")
         headers = {"content-security-policy": "sandbox allow-scripts"} if path.suffix == ".html" else None
         return FileResponse(path, headers=headers)
+
+    @app.get("/api/jobs/{job}/all")
+    def all_files(job: str) -> Response:
+        files = studio.jobs.jobs[job].files if job in studio.jobs.jobs else ()
+        if not files:
+            raise HTTPException(404)
+        folder = _exports(studio, job, files[0])
+        paths = [folder / name.rstrip("/") for name in files]
+        return Response(_zipped(folder, paths), media_type="application/zip")
 
 
 def _add_results(app: FastAPI, studio: Studio) -> None:
@@ -347,10 +356,11 @@ def _exports(studio: Studio, job: str, name: str) -> Path:
     return folder
 
 
-def _zipped(folder: Path) -> bytes:
+def _zipped(folder: Path, paths: Iterable[Path]) -> bytes:
+    """Files, and those in folders, by their names in ``folder``."""
+    found = {file for path in paths for file in (path.rglob("*") if path.is_dir() else [path]) if file.is_file()}
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_STORED) as archive:
-        for path in sorted(folder.rglob("*")):
-            if path.is_file():
-                archive.write(path, path.relative_to(folder))
+        for path in sorted(found):
+            archive.write(path, path.relative_to(folder))
     return buffer.getvalue()

@@ -198,6 +198,7 @@ export abstract class DirectMode extends Element {
     const isBusy = job?.state === "waiting" || job?.state === "running";
     const method: Method = {
       flow: "", about: "", size: sizeText(this.size), can_tile: true, presets: this.presets, uniformity: "", default_uniformity: 0, others: [],
+      several: null, choices: [], controls: [], views: [], is_texture: true, can_correct: false,
     };
     return html`
       <section class="stage" aria-label=${MODES[this.name]}>

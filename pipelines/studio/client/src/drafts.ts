@@ -17,10 +17,12 @@ export async function kept({ recipe, attached }: Draft): Promise<Recipe> {
       : await keepDocument(name.replace(".json", ""), JSON.parse(await blob.text()));
   }
   const known = (id: string): string => ids[id] ?? id;
-  const all = (values: Record<string, string>): Record<string, string> =>
-    Object.fromEntries(Object.entries(values).map(([name, id]) => [name, known(id)]));
-  return { ...recipe, sources: all(recipe.sources), mask: recipe.mask && known(recipe.mask), files: all(recipe.files ?? {}) };
+  const sources = mapped(recipe.sources, (given) => (typeof given === "string" ? known(given) : given.map(known)));
+  return { ...recipe, sources, mask: recipe.mask && known(recipe.mask), files: mapped(recipe.files ?? {}, known) };
 }
+
+const mapped = <Value>(values: Record<string, Value>, change: (value: Value) => Value): Record<string, Value> =>
+  Object.fromEntries(Object.entries(values).map(([name, value]) => [name, change(value)]));
 
 /** A document to attach. */
 export const document = (content: object): Blob => new Blob([JSON.stringify(content)]);

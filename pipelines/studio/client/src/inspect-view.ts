@@ -8,6 +8,7 @@ import type { Job, Layers, Recipe } from "./messages";
 import type { Drawable, Mode } from "./picture-view";
 import { ENDLESS, type TiledView, type Tiles } from "./tiled-view";
 import "./tiled-view";
+import { picturesOf } from "./recipe-edits";
 import { bitmap, fileAddress, layers, pictureAddress, RequestError } from "./server";
 import { sides, sizeText } from "./sizes";
 import type { Studio } from "./studio";
@@ -15,7 +16,7 @@ import type { Studio } from "./studio";
 const MODES = { single: "Layer", repeat: "Repeat", compare: "Compare", endless: "Endless", material: "Material" } as const;
 type Shown = keyof typeof MODES;
 const canGoOn = ({ recipe }: Job): boolean => recipe.flow === "per_pixel" && (recipe.tileable ?? "off") === "off";
-const exemplarOf = (job?: Job): string | undefined => job && Object.values(job.recipe.sources)[0];
+const exemplarOf = (job?: Job): string | undefined => picturesOf(job?.recipe)[0];
 
 /** The EXR of the main result, or any other one. */
 const exrOf = ({ files }: Job): string | undefined => ["texture.exr", ...files].find((file) => files.includes(file) && file.endsWith(".exr"));

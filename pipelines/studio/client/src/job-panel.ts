@@ -3,19 +3,13 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
 import type { Job } from "./messages";
-import { again, cancel, fileAddress, RequestError, save } from "./server";
+import { aboutFile, inOrder } from "./made-files";
+import { again, allAddress, cancel, fileAddress, RequestError, save } from "./server";
 import { title } from "./recipe-form";
 import { download, type Studio } from "./studio";
 
+const MANY = 8; // files, from which on they come as one
 const MAPS = "maps/"; // the export that a layout makes
-
-/** What a file is for; in the order in which files are listed. */
-const ABOUT: Record<string, string> = {
-  "texture.png": "for display", "maps/": "all maps", "texture.exr": "linear light", "report.html": "measures and pictures",
-  "detail.png": "around the spot", "scores.json": "measures",
-};
-const ORDER = Object.keys(ABOUT);
-const rank = (file: string): number => (ORDER.includes(file) ? ORDER.indexOf(file) : ORDER.length);
 
 const STATES: Record<Job["state"], string> = {
   waiting: "Waits for the runs before it",
@@ -82,11 +76,12 @@ export class JobPanel extends Element {
       ${job.files.length
         ? html`<h2>Download</h2>
             <ul class="files" aria-label="Downloads">
-              ${[...job.files].sort((one, other) => rank(one) - rank(other)).map((file) => html`<li>
+              ${inOrder(job.files).map((file) => html`<li>
                 <a href=${fileAddress(job.id, file)} download=${downloadName(job, file)}>${shown(file)}</a>
-                <span class="hint">${ABOUT[file] ?? ""}</span></li>`)}
+                <span class="hint">${aboutFile(file)}</span></li>`)}
             </ul>
-            <p class="row"><button ?disabled=${this.isSaving} @click=${() => this.save()}>Save in the folder</button></p>
+            <p class="row">${job.files.length > MANY ? html`<a class="button" href=${allAddress(job.id)} download="${job.name}.zip">All as a zip</a>` : nothing}
+              <button ?disabled=${this.isSaving} @click=${() => this.save()}>Save in the folder</button></p>
             ${job.saved ? html`<p class="hint" role="status">Saved in ${job.saved}</p>` : nothing}
             <label class="field"><span>Maps for</span>
               <select aria-label="Download maps for a program" ?disabled=${this.written !== ""}

@@ -1,66 +1,50 @@
-// Make: a larger or tileable texture of one exemplar, with a preview that follows every change.
+// Make: textures of one picture or of several, with a preview that follows every change.
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, query, state } from "lit/decorators.js";
-import { Element } from "./element";
 import type { CorrectPanel } from "./correct-panel";
 import "./correct-panel";
-import { failure, isTyping, undoButtons } from "./fields";
-import "./job-panel";
-import type { BadPlace, Job, Method, Picture, PreviewPicture, Recipe, ToPage } from "./messages";
+import { Element } from "./element";
+import { failure, isTyping } from "./fields";
+import "./make-settings";
+import { statusOf, waitsFor } from "./make-status";
+import { modesOf, type Shown, WELCOME } from "./make-stage";
+import "./make-stage";
+import { MadeResults, TEXTURE } from "./made-results";
+import type { Method, Picture, PreviewPicture, Recipe, ToPage } from "./messages";
 import "./picture-list";
-import type { Drawable, Mode, Patch, Point } from "./picture-view";
-import "./picture-view";
-import "./recipe-form";
-import { bitmap, fileAddress, insight, pictureAddress } from "./server";
-import { sides, sizeText } from "./sizes";
-import "./source-inset";
+import type { Drawable, Patch, Point } from "./picture-view";
+import { isFull, lacking, picturesOf, toggled, tooMany, withExemplar, withMethod } from "./recipe-edits";
+import { newSheet, type Sheet, withSeed } from "./seed-sheet";
+import { bitmap, pictureAddress, RequestError } from "./server";
 import { canvasOf, type Payload, type Studio } from "./studio";
 import { Undo } from "./undo";
 
-const MODES: Record<Mode | "seeds", string> = { single: "Single", repeat: "Repeat", compare: "Compare", seeds: "Seeds" };
 const EXEMPLAR = 1024; // px of the exemplar that is shown, at most
-const NONE: Point[] = [];
-const SEEDS = 9; // of a contact sheet
-
-interface Sheet {
-  pictures: (Drawable | null)[];
-  first: number;
-  waiting: number;
-}
-
 @customElement("make-view")
 export class MakeView extends Element {
   @property({ attribute: false }) studio!: Studio;
   @state() private undo = new Undo<Recipe | null>(null);
-  @state() private mode: Mode | "seeds" = "single";
+  @state() private mode: Shown = "single";
   @state() private preview: Drawable | null = null;
   @state() private previewScale = 1;
   @state() private done = 1;
   @state() private problem = "";
   @state() private exemplar: ImageBitmap | null = null;
-  /** the runs whose results are shown: at full size, and after each correction */
-  @state() private results = new Undo<string>("");
+  /** the export that is shown of a result */
+  @state() private file = "";
   @state() private isCorrecting = false;
   @state() private outline: Point[] = [];
   @state() private patch: Patch | null = null;
-  @state() private places: BadPlace[] = [];
-  @state() private marksPlaces = localStorage.getItem("worst places") === "marked";
-  @state() private origins: Uint16Array | null = null;
-  @state() private hovered: Point | null = null;
-  @state() private result: Drawable | null = null;
-  /** whether `result` is the finished picture, not one of a scale */
-  @state() private isWhole = false;
   @state() private sheet: Sheet | null = null;
   @query("correct-panel") private panel!: CorrectPanel;
-  /** the results of each recipe, by its JSON, so that nothing is lost when a setting is changed and changed back */
-  private readonly made = new Map<string, Undo<string>>();
-  /** the worst places that corrections have left, by run */
-  private readonly left = new Map<string, BadPlace[]>();
+  private results!: MadeResults;
   private number = 0;
+  private previewed = ""; // the flow of `preview`
   private stop: (() => void) | null = null;
 
   override connectedCallback(): void {
     super.connectedCallback();
+    this.results ??= new MadeResults(this.studio, () => this.requestUpdate());
     this.stop = this.studio.listen((message, payload) => this.receive(message, payload));
     this.studio.addEventListener("change", () => this.requestUpdate());
     window.addEventListener("keydown", this.key);
@@ -76,64 +60,64 @@ export class MakeView extends Element {
     return this.undo.now;
   }
 
-  private get job(): string {
-    return this.results.now;
-  }
-
   private get method(): Method {
     const { methods } = this.studio.begin;
     return methods.find((one) => one.flow === this.recipe?.flow) ?? methods[0];
   }
 
-  /** What has still to be chosen before anything can be made. */
   private get lacking(): string {
-    return this.method.others.find((one) => one.is_required && !this.recipe?.sources[one.source])?.about ?? "";
+    return lacking(this.recipe, this.method);
   }
 
   private get exemplarId(): string {
-    return Object.values(this.recipe?.sources ?? {})[0] ?? "";
+    return picturesOf(this.recipe)[0] ?? "";
   }
 
   // -- what the user does
 
-  private choose(picture: Picture): void {
-    const flow = picture.is_material ? "materials" : this.recipe && !isMaterial(this.recipe) ? this.recipe.flow : "self_tuning";
-    const method = this.studio.begin.methods.find((one) => one.flow === flow)!;
-    const size = this.recipe?.size ?? doubled(picture, method);
-    this.edit({ ...this.recipe, flow, sources: { ...this.recipe?.sources, exemplar: picture.id }, size });
+  /** Take a picture that was clicked or dropped: as the exemplar, or as one of several. */
+  private choose(picture: Picture, isDropped = false): void {
+    const { recipe, method } = this;
+    if (!recipe || !method.several) this.edit(withExemplar(recipe, picture, this.studio.begin.methods));
+    else if (isDropped && picturesOf(recipe).includes(picture.id)) return;
+    else if (isFull(recipe, method) && !picturesOf(recipe).includes(picture.id)) this.studio.problem(new RequestError(tooMany(picture, method)));
+    else this.edit(toggled(recipe, method, picture.id));
   }
 
   private edit(change: Partial<Recipe>): void {
-    const recipe = { seed: 7, ...this.recipe, ...change } as Recipe;
-    if (change.flow && change.flow !== this.recipe?.flow) {
-      const method = this.studio.begin.methods.find((one) => one.flow === change.flow)!;
-      recipe.preset = method.presets.includes(recipe.preset ?? "") ? recipe.preset : null;
-      recipe.params = method.uniformity ? recipe.params : {};
-      recipe.tileable = method.can_tile ? recipe.tileable : null;
-      const taken = ["exemplar", ...method.others.map((one) => one.source)];
-      recipe.sources = Object.fromEntries(Object.entries(recipe.sources).filter(([name]) => taken.includes(name)));
+    let recipe = { ...this.recipe, ...change } as Recipe;
+    if (recipe.flow !== this.recipe?.flow && this.recipe) {
+      recipe = withMethod(recipe, this.studio.begin.methods.find((one) => one.flow === recipe.flow)!);
     }
     this.undo.set(recipe);
+    if (!(this.mode in this.modes)) this.mode = "single";
     this.refresh();
   }
 
   private step(direction: "undo" | "redo"): void {
-    const isOfResults = direction === "undo" ? this.results.canUndo : this.results.canRedo;
-    if (isOfResults) {
-      this.results[direction]();
-      this.shownAgain();
+    const { runs } = this.results;
+    if (direction === "undo" ? runs.canUndo : runs.canRedo) {
+      runs[direction]();
+      this.endCorrection();
+      this.load();
+      this.requestUpdate();
     } else {
       this.undo[direction]();
       this.refresh();
     }
   }
 
-  /** Show the result of the current run, after corrections were taken or undone. */
-  private shownAgain(): void {
-    this.endCorrection();
-    const job = this.studio.jobs.get(this.job);
-    if (job?.state === "done") void this.loadResult(job);
-    this.requestUpdate();
+  /** Load what is shown of a run that is done. */
+  private load(): void {
+    const { job } = this.results;
+    if (job?.state !== "done") return;
+    const file = job.recipe.flow === this.recipe?.flow ? this.shownFile : TEXTURE; // a correction has the texture alone
+    void this.results.load(job, file).then(() => (this.patch = null));
+  }
+
+  private get shownFile(): string {
+    const { views } = this.method;
+    return (views.find((one) => one.file === this.file) ?? views[0])?.file ?? TEXTURE;
   }
 
   private endCorrection(): void {
@@ -149,46 +133,36 @@ export class MakeView extends Element {
     }
     const job = await this.studio.start(recipe);
     if (!job) return;
-    this.left.set(job.id, outside(this.outline, this.places));
+    this.results.correct(job, this.outline);
     this.isCorrecting = false;
     this.outline = [];
-    this.results.set(job.id);
     this.requestUpdate();
   }
 
   private readonly key = (event: KeyboardEvent): void => {
     if (this.hidden || isTyping(event) || event.ctrlKey || event.metaKey) return;
-    const key = event.key.toLowerCase();
-    if (key === "w") this.markPlaces();
-    else if (key === "n" && this.recipe) this.edit({ seed: (this.recipe.seed ?? 7) + 1 });
+    if (event.key.toLowerCase() === "n" && this.recipe) this.edit({ seed: (this.recipe.seed ?? 7) + 1 });
   };
 
   /** Show what the recipe gives now. */
   private refresh(): void {
     const recipe = this.recipe;
-    this.problem = "";
+    if (recipe?.flow !== this.previewed) this.preview = null; // which would be taken for what the other method makes
+    [this.problem, this.previewed] = ["", recipe?.flow ?? ""];
     this.forgetResult();
     this.sheet = null;
-    if (this.mode !== "seeds") this.results = this.made.get(JSON.stringify(recipe)) ?? this.results;
-    if (!recipe) {
-      this.preview = null;
-      this.requestUpdate();
-      return;
-    }
-    const job = this.studio.jobs.get(this.job);
+    if (this.mode !== "seeds") this.results.recall(recipe);
+    this.requestUpdate();
+    if (!recipe) return;
     if (this.lacking) [this.preview, this.done] = [null, 1];
     else if (this.mode === "seeds") this.beginSheet();
-    else if (job?.state === "done") void this.loadResult(job);
+    else if (this.results.job?.state === "done") this.load();
     else this.ask(recipe);
     void this.loadExemplar();
-    this.requestUpdate();
   }
 
   private forgetResult(): void {
-    this.results = new Undo<string>("");
-    [this.result, this.isWhole] = [null, false];
-    this.places = [];
-    this.origins = null;
+    this.results.forget();
     this.endCorrection();
   }
 
@@ -199,66 +173,51 @@ export class MakeView extends Element {
 
   private async loadExemplar(): Promise<void> {
     const id = this.exemplarId;
-    const loaded = await this.studio.attempt(bitmap(pictureAddress(id, EXEMPLAR)));
+    const loaded = id && (await this.studio.attempt(bitmap(pictureAddress(id, EXEMPLAR))));
     if (loaded && id === this.exemplarId) this.exemplar = loaded;
   }
 
-  private chooseMode(mode: Mode | "seeds"): void {
+  private chooseMode(mode: Shown): void {
     const wasSheet = this.mode === "seeds";
     this.mode = mode;
-    if (mode === "seeds") {
-      this.beginSheet();
-    } else if (wasSheet) {
-      this.refresh();
-    }
+    if (mode === "seeds") this.beginSheet();
+    else if (wasSheet) this.refresh();
+  }
+
+  private chooseFile(file: string): void {
+    this.file = file;
+    this.load();
   }
 
   private beginSheet(): void {
-    const first = this.recipe?.seed ?? 7;
+    if (this.lacking) return;
     this.forgetResult();
-    this.sheet = { pictures: Array<Drawable | null>(SEEDS).fill(null), first, waiting: 0 };
-    this.ask({ ...this.recipe!, seed: first });
+    this.sheet = newSheet(this.recipe?.seed ?? 7);
+    this.ask({ ...this.recipe!, seed: this.sheet.first });
   }
 
   private async finish(): Promise<void> {
     const recipe = this.recipe!;
     const job = await this.studio.start(recipe);
     if (!job) return;
-    this.results = new Undo(job.id);
-    this.made.set(JSON.stringify(recipe), this.results);
+    this.results.begin(recipe, job);
     if (this.sheet) [this.sheet, this.mode] = [null, "single"];
-  }
-
-  private markPlaces(): void {
-    this.marksPlaces = !this.marksPlaces;
-    localStorage.setItem("worst places", this.marksPlaces ? "marked" : "");
+    this.requestUpdate();
   }
 
   private correct(): void {
     this.mode = "single";
+    if (this.file) this.chooseFile("");
     this.isCorrecting = true;
   }
 
   // -- what the server says
 
   private receive(message: ToPage, payload: Payload): void {
-    switch (message.kind) {
-      case "preview_picture":
-        if (message.number === this.number) this.onPreview(message, payload);
-        break;
-      case "preview_failed":
-        if (message.number === this.number) {
-          this.problem = message.problem;
-          this.done = 1;
-        }
-        break;
-      case "job_picture":
-        if (message.job === this.job && !this.results.canUndo) [this.result, this.isWhole] = [canvasOf(payload, message.width, message.height), false];
-        break;
-      case "job_changed":
-        if (message.job.id === this.job && message.job.state === "done") void this.loadResult(message.job);
-        break;
-    }
+    this.results.receive(message, payload);
+    if (message.kind === "preview_picture" && message.number === this.number) this.onPreview(message, payload);
+    else if (message.kind === "preview_failed" && message.number === this.number) [this.problem, this.done] = [message.problem, 1];
+    else if (message.kind === "job_changed" && message.job.id === this.results.id) this.load();
   }
 
   private onPreview(message: PreviewPicture, payload: Payload): void {
@@ -269,26 +228,9 @@ export class MakeView extends Element {
       this.preview = picture;
       return;
     }
-    const { pictures, waiting, first } = this.sheet;
-    pictures[waiting] = picture;
-    if (message.is_final && waiting + 1 < SEEDS) {
-      this.sheet = { pictures, first, waiting: waiting + 1 };
-      this.ask({ ...this.recipe!, seed: first + waiting + 1 });
-    }
-    this.requestUpdate();
-  }
-
-  private async loadResult(job: Job): Promise<void> {
-    const file = job.files.find((one) => one === "texture.png");
-    const loaded = file && (await this.studio.attempt(bitmap(fileAddress(job.id, file))));
-    if (!loaded || job.id !== this.job) return;
-    [this.result, this.isWhole] = [loaded, true];
-    this.patch = null;
-    [this.places, this.origins] = [this.left.get(job.id) ?? [], null];
-    const told = !this.left.has(job.id) && (await this.studio.attempt(insight(job.id)));
-    if (!told || job.id !== this.job) return;
-    this.places = told[0].places;
-    if (told[0].height === loaded.height && told[1].length) this.origins = told[1];
+    const { waiting } = this.sheet;
+    this.sheet = withSeed(this.sheet, picture, message.is_final);
+    if (this.sheet.waiting > waiting) this.ask({ ...this.recipe!, seed: this.sheet.first + this.sheet.waiting });
   }
 
   // -- how it looks
@@ -296,72 +238,42 @@ export class MakeView extends Element {
   override render(): TemplateResult {
     return html`
       <aside class="left" aria-label="Pictures">
-        <picture-list .studio=${this.studio} .chosen=${this.exemplarId}
-          @choose=${(event: CustomEvent<Picture>) => this.choose(event.detail)}></picture-list>
+        <picture-list .studio=${this.studio} .chosen=${picturesOf(this.recipe)} .takesSeveral=${this.method.several !== null && this.recipe !== null}
+          @choose=${(event: CustomEvent<Picture>) => this.choose(event.detail)}
+          @add=${(event: CustomEvent<Picture>) => this.choose(event.detail, true)}></picture-list>
       </aside>
       <section class="stage" aria-label="Texture">
-        ${this.recipe ? this.stage() : this.welcome()}
+        ${this.recipe ? this.stage() : WELCOME}
       </section>
       <aside class="right" aria-label="Settings">${this.recipe ? this.settings(this.recipe) : nothing}</aside>
     `;
   }
 
-  private welcome(): TemplateResult {
-    return html`<div class="welcome">
-      <h2>Make a texture of a picture</h2>
-      <p>Drop a picture of a material on the left, or choose an example. It should show the material from the front,
-        evenly lit, with its structure repeated a few times.</p>
-    </div>`;
+  private get modes(): Partial<Record<Shown, string>> {
+    return modesOf(this.method);
   }
 
   private stage(): TemplateResult {
     const { undo, results } = this;
-    const shown = this.result ?? this.preview;
-    const factor = this.result ? 1 : this.previewScale;
-    const exemplarWidth = this.studio.picture(this.exemplarId)?.width ?? 1;
-    const wholeWidth = this.result ? sides(this.recipe!.size ?? this.method.size)[1] : 1;
-    const perPixel = (exemplarWidth / (this.exemplar?.width ?? exemplarWidth)) * factor;
-    return html`
-      <div class="bar">
-        <div class="segments" role="radiogroup" aria-label="How to look at it">
-          ${(Object.keys(MODES) as (Mode | "seeds")[]).map((mode) => html`<button role="radio"
-            aria-checked=${this.mode === mode} @click=${() => this.chooseMode(mode)}>${MODES[mode]}</button>`)}
-        </div>
-        ${undoButtons({ canUndo: undo.canUndo || results.canUndo, canRedo: undo.canRedo || results.canRedo }, (direction) => this.step(direction))}
-        ${this.result && this.places.length && this.mode === "single"
-          ? html`<button class="quiet" title="Mark the places least like the exemplar (W)" aria-pressed=${this.marksPlaces} @click=${() => this.markPlaces()}>Worst places</button>`
-          : nothing}
-        <span class="state" role="status">${this.status()}</span>
-      </div>
-      ${this.sheet ? this.contactSheet(this.sheet) : html`<picture-view
-        .picture=${shown}
-        .exemplar=${this.exemplar}
-        .exemplarScale=${this.result && shown ? (perPixel * shown.width) / wholeWidth : perPixel}
-        .mode=${this.mode as Mode}
-        .tool=${this.isCorrecting ? "lasso" : "pan"}
-        .outline=${this.outline}
-        .patch=${this.patch}
-        .marks=${(this.isCorrecting || this.marksPlaces) && this.result && !this.outline.length ? this.places.map(({ row, column }) => ({ x: column, y: row })) : NONE}
-        @lasso=${(event: CustomEvent<Point[]>) => {
-          this.outline = event.detail;
-          void this.panel.begin(event.detail);
-        }}
-        @hover=${(event: CustomEvent<Point | null>) => (this.hovered = event.detail)}
-        label=${this.result ? "Texture at full size" : "Preview"}
-      ></picture-view>`}
-      ${shown || this.sheet ? nothing : html`<p class="welcome over">${this.problem || this.waits}</p>`}
-      ${this.origins && this.result && this.exemplar && this.hovered && !this.isCorrecting
-        ? html`<source-inset .exemplar=${this.exemplar} .origins=${this.origins} .place=${this.hovered}
-            .size=${[this.result.height, this.result.width]} .scale=${exemplarWidth / this.exemplar.width}></source-inset>`
-        : nothing}
-      ${this.done < 1 && !this.job ? html`<progress class="line" max="1" .value=${this.done} aria-label="Preview"></progress>` : nothing}
-    `;
+    const history = { canUndo: undo.canUndo || results.runs.canUndo, canRedo: undo.canRedo || results.runs.canRedo };
+    return html`<make-stage .studio=${this.studio} .recipe=${this.recipe} .method=${this.method} .results=${results} .history=${history}
+      .mode=${this.mode} .modes=${this.modes} .file=${this.shownFile} .sheet=${this.sheet}
+      .preview=${this.preview} .previewScale=${this.previewScale} .exemplar=${this.exemplar} .done=${this.done}
+      .status=${this.status()} .waits=${this.problem || waitsFor(this.lacking, this.results)}
+      .isCorrecting=${this.isCorrecting} .outline=${this.outline} .patch=${this.patch}
+      @mode=${(event: CustomEvent<Shown>) => this.chooseMode(event.detail)}
+      @step=${(event: CustomEvent<"undo" | "redo">) => this.step(event.detail)}
+      @file=${(event: CustomEvent<string>) => this.chooseFile(event.detail)}
+      @seed=${(event: CustomEvent<number>) => this.takeSeed(event.detail)}
+      @lasso=${(event: CustomEvent<Point[]>) => {
+        this.outline = event.detail;
+        void this.panel.begin(event.detail);
+      }}></make-stage>`;
   }
 
-  /** What is shown before there is a picture. */
-  private get waits(): string {
-    if (this.lacking) return `Choose a picture on the right: ${this.lacking.toLowerCase()}`;
-    return this.job ? "The first scale is being made …" : "The exemplar is being analysed …";
+  private takeSeed(seed: number): void {
+    this.mode = "single";
+    this.edit({ seed });
   }
 
   private again(): void {
@@ -370,70 +282,20 @@ export class MakeView extends Element {
   }
 
   private status(): string | TemplateResult {
-    const job = this.studio.jobs.get(this.job);
     if (this.problem) return failure(this.problem, () => this.again());
-    if (this.lacking) return `Choose: ${this.lacking.toLowerCase()}`;
-    if (job?.state === "done") return this.results.canUndo ? "Full size, corrected" : `Full size, seed ${job.recipe.seed}`;
-    if (job?.recipe.flow === "revise" && this.job) return "Keeping the correction …";
-    if (job?.state === "running") return "Running at full size; scales appear as they finish";
-    if (this.done < 1) return this.preview ? "Refining the preview …" : "Preparing the first preview …";
-    const percent = Math.round(100 * this.previewScale);
-    return percent < 100 ? `Preview at ${percent} % of the size; the full size has its own details` : "Preview";
-  }
-
-  private contactSheet(sheet: Sheet): TemplateResult {
-    return html`<div class="sheet">
-      ${sheet.pictures.map((picture, index) => html`<button
-        title="Take seed ${sheet.first + index}"
-        @click=${() => {
-          this.mode = "single";
-          this.edit({ seed: sheet.first + index });
-        }}>
-        <picture-view .picture=${picture} inert label="Seed ${sheet.first + index}"></picture-view>
-        <span>Seed ${sheet.first + index}</span>
-      </button>`)}
-    </div>`;
+    return statusOf(this.results, this.lacking, this.done < 1, this.preview ? this.previewScale : 0);
   }
 
   private settings(recipe: Recipe): TemplateResult {
-    const job = this.studio.jobs.get(this.job);
-    const isBusy = job?.state === "waiting" || job?.state === "running";
-    if (this.isCorrecting && job && this.result) {
-      return html`<correct-panel .studio=${this.studio} .job=${job} .places=${this.places}
-        .size=${[this.result.height, this.result.width]}
+    const { job, picture, places, isWhole } = this.results;
+    if (this.isCorrecting && job && picture) {
+      return html`<correct-panel .studio=${this.studio} .job=${job} .places=${places} .size=${[picture.height, picture.width]}
         @outline=${(event: CustomEvent<Point[]>) => (this.outline = event.detail)}
         @patch=${(event: CustomEvent<Patch | null>) => (this.patch = event.detail)}
         @accept=${(event: CustomEvent<Recipe | null>) => this.accept(event.detail)}></correct-panel>`;
     }
-    const isMaps = this.studio.picture(this.exemplarId)?.is_material ?? false;
-    const methods = this.studio.begin.methods.filter((one) => isMaps || one.flow !== "materials");
-    return html`
-      <recipe-form .recipe=${recipe} .method=${this.method} .methods=${methods} .pictures=${[...this.studio.pictures, ...this.studio.begin.examples]}
-        @edit=${(event: CustomEvent<Partial<Recipe>>) => this.edit(event.detail)}></recipe-form>
-      <button class="primary" ?disabled=${isBusy || this.lacking !== ""} @click=${() => this.finish()}>Finish at full size</button>
-      ${job?.state === "done"
-        ? html`<p class="row"><button class="half" ?disabled=${!this.isWhole} @click=${() => this.correct()}>Correct a spot</button>
-            <button class="half" @click=${() => this.tell("inspect", `job:${job.id}`)}>Look at it in 3D</button></p>`
-        : nothing}
-      ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
-      <button @click=${() => this.studio.show(job?.recipe ?? recipe)}>Show as YAML or command</button>
-    `;
+    return html`<make-settings .studio=${this.studio} .recipe=${recipe} .method=${this.method} .job=${job} .isWhole=${isWhole} .lacking=${this.lacking}
+      @edit=${(event: CustomEvent<Partial<Recipe>>) => this.edit(event.detail)}
+      @finish=${() => this.finish()} @correct=${() => this.correct()}></make-settings>`;
   }
-}
-
-const isMaterial = (recipe: Recipe): boolean => recipe.flow === "materials";
-
-/** The places that are not inside of an outline. */
-function outside(outline: Point[], places: BadPlace[]): BadPlace[] {
-  const path = new Path2D();
-  outline.forEach(({ x, y }) => path.lineTo(x, y));
-  const context = new OffscreenCanvas(1, 1).getContext("2d")!;
-  return places.filter(({ row, column }) => !context.isPointInPath(path, column, row));
-}
-
-/** Twice the exemplar in round numbers, but no more than the method's own size. */
-function doubled(picture: Picture, method: Method): string {
-  const side = 2 ** Math.round(Math.log2(2 * Math.max(picture.height, picture.width)));
-  const size = Math.min(Math.max(...sides(method.size)), Math.max(256, side));
-  return sizeText([size, size]);
 }

@@ -8,11 +8,14 @@ import type { Studio } from "./studio";
 
 const THUMBNAIL = 128; // px
 
-/** Tells `choose` with a picture. */
+/** Tells `choose` with a picture that is clicked, and with one that is dropped; where it takes several, `add` with each. */
 @customElement("picture-list")
 export class PictureList extends Element {
   @property({ attribute: false }) studio!: Studio;
-  @property() chosen = "";
+  /** the id of the one that is chosen, or of several */
+  @property({ attribute: false }) chosen: string | readonly string[] = "";
+  /** whether files that are dropped together are pictures of their own, not the maps of one material */
+  @property({ attribute: false }) takesSeveral = false;
   @state() private isOver = false;
   @state() private busy = "";
 
@@ -56,7 +59,7 @@ export class PictureList extends Element {
         ${pictures.map(
           (one) => html`<li>
             <button
-              aria-pressed=${one.id === this.chosen}
+              aria-pressed=${[this.chosen].flat().includes(one.id)}
               title="${one.name}, ${one.height} × ${one.width} px"
               @click=${() => this.tell("choose", one)}
             >
@@ -80,12 +83,20 @@ export class PictureList extends Element {
   /** Take a picture, or a material's maps, into the library, and choose it. */
   async receive(files: File[], name: string): Promise<void> {
     if (!files.length) return;
+    if (this.takesSeveral && !name) {
+      for (const file of files) await this.take([file], "", "add");
+      return;
+    }
+    await this.take(files, name, "choose");
+  }
+
+  private async take(files: File[], name: string, told: "choose" | "add"): Promise<void> {
     this.busy = files.length > 1 ? `Reading ${files.length} maps …` : `Reading ${files[0].name} …`;
     const picture = await this.studio.attempt(upload(files, name));
     this.busy = "";
     if (picture) {
       this.studio.add(picture);
-      this.tell("choose", picture);
+      this.tell(told, picture);
     }
   }
 }

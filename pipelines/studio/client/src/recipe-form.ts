@@ -3,7 +3,9 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property } from "lit/decorators.js";
 import { Element } from "./element";
 import { tilingField } from "./fields";
+import "./method-controls";
 import type { Method, Picture, Recipe } from "./messages";
+import "./several-pictures";
 import { sides, sizeText } from "./sizes";
 
 const SIZES = [256, 512, 1024, 2048, 4096];
@@ -19,7 +21,6 @@ export class RecipeForm extends Element {
 
   override render(): TemplateResult {
     const { recipe, method } = this;
-    const [height, width] = sides(recipe.size ?? method.size);
     return html`
       ${this.methods.length
         ? html`<label class="field">
@@ -30,25 +31,12 @@ export class RecipeForm extends Element {
             </label>
             <p class="hint">${method.about}</p>`
         : nothing}
-      ${method.others.map(({ source, about, is_required }) => html`<label class="field"><span>${about}</span>
-        <select aria-label=${about} @change=${(event: Event) => this.edit({ sources: this.withOther(source, value(event)) })}>
-          <option value="" ?selected=${!recipe.sources[source]}>${is_required ? "choose …" : "none"}</option>
-          ${this.pictures.map((one) => html`<option value=${one.id} ?selected=${one.id === recipe.sources[source]}>${one.name}</option>`)}
-        </select></label>`)}
-      <div class="field">
-        <span>Size, px</span>
-        <span class="pair">
-          <input type="number" aria-label="Width" min="16" max="32768" step="1" .value=${String(width)}
-            @change=${(event: Event) => this.edit({ size: sizeText([height, pixels(event, width)]) })} />
-          ×
-          <input type="number" aria-label="Height" min="16" max="32768" step="1" .value=${String(height)}
-            @change=${(event: Event) => this.edit({ size: sizeText([pixels(event, height), width]) })} />
-        </span>
-      </div>
-      <div class="chips" role="group" aria-label="Common sizes">
-        ${SIZES.map((side) => html`<button aria-pressed=${height === side && width === side}
-          @click=${() => this.edit({ size: sizeText([side, side]) })}>${side}</button>`)}
-      </div>
+      ${method.several
+        ? html`<several-pictures .recipe=${recipe} .method=${method} .pictures=${this.pictures}></several-pictures>`
+        : nothing}
+      ${this.othersFields()}
+      <method-controls .recipe=${recipe} .method=${method}></method-controls>
+      ${method.size ? this.size(method.size) : nothing}
       ${method.can_tile
         ? tilingField(recipe.tileable, (one) => this.edit({ tileable: one === "off" ? null : one }))
         : nothing}
@@ -70,6 +58,34 @@ export class RecipeForm extends Element {
         : nothing}
       ${method.uniformity ? this.uniformity() : nothing}
     `;
+  }
+
+  private size(usual: string): TemplateResult {
+    const [height, width] = sides(this.recipe.size ?? usual);
+    return html`<div class="field">
+        <span>Size, px</span>
+        <span class="pair">
+          <input type="number" aria-label="Width" min="16" max="32768" step="1" .value=${String(width)}
+            @change=${(event: Event) => this.edit({ size: sizeText([height, pixels(event, width)]) })} />
+          ×
+          <input type="number" aria-label="Height" min="16" max="32768" step="1" .value=${String(height)}
+            @change=${(event: Event) => this.edit({ size: sizeText([pixels(event, height), width]) })} />
+        </span>
+      </div>
+      <div class="chips" role="group" aria-label="Common sizes">
+        ${SIZES.map((side) => html`<button aria-pressed=${height === side && width === side}
+          @click=${() => this.edit({ size: sizeText([side, side]) })}>${side}</button>`)}
+      </div>`;
+  }
+
+  /** The pictures besides the exemplars. */
+  private othersFields(): TemplateResult[] {
+    const { recipe, method } = this;
+    return method.others.map(({ source, about, is_required }) => html`<label class="field"><span>${about}</span>
+        <select aria-label=${about} @change=${(event: Event) => this.edit({ sources: this.withOther(source, value(event)) })}>
+          <option value="" ?selected=${!recipe.sources[source]}>${is_required ? "choose …" : "none"}</option>
+          ${this.pictures.map((one) => html`<option value=${one.id} ?selected=${one.id === recipe.sources[source]}>${one.name}</option>`)}
+        </select></label>`);
   }
 
   /** The weight of spatial uniformity on a scale where its default is in the middle. */

@@ -48,6 +48,9 @@ export const pictureAddress = (id: string, side: number): string =>
 export const fileAddress = (job: string, file: string): string =>
   `/api/jobs/${job}/files/${file.split("/").map(encodeURIComponent).join("/")}`;
 
+/** All files of a run in one. */
+export const allAddress = (job: string): string => `/api/jobs/${job}/all`;
+
 export const runs = async (): Promise<PastRun[]> => (await request("/api/runs")).json();
 export const steps = async (id: string): Promise<PastStep[]> => (await request(`/api/runs/${id}`)).json();
 export const flows = async (): Promise<FlowEntry[]> => (await request("/api/flows")).json();

@@ -1,0 +1,138 @@
+// What has been made of a recipe: the preview or the result, in several ways to look at it.
+import { html, nothing, type TemplateResult } from "lit";
+import { customElement, property, state } from "lit/decorators.js";
+import { Element } from "./element";
+import { choice, isTyping, undoButtons } from "./fields";
+import type { MadeResults } from "./made-results";
+import type { Method, Recipe } from "./messages";
+import type { Drawable, Mode, Patch, Point } from "./picture-view";
+import "./picture-view";
+import { picturesOf } from "./recipe-edits";
+import type { Sheet } from "./seed-sheet";
+import "./seed-sheet";
+import { sides } from "./sizes";
+import "./source-inset";
+import type { Studio } from "./studio";
+
+export type Shown = Mode | "seeds";
+const MODES: Record<Shown, string> = { single: "Single", repeat: "Repeat", compare: "Compare", seeds: "Seeds" };
+const NONE: Point[] = [];
+
+/** What there is before any picture is chosen. */
+export const WELCOME = html`<div class="welcome">
+  <h2>Make a texture of a picture</h2>
+  <p>Drop a picture of a material on the left, or choose an example. It should show the material from the front,
+    evenly lit, with its structure repeated a few times.</p>
+</div>`;
+
+/** The ways to look at what a method makes; tiles are no texture beside its exemplar. */
+export const modesOf = (method: Method): Partial<Record<Shown, string>> =>
+  method.is_texture ? MODES : { single: MODES.single, seeds: MODES.seeds };
+
+/** Tells `mode`, `step` with `undo` or `redo`, `file` with the export to show, `seed`, and `lasso` with an outline. */
+@customElement("make-stage")
+export class MakeStage extends Element {
+  @property({ attribute: false }) studio!: Studio;
+  @property({ attribute: false }) recipe!: Recipe;
+  @property({ attribute: false }) method!: Method;
+  @property({ attribute: false }) results!: MadeResults;
+  /** another object each time, as results change inside */
+  @property({ attribute: false }) history = { canUndo: false, canRedo: false };
+  @property({ attribute: false }) mode: Shown = "single";
+  @property({ attribute: false }) modes: Partial<Record<Shown, string>> = MODES;
+  /** the export that is shown of a result */
+  @property({ attribute: false }) file = "";
+  @property({ attribute: false }) sheet: Sheet | null = null;
+  @property({ attribute: false }) preview: Drawable | null = null;
+  @property({ attribute: false }) previewScale = 1;
+  @property({ attribute: false }) exemplar: ImageBitmap | null = null;
+  @property({ attribute: false }) done = 1;
+  @property({ attribute: false }) status: string | TemplateResult = "";
+  /** what is said where there is no picture yet */
+  @property({ attribute: false }) waits = "";
+  @property({ attribute: false }) isCorrecting = false;
+  @property({ attribute: false }) outline: Point[] = NONE;
+  @property({ attribute: false }) patch: Patch | null = null;
+  @state() private marksPlaces = localStorage.getItem("worst places") === "marked";
+  @state() private hovered: Point | null = null;
+
+  override connectedCallback(): void {
+    super.connectedCallback();
+    window.addEventListener("keydown", this.key);
+  }
+
+  override disconnectedCallback(): void {
+    super.disconnectedCallback();
+    window.removeEventListener("keydown", this.key);
+  }
+
+  private readonly key = (event: KeyboardEvent): void => {
+    if (!this.checkVisibility() || isTyping(event) || event.ctrlKey || event.metaKey) return;
+    if (event.key.toLowerCase() === "w") this.markPlaces();
+  };
+
+  private markPlaces(): void {
+    this.marksPlaces = !this.marksPlaces;
+    localStorage.setItem("worst places", this.marksPlaces ? "marked" : "");
+  }
+
+  override render(): TemplateResult {
+    const { results } = this;
+    const shown = results.picture ?? this.preview;
+    return html`
+      <div class="bar">
+        ${choice("How to look at it", this.modes as Record<Shown, string>, this.mode, (mode) => this.tell("mode", mode))}
+        ${undoButtons(this.history, (direction) => this.tell("step", direction))}
+        ${this.views()}
+        ${results.picture && results.places.length && this.mode === "single"
+          ? html`<button class="quiet" title="Mark the places least like the exemplar (W)" aria-pressed=${this.marksPlaces} @click=${() => this.markPlaces()}>Worst places</button>`
+          : nothing}
+        <span class="state" role="status">${this.status}</span>
+      </div>
+      ${this.sheet ? html`<seed-sheet .sheet=${this.sheet}></seed-sheet>` : this.view(shown)}
+      ${shown || this.sheet ? nothing : html`<p class="welcome over">${this.waits}</p>`}
+      ${results.origins && results.picture && this.exemplar && this.hovered && !this.isCorrecting
+        ? html`<source-inset .exemplar=${this.exemplar} .origins=${results.origins} .place=${this.hovered}
+            .size=${[results.picture.height, results.picture.width]} .scale=${this.exemplarWidth / this.exemplar.width}></source-inset>`
+        : nothing}
+      ${this.done < 1 && !results.id ? html`<progress class="line" max="1" .value=${this.done} aria-label="Preview"></progress>` : nothing}
+    `;
+  }
+
+  private view(shown: Drawable | null): TemplateResult {
+    const { results } = this;
+    const marked = (this.isCorrecting || this.marksPlaces) && results.picture && !this.outline.length ? results.places : [];
+    return html`<picture-view
+      .picture=${shown}
+      .exemplar=${this.exemplar}
+      .exemplarScale=${this.exemplarScale(shown)}
+      .mode=${this.mode as Mode}
+      .tool=${this.isCorrecting ? "lasso" : "pan"}
+      .outline=${this.outline}
+      .patch=${this.patch}
+      .marks=${marked.length ? marked.map(({ row, column }) => ({ x: column, y: row })) : NONE}
+      @hover=${(event: CustomEvent<Point | null>) => (this.hovered = event.detail)}
+      label=${results.picture ? "Texture at full size" : "Preview"}
+    ></picture-view>`;
+  }
+
+  /** What of a result is shown, where it has several pictures. */
+  private views(): TemplateResult | typeof nothing {
+    const files = this.results.job?.files ?? [];
+    const views = this.method.views.filter((one) => files.includes(one.file));
+    if (views.length < 2 || this.isCorrecting || this.sheet) return nothing;
+    return choice("What to show", Object.fromEntries(views.map((one) => [one.file, one.name])), this.file, (file) => this.tell("file", file));
+  }
+
+  private get exemplarWidth(): number {
+    return this.studio.picture(picturesOf(this.recipe)[0])?.width ?? 1;
+  }
+
+  /** How large the pixels of the exemplar that is loaded are, in those of what is shown. */
+  private exemplarScale(shown: Drawable | null): number {
+    const perPixel = this.exemplarWidth / (this.exemplar?.width ?? this.exemplarWidth);
+    const size = this.recipe.size ?? this.method.size;
+    if (!this.results.picture || !shown || !size) return perPixel * this.previewScale;
+    return (perPixel * shown.width) / sides(size)[1];
+  }
+}

@@ -1,0 +1,19 @@
+// What a person is told of a texture that is being made.
+import type { MadeResults } from "./made-results";
+
+/** How far it is; ``scale`` is that of the preview, 0 where there is none yet. */
+export function statusOf({ job, runs }: MadeResults, lacking: string, isWaiting: boolean, scale: number): string {
+  if (lacking) return `Choose: ${lacking.toLowerCase()}`;
+  if (job?.state === "done") return runs.canUndo ? "Full size, corrected" : `Full size, seed ${job.recipe.seed}`;
+  if (job?.recipe.flow === "revise") return "Keeping the correction …";
+  if (job?.state === "running") return "Running at full size; scales appear as they finish";
+  if (isWaiting) return scale ? "Refining the preview …" : "Preparing the first preview …";
+  const percent = Math.round(100 * scale);
+  return percent && percent < 100 ? `Preview at ${percent} % of the size; the full size has its own details` : "Preview";
+}
+
+/** What is shown before there is a picture. */
+export function waitsFor(lacking: string, results: MadeResults): string {
+  if (lacking) return `Choose on the right: ${lacking.toLowerCase()}`;
+  return results.id ? "The first scale is being made …" : "The exemplar is being analysed …";
+}

@@ -1,0 +1,81 @@
+// What a method can be told besides size and seed: settings under a name, sliders and switches.
+import { html, nothing, type TemplateResult } from "lit";
+import { customElement, property } from "lit/decorators.js";
+import { Element } from "./element";
+import type { Choice, Control, Method, Recipe, Setting } from "./messages";
+
+const OWN = "own"; // of a choice whose params have other values
+const COARSE = 30; // range from which a slider has whole numbers
+const MOST_OPEN = 2; // sliders that are shown at once
+const FINE_STEP = 0.05;
+
+/** Tells `edit` with the fields of a recipe that change. */
+@customElement("method-controls")
+export class MethodControls extends Element {
+  @property({ attribute: false }) recipe!: Recipe;
+  @property({ attribute: false }) method!: Method;
+
+  override render(): TemplateResult {
+    const { choices, controls } = this.method;
+    return html`
+      ${choices.map((one) => (one.without && this.recipe.sources[one.without] ? nothing : this.choice(one)))}
+      ${controls.length > MOST_OPEN ? html`<details><summary>More</summary><div class="more">${this.fields()}</div></details>` : this.fields()}
+    `;
+  }
+
+  private fields(): TemplateResult[] {
+    return this.method.controls.map((one) => (one.is_switch ? this.checkbox(one) : this.slider(one)));
+  }
+
+  private choice(one: Choice): TemplateResult {
+    const active = one.settings.findIndex((setting) => this.isActive(one, setting));
+    return html`<label class="field"><span>${one.label}</span>
+      <select aria-label=${one.label} @change=${(event: Event) => this.take(one, one.settings[Number((event.target as HTMLSelectElement).value)])}>
+        ${one.settings.map((setting, index) => html`<option value=${index} ?selected=${index === active}>${setting.name}</option>`)}
+        ${active < 0 ? html`<option value=${OWN} selected disabled>as under More</option>` : nothing}
+      </select></label>`;
+  }
+
+  private isActive(choice: Choice, { params, lists }: Setting): boolean {
+    const same = (given: unknown, wanted: unknown): boolean => JSON.stringify(given) === JSON.stringify(wanted);
+    return namesOf(choice).every((name) => same(this.recipe.params?.[name], params[name]) && same(this.recipe.lists?.[name], lists[name]));
+  }
+
+  private take(choice: Choice, { params, lists, udim }: Setting): void {
+    const names = namesOf(choice);
+    const kept = <Value>(given: Record<string, Value> = {}): Record<string, Value> =>
+      Object.fromEntries(Object.entries(given).filter(([name]) => !names.includes(name)));
+    const cuts = choice.settings.some((one) => one.udim);
+    this.tell<Partial<Recipe>>("edit", {
+      params: { ...kept(this.recipe.params), ...params },
+      lists: { ...kept(this.recipe.lists), ...lists },
+      ...(cuts ? { udim: udim || null } : {}),
+    });
+  }
+
+  private slider(one: Control): TemplateResult {
+    const now = Number(this.recipe.params?.[one.param] ?? one.default);
+    return html`<label class="field wide">
+      <span>${one.label} <em>${Math.round(100 * now) / 100}</em></span>
+      <input type="range" aria-label=${one.label} min=${one.least} max=${one.most}
+        step=${one.most - one.least > COARSE ? 1 : FINE_STEP} .value=${String(now)}
+        @change=${(event: Event) => this.set(one, Number((event.target as HTMLInputElement).value))} />
+      <span class="ends"><span>${one.ends[0]}</span><span>${one.ends[1]}</span></span>
+    </label>`;
+  }
+
+  private checkbox(one: Control): TemplateResult {
+    return html`<label class="check"><input type="checkbox" .checked=${Boolean(this.recipe.params?.[one.param] ?? one.default)}
+      @change=${(event: Event) => this.set(one, (event.target as HTMLInputElement).checked)} />${one.label}</label>`;
+  }
+
+  private set({ param, default: usual }: Control, value: number | boolean): void {
+    const { [param]: _, ...others } = this.recipe.params ?? {};
+    this.tell<Partial<Recipe>>("edit", { params: Number(value) === usual ? others : { ...others, [param]: value } });
+  }
+}
+
+/** All params that some setting changes. */
+const namesOf = ({ settings }: Choice): string[] => [
+  ...new Set(settings.flatMap(({ params, lists }) => [...Object.keys(params), ...Object.keys(lists)])),
+];

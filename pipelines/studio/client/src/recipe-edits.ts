@@ -1,0 +1,75 @@
+// How a recipe changes with its pictures and its method.
+import type { Method, Picture, Recipe } from "./messages";
+import { sides, sizeText } from "./sizes";
+
+const SEED = 7;
+
+/** The exemplar, or the several pictures in their order. */
+export const picturesOf = (recipe: Recipe | null | undefined): string[] => [Object.values(recipe?.sources ?? {})[0] ?? []].flat();
+
+/** The sources with other pictures in place of the exemplar or of the several ones. */
+export function withPictures(sources: Recipe["sources"], method: Method, pictures: string[]): Recipe["sources"] {
+  const others = Object.entries(sources).filter(([name]) => method.others.some((one) => one.source === name));
+  const [name, given] = method.several ? [method.several.source, pictures] : ["exemplar", pictures[0]];
+  return { ...(pictures.length ? { [name]: given } : {}), ...Object.fromEntries(others) };
+}
+
+/** Other pictures, or another order; each keeps its weight. */
+export function reordered(recipe: Recipe, method: Method, pictures: string[]): Partial<Recipe> {
+  const { [method.several!.weights]: weights, ...lists } = recipe.lists ?? {};
+  const before = picturesOf(recipe);
+  if (weights && pictures.length) lists[method.several!.weights] = pictures.map((id) => weights[before.indexOf(id)] ?? 1);
+  return { sources: withPictures(recipe.sources, method, pictures), lists };
+}
+
+/** A picture more, or one less where it is among them. */
+export function toggled(recipe: Recipe, method: Method, id: string): Partial<Recipe> {
+  const pictures = picturesOf(recipe);
+  return reordered(recipe, method, pictures.includes(id) ? pictures.filter((one) => one !== id) : [...pictures, id]);
+}
+
+/** Whether there are as many pictures as a method takes. */
+export const isFull = (recipe: Recipe, method: Method): boolean => picturesOf(recipe).length >= method.several!.most;
+export const tooMany = ({ name }: Picture, method: Method): string =>
+  `${name}: there are ${method.several!.most} pictures already, the most that this takes; remove one first`;
+
+/** The recipe with what another method takes of it. */
+export function withMethod(recipe: Recipe, method: Method): Recipe {
+  const pictures = picturesOf(recipe).slice(0, method.several?.most ?? 1);
+  const uniformity = method.uniformity && recipe.params?.[method.uniformity];
+  return {
+    ...recipe,
+    flow: method.flow,
+    sources: withPictures(recipe.sources, method, pictures),
+    size: method.size && (recipe.size ?? method.size),
+    tileable: method.can_tile ? recipe.tileable : null,
+    preset: method.presets.includes(recipe.preset ?? "") ? recipe.preset : null,
+    params: uniformity ? { [method.uniformity]: uniformity } : {},
+    lists: {},
+    udim: null,
+  };
+}
+
+/** A recipe that begins with a picture, or goes on with it. */
+export function withExemplar(recipe: Recipe | null, picture: Picture, methods: Method[]): Recipe {
+  const flow = picture.is_material ? "materials" : recipe && recipe.flow !== "materials" ? recipe.flow : "self_tuning";
+  const method = methods.find((one) => one.flow === flow)!;
+  const begun = recipe ?? { flow, sources: {}, seed: SEED, size: doubled(picture, method) };
+  const changed = begun.flow === flow ? begun : withMethod(begun, method);
+  return { ...changed, sources: withPictures(changed.sources, method, [picture.id]) };
+}
+
+/** What has still to be chosen before anything can be made; empty: nothing. */
+export function lacking(recipe: Recipe | null, method: Method): string {
+  const { several } = method;
+  if (recipe && several && picturesOf(recipe).length < several.least) return `${COUNTS[several.least]} pictures or more`;
+  return method.others.find((one) => one.is_required && !recipe?.sources[one.source])?.about ?? "";
+}
+const COUNTS: Record<number, string> = { 2: "two" };
+
+/** Twice the exemplar in round numbers, but no more than the method's own size. */
+function doubled(picture: Picture, method: Method): string {
+  const side = 2 ** Math.round(Math.log2(2 * Math.max(picture.height, picture.width)));
+  const size = Math.min(Math.max(...sides(method.size!)), Math.max(256, side));
+  return sizeText([size, size]);
+}
