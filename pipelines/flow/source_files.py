@@ -70,7 +70,7 @@ def source_of(
             f"sources.{name}: these files are maps of one material, and each is taken by itself; "
             f"their folder, {folder}, keeps them in register"
         )
-    is_ordered = ordered and files == list(references)
+    is_ordered = ordered and not patterns and files == list(references)
     return Each(tuple(dict.fromkeys(files)), pair, tuple(map(one_line, notes)), is_ordered)
 
 

@@ -21,7 +21,7 @@ from texloom.pipelines.flow.items import own_names
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference
 from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.pipelines.media.arrays import file_source, masked
-from texloom.pipelines.media.material_set import is_map_set
+from texloom.pipelines.media.material_set import holds_one_material
 from texloom.pipelines.request import RunRequest, request
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
@@ -69,7 +69,7 @@ def _several(name: str, pictures: tuple[str, ...], library: Library) -> tuple[st
     for number, one in enumerate(found):
         if one in found[:number]:
             raise InputError(one_line(f"sources.{name}: {Path(one).name} is chosen twice"))
-        if Path(one).is_dir() and not is_map_set(one):
+        if Path(one).is_dir() and not holds_one_material(Path(one)):
             raise InputError(one_line(f"sources.{name}: {Path(one).name} is a folder of several; choose pictures"))
     return found
 

@@ -149,21 +149,17 @@ export class MakeView extends Element {
     const recipe = this.recipe;
     if (recipe?.flow !== this.previewed) this.preview = null; // which would be taken for what the other method makes
     [this.problem, this.previewed] = ["", recipe?.flow ?? ""];
-    this.forgetResult();
+    this.results.forget();
+    this.endCorrection();
     this.sheet = null;
     if (this.mode !== "seeds") this.results.recall(recipe);
     this.requestUpdate();
     if (!recipe) return;
-    if (this.lacking) [this.preview, this.done] = [null, 1];
+    if (this.lacking) [this.preview, this.done, this.number] = [null, 1, 0];
     else if (this.mode === "seeds") this.beginSheet();
     else if (this.results.job?.state === "done") this.load();
     else this.ask(recipe);
     void this.loadExemplar();
-  }
-
-  private forgetResult(): void {
-    this.results.forget();
-    this.endCorrection();
   }
 
   private ask(recipe: Recipe): void {
@@ -191,7 +187,8 @@ export class MakeView extends Element {
 
   private beginSheet(): void {
     if (this.lacking) return;
-    this.forgetResult();
+    this.results.forget();
+    this.endCorrection();
     this.sheet = newSheet(this.recipe?.seed ?? 7);
     this.ask({ ...this.recipe!, seed: this.sheet.first });
   }

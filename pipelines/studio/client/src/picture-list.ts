@@ -3,7 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
 import type { Picture } from "./messages";
-import { pictureAddress, upload } from "./server";
+import { pictureAddress, RequestError, upload } from "./server";
 import type { Studio } from "./studio";
 
 const THUMBNAIL = 128; // px
@@ -83,21 +83,26 @@ export class PictureList extends Element {
   /** Take a picture, or a material's maps, into the library, and choose it. */
   async receive(files: File[], name: string): Promise<void> {
     if (!files.length) return;
-    if (this.takesSeveral && !name) {
-      for (const file of files) await this.take([file], "", "add");
-      return;
-    }
-    await this.take(files, name, "choose");
+    this.busy = files.length > 1 ? `Reading ${files.length} files …` : `Reading ${files[0].name} …`;
+    const pictures = (await this.studio.attempt(this.taken(files, name))) ?? [];
+    this.busy = "";
+    [...pictures].reverse().forEach((one) => this.studio.add(one));
+    if (this.takesSeveral) pictures.forEach((one) => this.tell("add", one));
+    else if (pictures.length) this.tell("choose", pictures[0]);
   }
 
-  private async take(files: File[], name: string, told: "choose" | "add"): Promise<void> {
-    this.busy = files.length > 1 ? `Reading ${files.length} maps …` : `Reading ${files[0].name} …`;
-    const picture = await this.studio.attempt(upload(files, name));
-    this.busy = "";
-    if (picture) {
-      this.studio.add(picture);
-      this.tell(told, picture);
+  /** Files as the maps of one material, or as pictures of their own where they are no maps. */
+  private async taken(files: File[], name: string): Promise<Picture[]> {
+    const pictures: Picture[] = [];
+    if (files.length === 1 || name || !this.takesSeveral) {
+      try {
+        return [await upload(files, name)];
+      } catch (error) {
+        if (files.length === 1 || name || !(error instanceof RequestError)) throw error;
+      }
     }
+    for (const file of files) pictures.push(await upload([file], ""));
+    return pictures;
   }
 }
 
