@@ -33,6 +33,8 @@ class Offer:
     several: SeveralPictures | None = None
     others: dict[str, str] = dataclasses.field(default_factory=dict)
     """the pictures that it takes besides, and what the page calls them"""
+    painted: dict[str, tuple[str, str]] = dataclasses.field(default_factory=dict)
+    """those of them that can be painted, and what black and white mean"""
     choices: tuple[Choice, ...] = ()
     controls: tuple[Control, ...] = ()
     views: tuple[ResultPicture, ...] = ()
@@ -94,7 +96,8 @@ OFFERS = {
     "mix": Offer(
         "From one picture to the next, in patches of whole elements",
         several=SeveralPictures(source="exemplars", least=2, ends=("where it begins", "where it ends")),
-        others={"map": "Map, black for the first"},
+        others={"map": "Map"},
+        painted={"map": ("the first", "the last")},
         choices=(
             Choice(
                 label="Border",
@@ -123,6 +126,7 @@ OFFERS = {
     "grow": Offer(
         "What ages or changes from place to place, its trend over all of the result",
         others={"target": "Trend of the result", "progression": "Trend of the exemplar"},
+        painted={"target": ("as it begins", "as it ends")},
         choices=(
             Choice(
                 label="Trend",
@@ -264,7 +268,12 @@ def _method(name: str, offer: Offer) -> Method:
         uniformity=f"texture.{_UNIFORMITY}" if has_uniformity else "",
         default_uniformity=getattr(texture.params, _UNIFORMITY) if texture is not None and has_uniformity else 0.0,
         others=tuple(
-            OtherPicture(source=source, about=about, is_required=source not in flow.optional)
+            OtherPicture(
+                source=source,
+                about=about,
+                is_required=source not in flow.optional,
+                painted=offer.painted.get(source),
+            )
             for source, about in offer.others.items()
         ),
         several=offer.several,

@@ -42,7 +42,9 @@ def waves() -> np.ndarray:
 
 
 @pytest.mark.parametrize("flow", FLOWS)
-def test_file_and_command_have_the_same_pictures_in_their_order(library: Library, tmp_path: Path, flow: str) -> None:
+def test_file_and_command_have_the_same_pictures_in_their_order(
+    library: Library, tmp_path: Path, flow: str
+) -> None:
     store = Store(tmp_path / "store")
     recipe = Recipe(flow=flow, sources={"exemplars": TWO}, params={"match_tone": 0.5})
     run = open_recipe(recipe, library, store)
@@ -144,9 +146,13 @@ def test_two_dropped_pictures_are_mixed_as_in_a_terminal(watched: Watched, tmp_p
     page.wait_for_function("() => document.activeElement.ariaLabel === 'Move spots down'")
     assert settings.locator("several-pictures li").all_inner_texts()[0].split()[0] == "spots"
     settings.get_by_text("spots is number 1 of 2").wait_for(state="attached")
+    settings.get_by_role("button", name="Paint map").click()
+    settings.locator("map-painter canvas").press("Space")
+    settings.get_by_label("Map", exact=True).locator("option", has_text="painted").wait_for(state="attached")
     page.get_by_role("status").filter(has_text="Preview").wait_for()
     flow = yaml.safe_load(repeated(settings, tmp_path))
     assert [Path(one).stem for one in flow["sources"]["exemplars"]["each"]] == ["spots", "stripes"]
+    assert Path(flow["sources"]["map"]).name == "painted_map.png"
     assert flow["steps"]["mixture"]["params"] == {"size": "64x48", "patchiness": 0}
     page.get_by_role("radio", name="Which picture").click()
     page.wait_for_function("() => document.querySelector('make-view').results.picture.width === 64")

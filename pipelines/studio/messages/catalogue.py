@@ -27,6 +27,8 @@ class OtherPicture(Message):
     source: str
     about: str
     is_required: bool
+    painted: tuple[str, str] | None = None
+    """what black and white mean, where it is a map that can be painted"""
 
 
 class SeveralPictures(Message):

@@ -32,7 +32,7 @@ export class MakeSettings extends Element {
     const isMaps = this.studio.picture(picturesOf(recipe)[0])?.is_material ?? false;
     const methods = this.studio.begin.methods.filter((one) => isMaps || one.flow !== "materials");
     return html`
-      <recipe-form .recipe=${recipe} .method=${method} .methods=${methods} .pictures=${this.pictures}></recipe-form>
+      <recipe-form .studio=${this.studio} .recipe=${recipe} .method=${method} .methods=${methods} .pictures=${this.pictures}></recipe-form>
       <button class="primary" ?disabled=${isBusy || this.lacking !== ""} @click=${() => this.tell("finish", null)}>Finish at full size</button>
       ${job?.state === "done"
         ? html`<p class="row">

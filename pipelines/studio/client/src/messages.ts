@@ -12,6 +12,7 @@ export interface OtherPicture {
   source: string;
   about: string;
   is_required: boolean;
+  painted: [string, string] | null;
 }
 
 export interface SeveralPictures {

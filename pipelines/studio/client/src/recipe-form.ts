@@ -1,12 +1,14 @@
 // The params of a texture: method, size, tiling, seed, preset, uniformity.
 import { html, nothing, type TemplateResult } from "lit";
-import { customElement, property } from "lit/decorators.js";
+import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
 import { tilingField } from "./fields";
+import "./map-painter";
 import "./method-controls";
 import type { Method, Picture, Recipe } from "./messages";
 import "./several-pictures";
 import { sides, sizeText } from "./sizes";
+import type { Studio } from "./studio";
 
 const SIZES = [256, 512, 1024, 2048, 4096];
 const MOST_UNIFORM = 100;
@@ -18,6 +20,10 @@ export class RecipeForm extends Element {
   @property({ attribute: false }) method!: Method;
   @property({ attribute: false }) methods: Method[] = [];
   @property({ attribute: false }) pictures: readonly Picture[] = [];
+  /** where maps can be painted */
+  @property({ attribute: false }) studio: Studio | null = null;
+  /** the source that is being painted */
+  @state() private painting = "";
 
   override render(): TemplateResult {
     const { recipe, method } = this;
@@ -81,11 +87,27 @@ export class RecipeForm extends Element {
   /** The pictures besides the exemplars. */
   private othersFields(): TemplateResult[] {
     const { recipe, method } = this;
-    return method.others.map(({ source, about, is_required }) => html`<label class="field"><span>${about}</span>
+    return method.others.map(({ source, about, is_required, painted }) => {
+      const chosen = String(recipe.sources[source] ?? "");
+      const isPainted = chosen !== "" && this.pictures.every((one) => one.id !== chosen);
+      return html`<label class="field"><span>${about}</span>
         <select aria-label=${about} @change=${(event: Event) => this.edit({ sources: this.withOther(source, value(event)) })}>
-          <option value="" ?selected=${!recipe.sources[source]}>${is_required ? "choose …" : "none"}</option>
-          ${this.pictures.map((one) => html`<option value=${one.id} ?selected=${one.id === recipe.sources[source]}>${one.name}</option>`)}
-        </select></label>`);
+          <option value="" ?selected=${!chosen}>${is_required ? "choose …" : "none"}</option>
+          ${isPainted ? html`<option value=${chosen} selected>painted</option>` : nothing}
+          ${this.pictures.map((one) => html`<option value=${one.id} ?selected=${one.id === chosen}>${one.name}</option>`)}
+        </select></label>
+        ${painted && this.studio ? this.painter(source, about, chosen, painted) : nothing}`;
+    });
+  }
+
+  private painter(source: string, about: string, chosen: string, ends: [string, string]): TemplateResult {
+    const isOpen = this.painting === source;
+    return html`<button aria-expanded=${isOpen} @click=${() => (this.painting = isOpen ? "" : source)}>
+        ${isOpen ? "End painting" : `Paint ${about.toLowerCase()}`}</button>
+      ${isOpen
+        ? html`<map-painter .studio=${this.studio!} .size=${sides(this.recipe.size ?? this.method.size ?? "1")} .chosen=${chosen} .ends=${ends}
+            @painted=${(event: CustomEvent<string>) => this.edit({ sources: this.withOther(source, event.detail) })}></map-painter>`
+        : nothing}`;
   }
 
   /** The weight of spatial uniformity on a scale where its default is in the middle. */
