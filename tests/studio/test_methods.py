@@ -33,7 +33,8 @@ def test_what_is_offered_is_taken(method: Method) -> None:
             text = json.dumps(bool(end)) if control.is_switch else json.dumps(end)
             open_flow(find_flow(method.flow), Overrides(params={control.param: text}))
     for choice in method.choices:
-        assert not choice.settings[0].params and not choice.settings[0].lists
+        assert not choice.settings[0].params
+        assert not choice.settings[0].lists
         assert choice.without in ("", *(one.source for one in method.others))
         for setting in choice.settings:
             given = {name: json.dumps(one) for name, one in {**setting.params, **setting.lists}.items()}

@@ -55,7 +55,8 @@ def test_file_and_command_have_the_same_pictures_in_their_order(
     paths = tuple(library.reference(one) for one in TWO)
     for opened in (run, again):
         source = opened.flow.sources["exemplars"]
-        assert isinstance(source, Each) and source.patterns == paths
+        assert isinstance(source, Each)
+        assert source.patterns == paths
         names = [item.name for item in opened.items]
         assert names == (["blotches", "waves"] if flow == "remix" else ["waves", "blotches"])
     assert {name: step.params for name, step in run.flow.steps.items()} == {
