@@ -41,6 +41,8 @@ class Offer:
     """what is shown of a result, the preview first; none: the texture"""
     is_texture: bool = True
     """whether it makes one texture that looks as its exemplar"""
+    checks: tuple[str, ...] = ()
+    """steps that refuse what does not suit, and on which the picture that is shown does not depend"""
     lengths: dict[str, int] = dataclasses.field(default_factory=dict)
     """params that are px, which are smaller in previews, to the least that they may be"""
 
@@ -245,6 +247,7 @@ OFFERS = {
             ResultPicture(file="hex.png", name="Hexagons"),
         ),
         is_texture=False,
+        checks=("suits",),
     ),
 }  # fmt: skip
 """the flows that the page offers"""

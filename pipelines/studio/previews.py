@@ -7,7 +7,7 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +23,15 @@ from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.requests import PreviewRequest
 from texloom.pipelines.studio.methods import OFFERS, Offer
 from texloom.pipelines.studio.pixels import rgba
-from texloom.pipelines.studio.recipes import image_of, open_texture
+from texloom.pipelines.studio.recipes import image_of, open_recipe, open_texture, steps_alone, upstream_of
 from texloom.pipelines.studio.reduced import Reducer, reduced_document, reduced_lengths, reduced_size, scale_of
 from texloom.pipelines.studio.work import Places
 from texloom.stages.vocabulary.arrays import Image
 
 _MOST_BYTES = 2**29  # of the results of previews; those that were used least recently are removed
 _UNOFFERED = Offer("")
+_FAST = "fast"  # preset of previews of many tiles
+_TILE = "tile"  # the param of the side of tiles of a set
 _TILES = 2  # sides of an exemplar that all tiles of a set take, about
 _INTERVAL = 0.06  # seconds between pictures of one preview
 
@@ -55,33 +57,14 @@ class Previewer:
         offer = OFFERS.get(recipe.flow, _UNOFFERED)
         export = offer.views[0].file if offer.views else None
         run, made = open_texture(recipe, self.library, self.store, export)
-        several = {
-            name: [open_source(name, self.library.reference(one)) for one in given]
-            for name, given in recipe.sources.items()
-            if not isinstance(given, str)
-        }
-        name = next(iter(recipe.sources))
-        exemplar = min(several[name], key=_shorter) if name in several else run.shared.source(name)
-        size = recipe.size or _default_size(run) or (_TILES * exemplar.height, _TILES * exemplar.width)
-        scale = scale_of((exemplar.height, exemplar.width), size)
-        changes: dict[str, Any] = {
-            "files": self._reduced_files(recipe, scale),
-            "params": reduced_lengths(recipe.params, offer.lengths, scale),
-        }
-        if "size" in run.flow.params:
-            changes["size"] = reduced_size(size, scale)
-        if scale < 1:
-            reduced = {
-                name: tuple(f"reduced:{self.reducer.named(one, scale)}" for one in pictures)
-                for name, pictures in several.items()
-            }
-            changes["sources"] = {**recipe.sources, **reduced}
-        small = recipe.model_copy(update=changes)
-        run, made = open_texture(small, self.library, self.store, export)
+        self._check(recipe, offer.checks, check)
+        exemplar = min(self._exemplars(recipe, run), key=lambda one: min(one.height, one.width))
+        scale = scale_of((exemplar.height, exemplar.width), _size(recipe, run, exemplar, offer))
+        run, made = open_texture(self._smaller(recipe, run, scale, offer), self.library, self.store, export)
         sources = {
             name: self.reducer.reference(run.shared.source(name), exemplar, scale)
-            for name in recipe.sources
-            if name not in several
+            for name, given in recipe.sources.items()
+            if isinstance(given, str)
         }
         run = Run(dataclasses.replace(run.flow, sources={**run.flow.sources, **sources}), self.store)
         last = 0.0
@@ -110,6 +93,45 @@ class Previewer:
         execute(run, listen, self.store.root / "out")
         tell(image_of(run, made), 1.0, True)
 
+    def _exemplars(self, recipe: Recipe, run: Run) -> list[Source]:
+        """The pictures of the first source."""
+        name, given = next(iter(recipe.sources.items()))
+        if isinstance(given, str):
+            return [run.shared.source(name)]
+        return [open_source(name, self.library.reference(one)) for one in given]
+
+    def _smaller(self, recipe: Recipe, run: Run, scale: float, offer: Offer) -> Recipe:
+        """The recipe of reduced pictures; those of which there is one for a source are replaced in its run."""
+        changes: dict[str, Any] = {
+            "files": self._reduced_files(recipe, scale),
+            "params": reduced_lengths(recipe.params, offer.lengths, scale),
+        }
+        if "size" in run.flow.params:
+            exemplar = self._exemplars(recipe, run)[0]
+            changes["size"] = reduced_size(_size(recipe, run, exemplar, offer), scale)
+        if _TILE in offer.lengths and recipe.preset is None:
+            changes["preset"] = _FAST
+        if scale < 1:
+            changes["sources"] = {
+                name: given
+                if isinstance(given, str)
+                else tuple(self._reduced_of(name, one, scale) for one in given)
+                for name, given in recipe.sources.items()
+            }
+        return recipe.model_copy(update=changes)
+
+    def _reduced_of(self, name: str, picture: str, scale: float) -> str:
+        """The id of one of several pictures, reduced."""
+        return f"reduced:{self.reducer.named(open_source(name, self.library.reference(picture)), scale)}"
+
+    def _check(self, recipe: Recipe, steps: Sequence[str], check: Callable[[], None]) -> None:
+        """Run steps at full size that refuse what does not suit: a smaller picture may suit better, or worse."""
+        if not steps:
+            return
+        run = open_recipe(recipe, self.library, self.store)
+        needed = {name for step in steps for name in upstream_of(run.flow, step)}
+        execute(steps_alone(run, needed), lambda _: check(), self.store.root / "out")
+
     def _keep(self, attached: Mapping[str, int], payload: bytes) -> None:
         """Write what came with a request, in place of what came with the one before."""
         shutil.rmtree(self.attached, ignore_errors=True)
@@ -130,8 +152,10 @@ class Previewer:
         return made
 
 
-def _shorter(source: Source) -> int:
-    return min(source.height, source.width)
+def _size(recipe: Recipe, run: Run, exemplar: Source, offer: Offer) -> tuple[int, int]:
+    """Height and width of the result, px; of tiles about those of all of them."""
+    times = _TILES if _TILE in offer.lengths else 1
+    return recipe.size or _default_size(run) or (times * exemplar.height, times * exemplar.width)
 
 
 def _default_size(run: Run) -> tuple[int, int] | None:

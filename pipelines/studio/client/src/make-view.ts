@@ -147,7 +147,7 @@ export class MakeView extends Element {
   /** Show what the recipe gives now. */
   private refresh(): void {
     const recipe = this.recipe;
-    if (recipe?.flow !== this.previewed) this.preview = null; // which would be taken for what the other method makes
+    if (recipe?.flow !== this.previewed) [this.preview, this.file] = [null, ""]; // of another method
     [this.problem, this.previewed] = ["", recipe?.flow ?? ""];
     this.results.forget();
     this.endCorrection();
