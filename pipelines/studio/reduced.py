@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -87,7 +88,8 @@ class Reducer:
         """The small picture of one of several exemplars, under its own name; relative to the folder."""
         small = _sides((source.height, source.width), scale)
         file = Path(self._small(source, small))
-        named = self.folder / file.stem / f"{source.picture}{file.suffix}"
+        own = hashlib.sha256(f"{file.stem}{source.reference}".encode()).hexdigest()  # two may have equal content
+        named = self.folder / own / f"{source.picture}{file.suffix}"
         if not named.exists():
             named.parent.mkdir(exist_ok=True)
             shutil.copyfile(file, named)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +17,12 @@ from texloom.pipelines.engine.opening import open_run
 from texloom.pipelines.flow.model import Each, Overrides
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
+from texloom.pipelines.studio.messages.answers import PreviewPicture
 from texloom.pipelines.studio.messages.recipes import MOST_PICTURES, Recipe
+from texloom.pipelines.studio.messages.requests import PreviewRequest
+from texloom.pipelines.studio.previews import Previewer
 from texloom.pipelines.studio.recipes import described, open_recipe, overrides_of
+from texloom.pipelines.studio.work import Places
 from texloom.stages.vocabulary.declare import InputError
 
 FLOWS = ("mix", "remix", "transition_tiles")
@@ -124,6 +130,41 @@ def test_a_list_where_one_picture_is_taken_is_a_set_as_on_the_command_line(libra
     assert given.sources == {"exemplar": tuple(library.reference(one) for one in TWO)}
 
 
+def preview(recipe: Recipe, root: Path) -> PreviewPicture:
+    """The last picture of a preview."""
+    places = Places(folder=str(root / "project"), store=str(root / "store"), scratch=str(root / "scratch"))
+    sent: list[PreviewPicture] = []
+    Previewer(places).make(
+        PreviewRequest(number=1, recipe=recipe), b"", lambda: None, lambda picture, _: sent.append(picture)
+    )
+    return sent[-1]
+
+
+def test_previews_reduce_each_picture_under_its_name(library: Library, tmp_path: Path) -> None:
+    pictures = []
+    for name in ("waves", "more/waves"):
+        large = PIL.Image.fromarray(waves()).resize((128, 120))
+        large.save(library.roots["folder"] / f"{name}.png")
+        pictures.append(f"folder:{name}.png")
+    recipe = Recipe(
+        flow="remix",
+        sources={"exemplars": pictures},
+        lists={"sheet.weights": (2, 1)},
+        size=(64, 512),
+        preset="fast",
+    )
+    shown = preview(recipe, tmp_path)
+    assert shown.is_final
+    assert shown.scale == 72 / 120
+    assert (shown.height, shown.width) == (40, 308)
+
+
+def test_previews_refuse_what_the_run_would(library: Library, tmp_path: Path) -> None:
+    assert library.roots
+    with pytest.raises(InputError, match=r"suits: image: blending would destroy its structure.*accept=true"):
+        preview(Recipe(flow="endless", sources={"exemplar": "texloom:bricks"}), tmp_path)
+
+
 def test_two_dropped_pictures_are_mixed_as_in_a_terminal(watched: Watched, tmp_path: Path) -> None:
     page = watched.page
     for name, picture in (("stripes", waves()), ("spots", exemplar()[::-1])):
@@ -160,5 +201,10 @@ def test_two_dropped_pictures_are_mixed_as_in_a_terminal(watched: Watched, tmp_p
     with page.expect_download() as whole:
         settings.get_by_role("link", name="origin.png").click()
     assert whole.value.suggested_filename == "spots_stripes_mix_origin.png"
+    job = page.evaluate("() => document.querySelector('make-view').results.job")
+    status, content = watched.served.request(f"/api/jobs/{job['id']}/all")
+    assert status == 200
+    assert set(zipfile.ZipFile(io.BytesIO(content)).namelist()) == set(job["files"])
+    assert watched.served.request("/api/jobs/none/all")[0] == 404
     page.get_by_label("Method").select_option("quilting")
     assert settings.locator("several-pictures").count() == 0
