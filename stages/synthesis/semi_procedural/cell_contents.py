@@ -10,8 +10,7 @@ from texloom.stages.synthesis.near_regular.lattice_tiles import Window
 from texloom.stages.synthesis.near_regular.tile_set import TileSource
 from texloom.stages.vocabulary.normals import NORMAL
 
-MARGIN = 4
-"""px around a window, for levels of detail"""
+_MARGIN = 4  # px around a window, for levels of detail
 
 _NEAR = 0.06  # of the shorter generator: distance from the outline within which tone is measured
 _SPREAD = 1 / 8  # of the same, over which it is averaged
@@ -39,8 +38,8 @@ class CellContents:
     @staticmethod
     def of(source: TileSource, around: Window, corners: Int64[np.ndarray, "k 2"], short: float) -> "CellContents":
         """Of the cells with points at ``corners``; beyond the picture boxes show its border."""
-        first = around.offsets.min(axis=0) - MARGIN
-        shape = around.offsets.max(axis=0) + MARGIN + 1 - first
+        first = around.offsets.min(axis=0) - _MARGIN - 1
+        shape = around.offsets.max(axis=0) + _MARGIN + 2 - first
         depth = np.full(shape, -around.band, np.float32)
         depth[tuple((around.offsets - first).T)] = around.depth
         places = corners[:, None, None] + np.moveaxis(np.indices(shape), 0, -1) + first
@@ -48,6 +47,14 @@ class CellContents:
         values = source.pixels[at[..., 0], at[..., 1]]
         count = values.shape[3] - source.features.shape[2]
         return CellContents(values[..., :count], values[..., count:], depth, first, short)
+
+    def cropped(self, first: Int64[np.ndarray, "2"], shape: tuple[int, ...]) -> "CellContents":
+        """Boxes of a smaller window, that begins ``first`` px from the point of the lattice, with a margin."""
+        top, left = (first - _MARGIN - self.first).tolist()
+        part = np.s_[top : top + shape[0] + 2 * _MARGIN, left : left + shape[1] + 2 * _MARGIN]
+        return CellContents(
+            self.pixels[:, *part], self.features[:, *part], self.depth[part], first - _MARGIN, self.short
+        )
 
     def fitting(self, most: int) -> "CellContents":
         """Without the cells that differ most from the others around their joints, sorted by lightness."""

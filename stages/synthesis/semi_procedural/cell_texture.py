@@ -131,6 +131,7 @@ def cell_texture(
     contents = contents.with_even_joints(image.channels)
     band = params.band * short or contents.band(around.band)
     window, corner = window_of(outline, max(1.0, band))
+    contents = contents.cropped(corner, window.shape)
     low, candidates = reach(window, corner, frame)
     groups = GROUPS if len(contents.pixels) >= 4 * GROUPS else 1
     cells = len(contents.pixels) // groups * groups
