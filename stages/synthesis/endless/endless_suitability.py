@@ -3,7 +3,7 @@
 import dataclasses
 import logging
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float32
@@ -34,31 +34,36 @@ _LOG = logging.getLogger(__name__)
 
 
 class EndlessSuitabilityParams(Params):
-    """What happens with textures that do not suit."""
+    """How a plane is made, and what happens with textures that do not suit."""
 
+    way: Literal["auto", "noise", "cells"] = "auto"
+    """`noise` blends, `cells` lays the cells of a lattice, `auto` does so where there is one"""
+    labels: tuple[str, ...] = ("noise", "cells")
+    """the ways that there are"""
     accept: bool = False
     """go on with a texture whose structure would be blended away"""
 
 
 @dataclasses.dataclass(frozen=True)
 class EndlessSuitability:
-    """What was measured."""
+    """What was measured, and chosen."""
 
     table: dict[str, Any]
-    """`difference`: between cumulative histograms of gradients of the texture and of blends of it, at the scale of
+    """`chosen`: a list of one way, and `because`; `difference`: between cumulative histograms of gradients of the texture and of blends of it, at the scale of
     the largest one, 0..1; `differences` at scales of 1, 2, 4 and 8 px; `repetition`: the largest autocorrelation
     beyond a sixth of its shorter side; `periods`: `courses`, or how a lattice was found, or `none`; `verdict`:
     `stochastic`, `doubtful` or `structured`"""
 
 
-@stage(version=1)
+@stage(version=1, role="choice")
 def endless_suitability(image: Image, params: EndlessSuitabilityParams) -> EndlessSuitability:
     """Measure whether blends of a texture look like the texture itself, as those of stochastic ones do.
 
     Blends keep the histogram of any texture, but contours of two tiles show through each other, with less contrast.
     So gradients of the first component of colour are compared: those where tiles are blended, in the published way,
     with those of the texture. What repeats loses its order in tiles that are shifted at random; it is found by its
-    autocorrelation, and lattices and courses, of which each brick is another one, as by `lattice_selection`.
+    autocorrelation, and lattices and courses, of which each brick is another one, as by `lattice_selection`. These
+    have cells, which can be laid as they are.
 
     Parameters
     ----------
@@ -67,21 +72,25 @@ def endless_suitability(image: Image, params: EndlessSuitabilityParams) -> Endle
     Raises
     ------
     InputError
-        it is structured, and ``accept`` is false.
+        it is structured without a lattice or courses, and ``accept`` is false.
 
     References
     ----------
     [HeitzNeyret2018]_ say which textures suit; the measures are ours.
     """
     table = suitability_of(image)
-    if table["verdict"] == "structured" and not params.accept:
+    reasons = why_not(table)
+    if params.way == "cells" or (params.way == "auto" and table["periods"] != "none"):
+        because = reasons if table["periods"] != "none" else "it was asked for"
+        return EndlessSuitability({"chosen": ["cells"], "because": because, **table})
+    if table["verdict"] == "structured" and not params.accept and params.way == "auto":
         raise InputError(
-            f"image: blending would destroy its structure: {why_not(table)}; the flow wang_tiles keeps it, --set "
+            f"image: blending would destroy its structure: {reasons}; the flow wang_tiles keeps it, --set "
             "accept=true goes on"
         )
     if table["verdict"] != "stochastic":
-        _LOG.warning("blending may destroy its structure: %s; the flow wang_tiles keeps it", why_not(table))
-    return EndlessSuitability(table)
+        _LOG.warning("blending may destroy its structure: %s; the flow wang_tiles keeps it", reasons)
+    return EndlessSuitability({"chosen": ["noise"], "because": reasons or "it is stochastic", **table})
 
 
 def suitability_of(image: Image) -> dict[str, Any]:

@@ -78,7 +78,9 @@ class CellContents:
 
         def even(planes: Float32[np.ndarray, "k m n"]) -> Float32[np.ndarray, "k m n"]:
             away = (planes - planes.mean(axis=0)) * ring
-            return np.asarray(planes - weight * np.stack([gaussian_blur(one, _SPREAD * self.short) for one in away]))
+            return np.asarray(
+                planes - weight * np.stack([gaussian_blur(one, _SPREAD * self.short) for one in away])
+            )
 
         pixels, features = self.pixels.copy(), self.features.copy()
         for index, name in enumerate(channels):

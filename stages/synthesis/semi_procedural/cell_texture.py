@@ -38,7 +38,8 @@ _MOST_PIXELS = 1 << 24  # of a sheet
 _SMALLEST = 64.0  # px of a cell's area
 _WIDEST = 0.2  # band, as a share of the shorter generator
 _SIDE = 640  # px of the plane that is measured
-_ADVICE = "the flow wang_tiles keeps its structure, --set accept=true goes on"
+_JOINTS = (0.7, 1.2)  # contrast where cells are blended, beyond which joints are blurred or show
+_ADVICE = "the flow wang_tiles keeps its structure"
 
 
 class CellTextureParams(Params):
@@ -146,6 +147,11 @@ def cell_texture(
     }  # fmt: skip
     made = image.elsewhere(sheet)
     layout["joints"] = joints_of(CellTiling.of(made, window, layout))
+    if not _JOINTS[0] <= layout["joints"] <= _JOINTS[1] and not params.accept:
+        raise InputError(
+            f"image: joints of its cells would show: they have {layout['joints']:.2f} times the contrast of the cells, "
+            f"those that fit {_JOINTS[0]} to {_JOINTS[1]}; {_ADVICE}, --set accept=true goes on"
+        )
     if cells < _FEW:
         _LOG.warning("the exemplar shows %d cells that fit to each other: they are seen to return", cells)
     return CellTexture(made, window, layout)
@@ -168,9 +174,7 @@ def joints_of(tiling: CellTiling) -> float:
 def _gradient(tiling: CellTiling, pixels: np.ndarray) -> np.ndarray:
     count = 1 if tiling.channels[0] == "Y" else 3
     light = np.sqrt(np.maximum(pixels[..., :count].mean(axis=2), 0))
-    return np.asarray(
-        np.hypot(light[2:, 1:-1] - light[:-2, 1:-1], light[1:-1, 2:] - light[1:-1, :-2])
-    )
+    return np.asarray(np.hypot(light[2:, 1:-1] - light[:-2, 1:-1], light[1:-1, 2:] - light[1:-1, :-2]))
 
 
 def _straightened(

@@ -10,9 +10,7 @@ from texloom.stages.synthesis.near_regular.cell_outline import CellOutline
 from texloom.stages.synthesis.near_regular.lattice_tiles import Window
 
 
-def window_of(
-    outline: CellOutline, band: float
-) -> tuple[Float32[np.ndarray, "m n"], Int64[np.ndarray, "2"]]:
+def window_of(outline: CellOutline, band: float) -> tuple[Float32[np.ndarray, "m n"], Int64[np.ndarray, "2"]]:
     """Weights of a cell, 0..1, and the offset of the first one from its point of the lattice, px.
 
     They fall from 1 to 0 across ``band`` px on either side of the outline, by the distance from it. With their
