@@ -27,8 +27,8 @@ class CellPlane:
     """R G B, linear light, as the shaders compute it"""
     table: dict[str, Any]
     """of colour: `contrast`, its standard deviation over the exemplar's, and `histogram`, the largest difference of
-    their cumulative histograms, 0..1; `joints`, the contrast where cells are blended over that of the cells; `cells`
-    that differ"""
+    their cumulative histograms, 0..1; `joints`, the contrast where cells are blended over that of the cells; and
+    the number of `cells`"""
 
 
 @stage(version=1)

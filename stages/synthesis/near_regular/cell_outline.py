@@ -114,7 +114,7 @@ def visibility(
 ) -> Float64[np.ndarray, "p q"]:
     """The `variation` over the contrast around each sample: how much a joint of two cells would show there.
 
-    Contours hide it, as of bricks in mortar that is not laid evenly; inside of bricks of different colours, it shows.
+    Contours hide it, as of bricks in mortar that is not laid evenly; it shows inside bricks of different colours.
     """
     sigma = max(1.0, _AROUND * float(np.hypot(*np.asarray(generators).T).min()))
     means, squares = (

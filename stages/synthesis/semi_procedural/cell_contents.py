@@ -72,7 +72,7 @@ class CellContents:
 
         Else neighbours would differ by it. Normals stay as they are.
         """
-        ring = np.exp2(-np.square(self.depth / (_NEAR * self.short))).astype(np.float32)
+        ring = np.square(np.clip(1 - np.abs(self.depth) / (2 * _NEAR * self.short), 0, 1)).astype(np.float32)
         fade = np.clip(1 - self.depth / (_FADE * self.short), 0, 1)
         weight = fade * fade * (3 - 2 * fade) / (gaussian_blur(ring, _SPREAD * self.short) + np.float32(1e-6))
 

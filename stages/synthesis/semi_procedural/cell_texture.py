@@ -61,10 +61,11 @@ class CellTexture:
     window: ScalarMap
     """weight of a cell around its point of the lattice, 0..1"""
     layout: dict[str, Any]
-    """`size` of the sheet, and `unit`, that of the exemplar (width, height, px); `generators` (rows and columns, px) and their `inverse`; `corner` of
-    the window from its point; `low` and `candidates`: the least step from points whose cells reach a place, and how
-    many may; `along`, and `shift` of rows along it: mean, spread and length, px; `cells` of the sheet, its
-    `columns`, the `box` of each and its `point` in it, px; `groups`, `band` (px), `joints`"""
+    """`size` of the sheet, and `unit`, that of the exemplar (width, height, px); `generators` (rows and columns,
+    px) and their `inverse`; `corner` of the window from its point; `low` and `candidates`: the least step from a
+    point whose cell reaches a place, and how many may; `along`, and `shift` of rows along it: mean, spread, length,
+    px; `cells` of the sheet, its `columns`, the `box` of each and its `point` in it, px; `groups`, `band` (px), and
+    `joints`, the contrast where cells are blended over that of the cells"""
 
 
 @stage(version=1)
@@ -97,11 +98,12 @@ def cell_texture(
 
     References
     ----------
-    [Guehl2020]_: structure that is computed, with details of an exemplar. Of the paper's functions there are a point
-    process, which is the exemplar's lattice, and a window around each point, which is the exemplar's outline. It
-    fits their parameters to a binary structure, and synthesises colours by numbers for each view; here a cell shows
-    one of the exemplar's, since a shader can look that up. Points that lie at random, as of pebbles, are not
-    written. The joints of one tone are ours.
+    [Guehl2020]_: a structure that is computed, with details of an exemplar. Of the paper's functions there are the
+    point process, which is the exemplar's lattice, or its courses with a jitter along them, and the window around
+    each point, whose outline is the exemplar's. The paper fits parameters to a binary structure, and synthesises
+    colours by numbers; here a cell shows one of the exemplar's, since a shader can look that up. Points that lie at
+    random, as of pebbles, are not written: cells of the exemplar would have to be cut to other shapes. The joints
+    of one tone are ours.
     """
     if len(generators) != 2:
         raise InputError(f"generators: the exemplar shows no lattice; {_ADVICE}")
@@ -138,7 +140,8 @@ def cell_texture(
     cells = len(contents.pixels) // groups * groups
     sheet, columns = _sheet(contents.pixels[:cells])
     layout = {
-        "size": [sheet.shape[1], sheet.shape[0]], "unit": [image.width, image.height], "generators": frame.astype(int).tolist(),
+        "size": [sheet.shape[1], sheet.shape[0]], "unit": [image.width, image.height],
+        "generators": frame.astype(int).tolist(),
         "inverse": inverse_of(frame).astype(np.float32).tolist(), "corner": corner.tolist(),
         "low": low, "candidates": candidates, "shift": shift,
         "along": (frame[1] / np.hypot(*frame[1])).astype(np.float32).tolist(), "cells": cells,
@@ -149,8 +152,8 @@ def cell_texture(
     layout["joints"] = joints_of(CellTiling.of(made, window, layout))
     if not _JOINTS[0] <= layout["joints"] <= _JOINTS[1] and not params.accept:
         raise InputError(
-            f"image: joints of its cells would show: they have {layout['joints']:.2f} times the contrast of the cells, "
-            f"those that fit {_JOINTS[0]} to {_JOINTS[1]}; {_ADVICE}, --set accept=true goes on"
+            f"image: joints of its cells would show: they have {layout['joints']:.2f} times the contrast of the "
+            f"cells, those that fit {_JOINTS[0]} to {_JOINTS[1]}; {_ADVICE}, --set accept=true goes on"
         )
     if cells < _FEW:
         _LOG.warning("the exemplar shows %d cells that fit to each other: they are seen to return", cells)

@@ -30,7 +30,7 @@ class CellTiling:
 
     References
     ----------
-    [Guehl2020]_ section 3: a point process, here the lattice, with a window function around each point.
+    [Guehl2020]_: a point process, here the lattice, with a window function around each point.
     """
 
     pyramid: list[Float32[np.ndarray, "_ _ n"]]

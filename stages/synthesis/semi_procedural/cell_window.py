@@ -14,8 +14,8 @@ def window_of(outline: CellOutline, band: float) -> tuple[Float32[np.ndarray, "m
     """Weights of a cell, 0..1, and the offset of the first one from its point of the lattice, px.
 
     They fall from 1 to 0 across ``band`` px on either side of the outline, by the distance from it. With their
-    copies at all points of the lattice they add up to 1. Those of rectangles are products of one along each side, so
-    that they do so too where rows of cells are displaced.
+    copies at all points of the lattice they add up to 1. Those of rectangles are products of one along each side,
+    so that they do so too where rows of cells are displaced.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ def window_of(outline: CellOutline, band: float) -> tuple[Float32[np.ndarray, "m
 
     References
     ----------
-    [Guehl2020]_ section 3.2: a window around each point of a process, there tapered or cellular.
+    [Guehl2020]_: a window function around each point of a process.
     """
     around = Window.of(outline, band)
     first = around.offsets.min(axis=0) - 1  # with a border of zeros, for bilinear interpolation

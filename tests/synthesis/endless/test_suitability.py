@@ -49,7 +49,7 @@ def test_bricks_repeat_and_are_laid_as_cells(caplog: pytest.LogCaptureFixture) -
     assert blended["chosen"] == ["noise"]
     assert "wang_tiles keeps it" in caplog.text
     asked = endless_suitability(noise(), EndlessSuitabilityParams(way="cells")).table
-    assert (asked["chosen"], asked["because"]) == (["cells"], "it was asked for")
+    assert (asked["chosen"], asked["because"]) == (["cells"], "they were asked for")
 
 
 def courses(rng: np.random.Generator) -> Image:
@@ -78,6 +78,26 @@ def test_contours_would_be_blended_away(caplog: pytest.LogCaptureFixture) -> Non
     assert "wang_tiles keeps it" in caplog.text
     with pytest.raises(InputError, match="its difference is"):
         endless_suitability(outlines(), EndlessSuitabilityParams())
+
+
+def test_contours_of_hue_alone_are_seen() -> None:
+    """Stones in mortar as light as they are: blends are compared by all components of colour."""
+    light = smooth_noise((160, 160), 4, np.random.default_rng(4))
+    light = 0.5 + 0.1 * light / light.std()
+    region = smooth_noise((160, 160), 10, np.random.default_rng(4))
+    hue = np.where(np.abs(region - region.mean()) < 0.3 * region.std(), 0.1, -0.02)
+    colored = picture(np.square(np.stack([light + hue, light, light - hue], axis=2)))
+    grey = picture(np.square(light))
+    found = [endless_suitability(image, ACCEPT).table["difference"] for image in (grey, colored)]
+    assert found[0] < 0.06
+    assert found[1] > 0.12
+
+
+def test_a_lattice_whose_cells_are_not_found_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    bricks = wall((160, 200), 25.0, 0.0, np.random.default_rng(3))
+    monkeypatch.setattr("texloom.stages.synthesis.endless.endless_suitability._FOUND", 1.1)
+    with pytest.raises(InputError, match=r"it has .*; the flow wang_tiles keeps it"):
+        endless_suitability(bricks, EndlessSuitabilityParams())
 
 
 def test_large_pictures_are_measured_at_reduced_size_and_flat_ones_at_all() -> None:
