@@ -37,6 +37,7 @@ _MOST = 128  # cells
 _MOST_PIXELS = 1 << 24  # of a sheet
 _SMALLEST = 64.0  # px of a cell's area
 _WIDEST = 0.2  # band, as a share of the shorter generator
+_AGREED = 1.0  # px
 _SIDE = 640  # px of the plane that is measured
 _JOINTS = (0.7, 1.2)  # contrast where cells are blended, beyond which joints are blurred or show
 _ADVICE = "the flow wang_tiles keeps its structure"
@@ -76,6 +77,7 @@ def cell_texture(
     vertices: Points,
     params: CellTextureParams,
     courses: bool = False,
+    found: Vectors | None = None,
 ) -> CellTexture:
     """Cut a near-regular exemplar into the cells of its lattice, from which shaders lay a plane without end.
 
@@ -89,6 +91,7 @@ def cell_texture(
     ----------
     image : the exemplar; all maps are cut together.
     generators, steps, vertices, courses : its lattice, see `deformed_lattice`.
+    found : the lattice of `lattice_selection`, which is more exact where the vertices nearly agree with it.
 
     Raises
     ------
@@ -107,7 +110,8 @@ def cell_texture(
     """
     if len(generators) != 2:
         raise InputError(f"generators: the exemplar shows no lattice; {_ADVICE}")
-    frame = np.rint(generators).astype(np.float64)
+    agrees = found is not None and len(found) == 2 and bool((np.abs(found - generators) <= _AGREED).all())
+    frame = np.rint(found if found is not None and agrees else generators).astype(np.float64)
     if abs(determinant(frame)) < _SMALLEST:
         raise InputError(f"generators: cells of less than {_SMALLEST:g} px are too small; {_ADVICE}")
     source, points = _straightened(image, steps, vertices.astype(np.float64), frame)

@@ -122,6 +122,21 @@ def test_the_preview_is_the_reference() -> None:
     assert 0.7 < preview.table["contrast"] < 1.2
 
 
+def test_the_lattice_that_was_found_is_taken_where_vertices_agree() -> None:
+    steps, vertices = lattice()
+    drifting = GENERATORS + np.float32([[0, 0.6], [0, 0]])
+    for far, expected in ((0.0, 20), (5.0, 21)):
+        texture = cell_texture(
+            wall(),
+            drifting,
+            steps,
+            vertices,
+            CellTextureParams(),
+            found=GENERATORS - np.float32([[0, far], [0, 0]]),
+        )
+        assert texture.layout["generators"] == [[HEIGHT, expected], [0, WIDTH]]
+
+
 def test_few_cells_are_told_and_what_has_none_is_refused(caplog: pytest.LogCaptureFixture) -> None:
     steps, vertices = lattice()
     image, params = wall(), CellTextureParams()
