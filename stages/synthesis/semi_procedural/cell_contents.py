@@ -67,6 +67,15 @@ class CellContents:
         kept = kept[np.argsort(tone, kind="stable")]
         return dataclasses.replace(self, pixels=self.pixels[kept], features=self.features[kept])
 
+    @property
+    def alike(self) -> float:
+        """Share of their variance that all cells have in common, 0 to 1; about 0 where the lattice is none."""
+        inside = self.features[:, self.depth > 0].astype(np.float64)
+        own = float(inside.var(axis=0, ddof=1).sum(axis=1).mean())
+        mean = float(inside.mean(axis=0).var(axis=0).sum())
+        common = mean - own / len(inside)  # the mean of unlike cells varies too
+        return max(0.0, common / max(common + own, 1e-9))
+
     def with_even_joints(self, channels: tuple[str, ...]) -> "CellContents":
         """With the same slow tone around all joints, which fades to that of each cell inside.
 

@@ -21,7 +21,6 @@ from texloom.stages.synthesis.semi_procedural.cell_texture import (
     CellTexture,
     CellTextureParams,
     cell_texture,
-    joints_of,
 )
 from texloom.stages.synthesis.semi_procedural.cell_tiling import CellTiling
 from texloom.stages.vocabulary.arrays import Image
@@ -107,11 +106,13 @@ def test_tones_around_joints_are_evened() -> None:
     assert plane[mortar][:, 0].std() < 0.5 * lit.pixels[..., 0][lit.pixels[..., 6] > 0.8].std()
 
 
-def test_noise_with_a_lattice_that_it_has_not_is_told_by_its_joints() -> None:
-    noise = smooth_noise((216, 216, 3), 1.0, np.random.default_rng(1))
+def test_noise_with_a_lattice_that_it_has_not_is_refused() -> None:
+    noise = smooth_noise((216, 216, 3), 3, np.random.default_rng(1))
     image = Image(((noise - noise.min()) / np.ptp(noise)).astype(np.float32), ("R", "G", "B"))
-    blurred = made(image, band=0.2, accept=True)[1]
-    assert joints_of(blurred) < 0.95 < joints_of(made(wall())[1])
+    with pytest.raises(InputError, match=r"are not alike: they have 0\.0\d of .* accept=true goes on"):
+        made(image)
+    assert made(image, accept=True)[0].layout["alike"] < 0.1
+    assert made(wall())[0].layout["alike"] > 0.3
 
 
 def test_the_preview_is_the_reference() -> None:
