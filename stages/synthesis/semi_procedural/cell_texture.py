@@ -66,8 +66,8 @@ class CellTexture:
     px) and their `inverse`; `corner` of the window from its point; `low` and `candidates`: the least step from a
     point whose cell reaches a place, and how many may; `along`, and `shift` of rows along it: mean, spread, length,
     px; `cells` of the sheet, its `columns`, the `box` of each and its `point` in it, px; `groups`, `band` (px);
-    `alike`, the share of their variance that cells have in common, and `joints`, the contrast where they are blended
-    over theirs"""
+    `alike`, the share of their variance that cells have in common, and `joints`, the contrast where they are
+    blended over theirs"""
 
 
 @stage(version=1)
