@@ -38,7 +38,7 @@ _MOST_PIXELS = 1 << 24  # of a sheet
 _SMALLEST = 64.0  # px of a cell's area
 _WIDEST = 0.2  # band, as a share of the shorter generator
 _AGREED = 1.0  # px
-_SIDE = 640  # px of the plane that is measured
+_SIDE = 384  # px of the plane that is measured
 _ALIKE = 0.15  # variance that cells share, from which they are laid: 16 photographs have 0.29 to 0.95, noise has 0
 _ADVICE = "the flow wang_tiles keeps its structure"
 

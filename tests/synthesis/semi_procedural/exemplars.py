@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 from tests.synthetic import smooth_noise
@@ -44,12 +46,19 @@ def lattice(generators: np.ndarray = GENERATORS, side: int = 216) -> tuple[np.nd
     return steps[near].astype(np.int32), places[near].astype(np.float32)
 
 
+@functools.cache
+def wall_made() -> tuple[CellTexture, CellTiling]:
+    """Of the wall with a regular bond."""
+    return made(wall())
+
+
 def made(image: Image, **params: float) -> tuple[CellTexture, CellTiling]:
     steps, vertices = lattice()
     texture = cell_texture(image, GENERATORS, steps, vertices, CellTextureParams(**params))
     return texture, CellTiling.of(texture.image, texture.window, texture.layout)
 
 
+@functools.cache
 def made_of_courses() -> tuple[CellTexture, CellTiling]:
     """Of a wall whose courses have phases of their own."""
     phases = np.array([0, 23, 9, 31, 15, 36, 4, 27, 12])

@@ -12,7 +12,7 @@ import pytest
 
 from tests.synthesis.endless.exemplars import places
 from tests.synthesis.endless.rendering import compiles_osl, rendered, validated
-from tests.synthesis.semi_procedural.exemplars import made, made_of_courses, wall
+from tests.synthesis.semi_procedural.exemplars import made_of_courses, wall_made
 from texloom.stages.synthesis.endless.mip_levels import pyramid_of
 from texloom.stages.synthesis.semi_procedural.cell_shaders import CellShaders, cell_shaders
 from texloom.stages.synthesis.semi_procedural.cell_texture import CellTexture
@@ -27,7 +27,7 @@ Laid = tuple[CellTexture, CellTiling, CellShaders]
 
 @pytest.fixture(scope="module", params=["lattice", "courses"])
 def laid(request: pytest.FixtureRequest) -> Laid:
-    texture, tiling = made(wall()) if request.param == "lattice" else made_of_courses()
+    texture, tiling = wall_made() if request.param == "lattice" else made_of_courses()
     return texture, tiling, cell_shaders(texture.image, texture.window, texture.layout, NoParams())
 
 

@@ -14,6 +14,7 @@ from tests.synthesis.semi_procedural.exemplars import (
     made,
     made_of_courses,
     wall,
+    wall_made,
 )
 from tests.synthetic import smooth_noise
 from texloom.stages.evaluation.cell_plane import CellPlaneParams, cell_plane
@@ -31,7 +32,7 @@ SIDE = 240
 
 @pytest.fixture(scope="module", params=["lattice", "courses"])
 def laid(request: pytest.FixtureRequest) -> tuple[CellTexture, CellTiling]:
-    return made(wall()) if request.param == "lattice" else made_of_courses()
+    return wall_made() if request.param == "lattice" else made_of_courses()
 
 
 def owners(tiling: CellTiling, rows: np.ndarray, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -112,11 +113,11 @@ def test_noise_with_a_lattice_that_it_has_not_is_refused() -> None:
     with pytest.raises(InputError, match=r"are not alike: they have 0\.0\d of .* accept=true goes on"):
         made(image)
     assert made(image, accept=True)[0].layout["alike"] < 0.1
-    assert made(wall())[0].layout["alike"] > 0.3
+    assert wall_made()[0].layout["alike"] > 0.3
 
 
 def test_the_preview_is_the_reference() -> None:
-    texture, tiling = made(wall())
+    texture, tiling = wall_made()
     preview = cell_plane(wall(), texture.image, texture.window, texture.layout, CellPlaneParams(side=70))
     np.testing.assert_array_equal(preview.image.pixels, tiling.pixels(*places(70, 1.0, 0.0, 0.0))[..., :3])
     assert preview.table["cells"] == texture.layout["cells"]
