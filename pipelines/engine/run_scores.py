@@ -24,10 +24,10 @@ def scores(run: Run) -> dict[str, Any]:
     steps = list(run.flow.steps.values())
     measured = [step.name for step in steps if step.stage.role == "scores"]
     for step in reversed(steps):  # the last is that of the results
-        if step.stage.role == "choice" and step.name in run.shared.artifacts:
+        given = [name for name in step.stage.inputs if name.endswith("_scores")]  # in the order of the labels
+        if given and step.stage.role == "choice" and step.name in run.shared.artifacts:
             table = run.store.table(run.shared.artifacts[step.name], "table")
             better = dict(step.params)["labels"].index(table["chosen"])
-            given = [name for name in step.stage.inputs if name.endswith("_scores")]  # in the order of the labels
             measured.insert(0, step.inputs[given[better]].name)
             break
     artifact = next((run.shared.artifacts[name] for name in measured if name in run.shared.artifacts), None)

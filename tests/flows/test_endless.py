@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tests.pipelines.media.test_material_set import save
+from tests.synthesis.semi_procedural.exemplars import wall
 from tests.synthetic import smooth_noise
 from texloom.stages.vocabulary.declare import InputError
 
@@ -48,12 +49,29 @@ def test_files_of_a_material_hold_what_the_preview_shows(
     np.testing.assert_allclose(preview.mean(axis=(0, 1)), texture.mean(axis=(0, 1)), atol=12)
 
 
-def test_a_picture_has_one_page_and_a_grid_is_refused(ran: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
+def test_a_picture_has_one_page_and_contours_are_refused(
+    ran: Callable[..., dict[str, Any]], tmp_path: Path
+) -> None:
     save(tmp_path / "sand.png", noise(3, 4))
     made = ran(tmp_path / "out", "endless", {"exemplar": tmp_path / "sand.png"}, **QUICK)
-    assert not {"gaussian_2.data.png", "gaussian_2.exr", "gaussian_3.exr", "maps/"} & set(made)
-    grid = (np.indices((SIDE, SIDE)) // 12).sum(axis=0) % 2
-    save(tmp_path / "grid.png", np.uint8(grid * 255))
+    assert not {"gaussian_2.data.png", "gaussian_2.exr", "gaussian_3.exr", "maps/", "cells.png"} & set(made)
+    contours = np.abs(smooth_noise((SIDE, SIDE), 7, np.random.default_rng(4)))
+    save(tmp_path / "contours.png", np.uint8(np.where(contours < 0.1 * contours.max(), 10, 230)))
     with pytest.raises(InputError, match="wang_tiles keeps it, --set accept=true goes on"):
-        ran(tmp_path / "none", "endless", {"exemplar": tmp_path / "grid.png"}, **QUICK)
+        ran(tmp_path / "none", "endless", {"exemplar": tmp_path / "contours.png"}, **QUICK)
     assert not (tmp_path / "none").exists()
+
+
+def test_a_lattice_is_laid_as_cells(ran: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
+    folder = tmp_path / "wall"
+    folder.mkdir()
+    pixels = np.rint(np.clip(wall().pixels, 0, 1) * 255).astype(np.uint8)
+    save(folder / "wall_albedo.png", pixels[..., :3])
+    save(folder / "wall_roughness.png", pixels[..., 6])
+    made = ran(tmp_path / "out", "endless", {"exemplar": folder}, **{"cell_preview.side": "200"})
+    assert {"cells.glsl", "cells.hlsl", "cells.gdshader", "cells.osl", "cells.json", "cells/"} <= set(made)
+    assert not {"gaussian_1.data.png", "hex.glsl", "texture.png", "preview.png"} & set(made)
+    assert made["cells_window.data.png"].dtype == np.uint16
+    assert made["cells_preview.png"].shape == (200, 200, 3)
+    assert made["suitability.json"]["chosen"] == ["cells"]
+    assert made["cells_plane.json"]["cells"] >= 16

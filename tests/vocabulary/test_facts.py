@@ -59,6 +59,7 @@ DROPS = {
     "synthesis.tile_sheets", "synthesis.wang_borders",
     "synthesis.whole_periods",
     "synthesis.reapply",  # it wraps as the earlier result
+    "evaluation.cell_plane", "synthesis.cell_texture",
     "evaluation.contact_sheet", "evaluation.endless_plane", "evaluation.energy_curve", "evaluation.hex_plane",
     "evaluation.lit_preview", "evaluation.sequence",
     "evaluation.source_positions", "evaluation.surface_views", "evaluation.thumbnail", "evaluation.wang_tiling",

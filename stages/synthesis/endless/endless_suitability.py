@@ -3,11 +3,12 @@
 import dataclasses
 import logging
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float32
 
+from texloom.stages.analysis.regularity.deformed_lattice import DeformedLatticeParams, deformed_lattice
 from texloom.stages.analysis.regularity.lattice_selection import LatticeSelectionParams, lattice_selection
 from texloom.stages.analysis.regularity.offset_statistics import OffsetStatisticsParams, offset_statistics
 from texloom.stages.numerics.filters import gaussian_blur
@@ -28,37 +29,44 @@ LIMITS = {"difference": (0.09, 0.15), "repetition": (0.3, 0.4)}
 _SIDE = 512  # px, above which it is measured at half the size
 _PLANE = 512  # px of the plane that is compared
 _BLENDED = 0.55  # largest weight of a tile where tiles are blended
+_FOUND = 0.4  # share of the vertices of a lattice
+_SEEN = 0.1  # range of a component of colour, of that of the first one, from which it is compared
 _SCALES = (1.0, 2.0, 4.0, 8.0)  # px
 _LEVELS = 256
 _LOG = logging.getLogger(__name__)
 
 
 class EndlessSuitabilityParams(Params):
-    """What happens with textures that do not suit."""
+    """How a plane is made, and what happens with textures that do not suit."""
 
+    way: Literal["auto", "noise", "cells"] = "auto"
+    """`noise` blends, `cells` lays the cells of a lattice, `auto` does so where there is one"""
+    labels: tuple[str, ...] = ("noise", "cells")
+    """the ways that there are"""
     accept: bool = False
     """go on with a texture whose structure would be blended away"""
 
 
 @dataclasses.dataclass(frozen=True)
 class EndlessSuitability:
-    """What was measured."""
+    """What was measured, and chosen."""
 
     table: dict[str, Any]
-    """`difference`: between cumulative histograms of gradients of the texture and of blends of it, at the scale of
-    the largest one, 0..1; `differences` at scales of 1, 2, 4 and 8 px; `repetition`: the largest autocorrelation
-    beyond a sixth of its shorter side; `periods`: `courses`, or how a lattice was found, or `none`; `verdict`:
-    `stochastic`, `doubtful` or `structured`"""
+    """`chosen`: a list of one way, and `because`; `difference`: between cumulative histograms of gradients of the
+    texture and of blends of it, at the scale of the largest one, 0..1; `differences` at scales of 1, 2, 4 and 8 px;
+    `repetition`: the largest autocorrelation beyond a sixth of its shorter side; `periods`: `courses`, or how a
+    lattice was found, or `none`; `verdict`: `stochastic`, `doubtful` or `structured`"""
 
 
-@stage(version=1)
+@stage(version=1, role="choice")
 def endless_suitability(image: Image, params: EndlessSuitabilityParams) -> EndlessSuitability:
     """Measure whether blends of a texture look like the texture itself, as those of stochastic ones do.
 
     Blends keep the histogram of any texture, but contours of two tiles show through each other, with less contrast.
-    So gradients of the first component of colour are compared: those where tiles are blended, in the published way,
+    So gradients of the components of colour are compared: those where tiles are blended, in the published way,
     with those of the texture. What repeats loses its order in tiles that are shifted at random; it is found by its
-    autocorrelation, and lattices and courses, of which each brick is another one, as by `lattice_selection`.
+    autocorrelation, and lattices and courses, of which each brick is another one, as by `lattice_selection`. These
+    have cells, which can be laid as they are.
 
     Parameters
     ----------
@@ -67,21 +75,36 @@ def endless_suitability(image: Image, params: EndlessSuitabilityParams) -> Endle
     Raises
     ------
     InputError
-        it is structured, and ``accept`` is false.
+        it is structured, without a lattice or courses whose cells are found, and ``accept`` is false.
 
     References
     ----------
     [HeitzNeyret2018]_ say which textures suit; the measures are ours.
     """
     table = suitability_of(image)
-    if table["verdict"] == "structured" and not params.accept:
+    reasons = why_not(table)
+    if params.way == "cells":
+        return EndlessSuitability({"chosen": ["cells"], "because": "they were asked for", **table})
+    if params.way == "auto" and table["periods"] != "none" and _has_cells(image):
+        return EndlessSuitability({"chosen": ["cells"], "because": reasons, **table})
+    if table["verdict"] == "structured" and not params.accept and params.way == "auto":
         raise InputError(
-            f"image: blending would destroy its structure: {why_not(table)}; the flow wang_tiles keeps it, --set "
+            f"image: blending would destroy its structure: {reasons}; the flow wang_tiles keeps it, --set "
             "accept=true goes on"
         )
     if table["verdict"] != "stochastic":
-        _LOG.warning("blending may destroy its structure: %s; the flow wang_tiles keeps it", why_not(table))
-    return EndlessSuitability(table)
+        _LOG.warning("blending may destroy its structure: %s; the flow wang_tiles keeps it", reasons)
+    return EndlessSuitability({"chosen": ["noise"], "because": reasons or "it is stochastic", **table})
+
+
+def _has_cells(image: Image) -> bool:
+    """Whether most cells of its lattice, or strips of its courses, are found where the lattice has them."""
+    density = offset_statistics(image, OffsetStatisticsParams()).density
+    generators = lattice_selection(image, density, LatticeSelectionParams()).generators
+    try:
+        return deformed_lattice(image, DeformedLatticeParams(), generators).detected >= _FOUND
+    except InputError:  # its cells are not detected, or it has none at full size
+        return False
 
 
 def suitability_of(image: Image) -> dict[str, Any]:
@@ -112,11 +135,20 @@ def why_not(table: Mapping[str, Any]) -> str:
 
 
 def _differences(texture: GaussianTexture) -> list[float]:
+    """At each scale, of the component of colour that differs most, but for those that hardly vary."""
     rows, columns = (one.astype(np.float32) for one in np.mgrid[:_PLANE, :_PLANE])
-    blended = Noise.of((texture.first,), texture.inverse, texture.layout).gaussian(rows, columns)[..., 0]
+    blended = Noise.of((texture.first,), texture.inverse, texture.layout).gaussian(rows, columns)
     zone = tiles_at(rows, columns, texture.layout["spacing"])[1].max(axis=0) < _BLENDED
+    spans = texture.layout["span"]
+    seen = [index for index in range(len(spans)) if spans[index] >= _SEEN * spans[0]]
     return [
-        _largest_gap(_gradients(texture.first[..., 0], scale)[1:-1, 1:-1], _gradients(blended, scale)[zone])
+        max(
+            _largest_gap(
+                _gradients(texture.first[..., index], scale)[1:-1, 1:-1],
+                _gradients(blended[..., index], scale)[zone],
+            )
+            for index in seen
+        )
         for scale in _SCALES
     ]
 

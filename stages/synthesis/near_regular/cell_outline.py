@@ -18,6 +18,8 @@ _MAX_CELLS = 64  # that are compared with each other
 _BLUR = 0.8  # samples
 _UNIT = 1000.0  # whole steps of the mean cost: sums are exact in any order
 _LENGTH_COST = 0.05  # of a px of the outline, in mean costs
+_AROUND = 1 / 24  # of the shorter generator, over which contrast is measured
+_FLAT = 0.25  # of the mean variation, added to contrast: flat places where cells are alike hide joints too
 _MIN_TILES = 0.75  # share of the largest number of whole cells that an outline must leave
 _LOOPS = ((0, 1), (1, 0), (1, 1), (1, -1))  # generators that the first line may follow
 _SIDES = ((0, 1), (1, 0), (1, 1), (1, -1))  # steps to the corners that a line may continue at
@@ -93,6 +95,46 @@ def variation(
     generators: Float64[np.ndarray, "2 2"],
 ) -> Float64[np.ndarray, "p q"]:
     """Variance between cells at each sample of a cell; where fewer than two are seen, the greatest one of all."""
+    values, inside = _samples_of_cells(features, valid, vertices, generators)
+    number = inside.sum(axis=0)
+    mean = values.sum(axis=0) / np.maximum(number, 1)[..., None]
+    away = np.where(inside[..., None], (values - mean) ** 2, 0).sum(axis=(0, 3))
+    variance = away / np.maximum(number - 1, 1)
+    variance[number < 2] = variance.max(initial=0, where=number >= 2)
+    reach = 4
+    wrapped = np.pad(variance, reach, mode="wrap")
+    return np.asarray(gaussian_blur(wrapped, _BLUR)[reach:-reach, reach:-reach])
+
+
+def visibility(
+    features: Float32[np.ndarray, "h w c"],
+    valid: Bool[np.ndarray, "h w"],
+    vertices: Float64[np.ndarray, "vertices 2"],
+    generators: Float64[np.ndarray, "2 2"],
+) -> Float64[np.ndarray, "p q"]:
+    """The `variation` over the contrast around each sample: how much a joint of two cells would show there.
+
+    Contours hide it, as of bricks in mortar that is not laid evenly; it shows inside bricks of different colours.
+    """
+    sigma = max(1.0, _AROUND * float(np.hypot(*np.asarray(generators).T).min()))
+    means, squares = (
+        np.stack([gaussian_blur(plane, sigma) for plane in np.moveaxis(one, 2, 0)], axis=2)
+        for one in (features, np.square(features))
+    )
+    contrast = np.maximum(squares - np.square(means), 0).sum(axis=2, keepdims=True)
+    values, inside = _samples_of_cells(contrast, valid, vertices, generators)
+    around = values[..., 0].sum(axis=0) / np.maximum(inside.sum(axis=0), 1)
+    varied = variation(features, valid, vertices, generators)
+    return np.asarray(varied / np.maximum(around + _FLAT * varied.mean(), 1e-9))
+
+
+def _samples_of_cells(
+    planes: Float32[np.ndarray, "h w c"],
+    valid: Bool[np.ndarray, "h w"],
+    vertices: Float64[np.ndarray, "vertices 2"],
+    generators: Float64[np.ndarray, "2 2"],
+) -> tuple[Float64[np.ndarray, "n p q c"], Bool[np.ndarray, "n p q"]]:
+    """Of cells that an exemplar shows whole, (n, p, q, c), 0 where they may not be used, and where they may."""
     count = _samples(generators)
     shares = (np.moveaxis(np.indices(count), 0, -1) + 0.5) / count
     offsets = matrix_product(shares, generators)
@@ -104,15 +146,8 @@ def variation(
     inside = ((places >= 0) & (places < valid.shape)).all(axis=-1)
     places = np.where(inside[..., None], places, 0)
     inside &= valid[places[..., 0], places[..., 1]]
-    values = np.where(inside[..., None], features[places[..., 0], places[..., 1]], 0).astype(np.float64)
-    number = inside.sum(axis=0)
-    mean = values.sum(axis=0) / np.maximum(number, 1)[..., None]
-    away = np.where(inside[..., None], (values - mean) ** 2, 0).sum(axis=(0, 3))
-    variance = away / np.maximum(number - 1, 1)
-    variance[number < 2] = variance.max(initial=0, where=number >= 2)
-    reach = 4
-    wrapped = np.pad(variance, reach, mode="wrap")
-    return np.asarray(gaussian_blur(wrapped, _BLUR)[reach:-reach, reach:-reach])
+    values = np.where(inside[..., None], planes[places[..., 0], places[..., 1]], 0).astype(np.float64)
+    return values, inside
 
 
 def course_outline(
@@ -135,6 +170,7 @@ def cell_outline(
     vertices: Float64[np.ndarray, "vertices 2"],
     generators: Float64[np.ndarray, "2 2"],
     reach: float,
+    cost: Float64[np.ndarray, "p q"] | None = None,
 ) -> CellOutline:
     """The outline along which the exemplar's cells are most alike, of any shape: it follows the joints of tiles.
 
@@ -149,12 +185,14 @@ def cell_outline(
     valid : which of its pixels may be used.
     vertices, generators : of its lattice, px.
     reach : px around a cell that have to be seen too.
+    cost : of a line at each sample of a cell; their `variation` where it is not given.
 
     References
     ----------
     [EricksonHarPeled2004]_: two shortest loops cut a torus, here a lattice's cell, into a disk.
     """
-    cost = variation(features, valid, vertices, generators)
+    if cost is None:
+        cost = variation(features, valid, vertices, generators)
     found = []
     for loop in _LOOPS:
         length, outline = _cheapest(cost, generators, loop)

@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from tests.synthetic import picture, smooth_noise, wall
-from texloom.stages.synthesis.endless.endless_suitability import EndlessSuitabilityParams, endless_suitability
+from texloom.stages.synthesis.endless.endless_suitability import (
+    EndlessSuitabilityParams,
+    endless_suitability,
+    why_not,
+)
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 
@@ -28,19 +32,24 @@ def outlines(side: int = 160) -> Image:
 
 def test_noise_is_stochastic(caplog: pytest.LogCaptureFixture) -> None:
     table = endless_suitability(noise(), EndlessSuitabilityParams()).table
-    assert table["verdict"] == "stochastic"
+    assert (table["chosen"], table["because"], table["verdict"]) == (["noise"], "it is stochastic", "stochastic")
     assert table["difference"] == max(table["differences"]) < 0.06
     assert table["repetition"] < 0.3
     assert not caplog.records
 
 
-def test_bricks_repeat() -> None:
+def test_bricks_repeat_and_are_laid_as_cells(caplog: pytest.LogCaptureFixture) -> None:
     bricks = wall((160, 200), 25.0, 0.0, np.random.default_rng(3))
-    assert endless_suitability(bricks, ACCEPT).table["repetition"] > 0.4
-    with pytest.raises(
-        InputError, match=r"repetition is 0\.\d+, .* wang_tiles keeps it, --set accept=true goes on"
-    ):
-        endless_suitability(bricks, EndlessSuitabilityParams())
+    table = endless_suitability(bricks, EndlessSuitabilityParams()).table
+    assert table["chosen"] == ["cells"]
+    assert table["because"] == why_not(table)
+    assert table["repetition"] > 0.4
+    assert not caplog.records
+    blended = endless_suitability(bricks, EndlessSuitabilityParams(way="noise")).table
+    assert blended["chosen"] == ["noise"]
+    assert "wang_tiles keeps it" in caplog.text
+    asked = endless_suitability(noise(), EndlessSuitabilityParams(way="cells")).table
+    assert (asked["chosen"], asked["because"]) == (["cells"], "they were asked for")
 
 
 def courses(rng: np.random.Generator) -> Image:
@@ -58,8 +67,7 @@ def courses(rng: np.random.Generator) -> Image:
 def test_courses_of_bricks_that_differ_are_structured() -> None:
     table = endless_suitability(courses(np.random.default_rng(0)), ACCEPT).table
     assert (table["periods"], table["verdict"]) == ("courses", "structured")
-    with pytest.raises(InputError, match="it has courses; the flow wang_tiles keeps it"):
-        endless_suitability(courses(np.random.default_rng(0)), EndlessSuitabilityParams())
+    assert table["because"].endswith("it has courses")
 
 
 def test_contours_would_be_blended_away(caplog: pytest.LogCaptureFixture) -> None:
@@ -70,6 +78,26 @@ def test_contours_would_be_blended_away(caplog: pytest.LogCaptureFixture) -> Non
     assert "wang_tiles keeps it" in caplog.text
     with pytest.raises(InputError, match="its difference is"):
         endless_suitability(outlines(), EndlessSuitabilityParams())
+
+
+def test_contours_of_hue_alone_are_seen() -> None:
+    """Stones in mortar as light as they are: blends are compared by all components of colour."""
+    light = smooth_noise((160, 160), 4, np.random.default_rng(4))
+    light = 0.5 + 0.1 * light / light.std()
+    region = smooth_noise((160, 160), 10, np.random.default_rng(4))
+    hue = np.where(np.abs(region - region.mean()) < 0.3 * region.std(), 0.1, -0.02)
+    colored = picture(np.square(np.stack([light + hue, light, light - hue], axis=2)))
+    grey = picture(np.square(light))
+    found = [endless_suitability(image, ACCEPT).table["difference"] for image in (grey, colored)]
+    assert found[0] < 0.06
+    assert found[1] > 0.12
+
+
+def test_a_lattice_whose_cells_are_not_found_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    bricks = wall((160, 200), 25.0, 0.0, np.random.default_rng(3))
+    monkeypatch.setattr("texloom.stages.synthesis.endless.endless_suitability._FOUND", 1.1)
+    with pytest.raises(InputError, match=r"it has .*; the flow wang_tiles keeps it"):
+        endless_suitability(bricks, EndlessSuitabilityParams())
 
 
 def test_large_pictures_are_measured_at_reduced_size_and_flat_ones_at_all() -> None:
