@@ -21,6 +21,8 @@ from texloom.stages.synthesis.endless.triangle_grid import SHARE
 
 WEIGHTS = "sheet.weights"
 """the param of which a recipe has a number for each of several pictures"""
+WAY = ("suits", "way")
+"""a step that chooses how a flow goes on, or refuses, and the param that decides instead"""
 _SIDES = (1024, 1024)  # px, of a result whose flow has no size of its own
 _UNIFORMITY = "occurrence"
 
@@ -41,8 +43,8 @@ class Offer:
     """what is shown of a result, the preview first; none: the texture"""
     is_texture: bool = True
     """whether it makes one texture that looks as its exemplar"""
-    checks: tuple[str, ...] = ()
-    """steps that refuse what does not suit, and on which the picture that is shown does not depend"""
+    ways: dict[str, str] = dataclasses.field(default_factory=dict)
+    """what its step `WAY` may choose, to the export that is shown then; none: it has no such step"""
     lengths: dict[str, int] = dataclasses.field(default_factory=dict)
     """params that are px, which are smaller in previews, to the least that they may be"""
 
@@ -223,8 +225,12 @@ OFFERS = {
         lengths={"tile": 48},
     ),
     "endless": Offer(
-        "A plane without end for engines: textures and shaders; for grain, soil and other noise",
+        "A plane without end for engines: textures and shaders; of noise, or of the cells of bricks and tiles",
         choices=(
+            Choice(
+                label="Way",
+                settings=(_set("as suits"), _set("blended", way="noise"), _set("cells", way="cells")),
+            ),
             Choice(
                 label="Look",
                 settings=(
@@ -243,11 +249,13 @@ OFFERS = {
         ),
         views=(
             ResultPicture(file="preview.png", name="Plane"),
+            ResultPicture(file="cells_preview.png", name="Plane of cells"),
+            ResultPicture(file="cells.png", name="Cells"),
             ResultPicture(file="texture.png", name="Tile"),
             ResultPicture(file="hex.png", name="Hexagons"),
         ),
         is_texture=False,
-        checks=("suits",),
+        ways={"noise": "preview.png", "cells": "cells_preview.png"},
     ),
 }  # fmt: skip
 """the flows that the page offers"""

@@ -7,7 +7,7 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +21,16 @@ from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages.answers import PreviewPicture
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.requests import PreviewRequest
-from texloom.pipelines.studio.methods import OFFERS, Offer
+from texloom.pipelines.studio.methods import OFFERS, WAY, Offer
 from texloom.pipelines.studio.pixels import rgba
-from texloom.pipelines.studio.recipes import image_of, open_recipe, open_texture, steps_alone, upstream_of
+from texloom.pipelines.studio.recipes import (
+    image_of,
+    open_recipe,
+    open_texture,
+    output_of,
+    steps_alone,
+    upstream_of,
+)
 from texloom.pipelines.studio.reduced import Reducer, reduced_document, reduced_lengths, reduced_size, scale_of
 from texloom.pipelines.studio.work import Places
 from texloom.stages.vocabulary.arrays import Image
@@ -56,8 +63,11 @@ class Previewer:
         self._keep(work.attached, payload)
         offer = OFFERS.get(recipe.flow, _UNOFFERED)
         export = offer.views[0].file if offer.views else None
+        if offer.ways:
+            way = self._way(recipe, check)
+            recipe = recipe.model_copy(update={"params": {**recipe.params, WAY[1]: way}})
+            export = offer.ways[way]
         run, made = open_texture(recipe, self.library, self.store, export)
-        self._check(recipe, offer.checks, check)
         exemplar = min(self._exemplars(recipe, run), key=lambda one: min(one.height, one.width))
         scale = scale_of((exemplar.height, exemplar.width), _size(recipe, run, exemplar, offer))
         run, made = open_texture(self._smaller(recipe, run, scale, offer), self.library, self.store, export)
@@ -92,6 +102,44 @@ class Previewer:
         os.environ.pop("PREFECT_API_URL", None)  # a server there shows runs, not previews
         execute(run, listen, self.store.root / "out")
         tell(image_of(run, made), 1.0, True)
+
+    def _exemplars(self, recipe: Recipe, run: Run) -> list[Source]:
+        """The pictures of the first source."""
+        name, given = next(iter(recipe.sources.items()))
+        if isinstance(given, str):
+            return [run.shared.source(name)]
+        return [open_source(name, self.library.reference(one)) for one in given]
+
+    def _smaller(self, recipe: Recipe, run: Run, scale: float, offer: Offer) -> Recipe:
+        """The recipe of reduced pictures; those of which there is one for a source are replaced in its run."""
+        changes: dict[str, Any] = {
+            "files": self._reduced_files(recipe, scale),
+            "params": reduced_lengths(recipe.params, offer.lengths, scale),
+        }
+        if "size" in run.flow.params:
+            exemplar = self._exemplars(recipe, run)[0]
+            changes["size"] = reduced_size(_size(recipe, run, exemplar, offer), scale)
+        if _TILE in offer.lengths and recipe.preset is None:
+            changes["preset"] = _FAST
+        if scale < 1:
+            changes["sources"] = {
+                name: given
+                if isinstance(given, str)
+                else tuple(self._reduced_of(name, one, scale) for one in given)
+                for name, given in recipe.sources.items()
+            }
+        return recipe.model_copy(update=changes)
+
+    def _reduced_of(self, name: str, picture: str, scale: float) -> str:
+        """The id of one of several pictures, reduced."""
+        return f"reduced:{self.reducer.named(open_source(name, self.library.reference(picture)), scale)}"
+
+    def _way(self, recipe: Recipe, check: Callable[[], None]) -> str:
+        """What `WAY` chooses at full size, which may be another way than for smaller pictures, or a refusal."""
+        run = open_recipe(recipe, self.library, self.store)
+        run = steps_alone(run, upstream_of(run.flow, WAY[0]))
+        execute(run, lambda _: check(), self.store.root / "out")
+        return str(output_of(run, WAY[0], "table")["chosen"][0])
 
     def _exemplars(self, recipe: Recipe, run: Run) -> list[Source]:
         """The pictures of the first source."""

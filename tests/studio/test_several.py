@@ -162,7 +162,10 @@ def test_previews_reduce_each_picture_under_its_name(library: Library, tmp_path:
 def test_previews_refuse_what_the_run_would(library: Library, tmp_path: Path) -> None:
     assert library.roots
     with pytest.raises(InputError, match=r"suits: image: blending would destroy its structure.*accept=true"):
-        preview(Recipe(flow="endless", sources={"exemplar": "texloom:bricks"}), tmp_path)
+        preview(Recipe(flow="endless", sources={"exemplar": "texloom:plaster"}), tmp_path)
+    assert preview(
+        Recipe(flow="endless", sources={"exemplar": "texloom:bricks"}), tmp_path
+    ).is_final  # by its cells
 
 
 def test_two_dropped_pictures_are_mixed_as_in_a_terminal(watched: Watched, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ const FILES: Record<string, string> = {
   "texture.png": "for display", "maps/": "all maps", "texture.exr": "linear light", "report.html": "measures and pictures",
   "detail.png": "around the spot", "preview.png": "laid out", "origin.png": "which picture", "scores.json": "measures",
   "corners.png": "tiles by their corners", "blob.png": "tiles by what is around", "edges.png": "tiles of paths",
-  "edges_preview.png": "paths, laid out", "hex.png": "hexagons, laid out", "tiles.json": "which tile is which", "progression.png": "trend found",
+  "edges_preview.png": "paths, laid out", "hex.png": "hexagons, laid out", "cells_preview.png": "cells, laid out", "tiles.json": "which tile is which", "progression.png": "trend found",
   "target.png": "trend laid over", "inverse.data.png": "tables of the shader; not colour", "suitability.json": "whether it suits", "exemplars.json": "shares",
 };
 /** By how their names end; the longest first. */

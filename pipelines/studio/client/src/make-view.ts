@@ -116,7 +116,8 @@ export class MakeView extends Element {
   }
 
   private get shownFile(): string {
-    const { views } = this.method;
+    const files = this.results.job?.files ?? [];
+    const views = this.method.views.filter((one) => !files.length || files.includes(one.file));
     return (views.find((one) => one.file === this.file) ?? views[0])?.file ?? TEXTURE;
   }
 
