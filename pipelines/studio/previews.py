@@ -141,45 +141,6 @@ class Previewer:
         execute(run, lambda _: check(), self.store.root / "out")
         return str(output_of(run, WAY[0], "table")["chosen"][0])
 
-    def _exemplars(self, recipe: Recipe, run: Run) -> list[Source]:
-        """The pictures of the first source."""
-        name, given = next(iter(recipe.sources.items()))
-        if isinstance(given, str):
-            return [run.shared.source(name)]
-        return [open_source(name, self.library.reference(one)) for one in given]
-
-    def _smaller(self, recipe: Recipe, run: Run, scale: float, offer: Offer) -> Recipe:
-        """The recipe of reduced pictures; those of which there is one for a source are replaced in its run."""
-        changes: dict[str, Any] = {
-            "files": self._reduced_files(recipe, scale),
-            "params": reduced_lengths(recipe.params, offer.lengths, scale),
-        }
-        if "size" in run.flow.params:
-            exemplar = self._exemplars(recipe, run)[0]
-            changes["size"] = reduced_size(_size(recipe, run, exemplar, offer), scale)
-        if _TILE in offer.lengths and recipe.preset is None:
-            changes["preset"] = _FAST
-        if scale < 1:
-            changes["sources"] = {
-                name: given
-                if isinstance(given, str)
-                else tuple(self._reduced_of(name, one, scale) for one in given)
-                for name, given in recipe.sources.items()
-            }
-        return recipe.model_copy(update=changes)
-
-    def _reduced_of(self, name: str, picture: str, scale: float) -> str:
-        """The id of one of several pictures, reduced."""
-        return f"reduced:{self.reducer.named(open_source(name, self.library.reference(picture)), scale)}"
-
-    def _check(self, recipe: Recipe, steps: Sequence[str], check: Callable[[], None]) -> None:
-        """Run steps at full size that refuse what does not suit: a smaller picture may suit better, or worse."""
-        if not steps:
-            return
-        run = open_recipe(recipe, self.library, self.store)
-        needed = {name for step in steps for name in upstream_of(run.flow, step)}
-        execute(steps_alone(run, needed), lambda _: check(), self.store.root / "out")
-
     def _keep(self, attached: Mapping[str, int], payload: bytes) -> None:
         """Write what came with a request, in place of what came with the one before."""
         shutil.rmtree(self.attached, ignore_errors=True)

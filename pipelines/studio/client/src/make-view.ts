@@ -214,7 +214,7 @@ export class MakeView extends Element {
   private receive(message: ToPage, payload: Payload): void {
     this.results.receive(message, payload);
     if (message.kind === "preview_picture" && message.number === this.number) this.onPreview(message, payload);
-    else if (message.kind === "preview_failed" && message.number === this.number) [this.problem, this.done] = [message.problem, 1];
+    else if (message.kind === "preview_failed" && message.number === this.number) [this.problem, this.done, this.preview] = [message.problem, 1, null];
     else if (message.kind === "job_changed" && message.job.id === this.results.id) this.load();
   }
 
