@@ -12,6 +12,7 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis.exemplars.exclusion_mask import ExclusionMaskParams, exclusion_mask
+from texloom.stages.analysis.photographs.blemishes import blemishes
 from texloom.stages.analysis.photographs.evenness import picture_evenness
 from texloom.stages.analysis.photographs.flatness import Flatness, flatness
 from texloom.stages.analysis.photographs.foreign_outlines import likewise, outlined
@@ -106,7 +107,8 @@ def foreign_parts(
     rest. Where a lattice has a mean cell that explains the
     picture, only what differs from this too is foreign: windows of a facade are not. Holes in what is foreign are
     filled, and small parts of either kind are given to the other. Where what is left is not even, but is without
-    bands across it that do not repeat (`one_off_bands`), such as a cornice, these are foreign too.
+    bands across it that do not repeat (`one_off_bands`), such as a cornice, these are foreign too; so is what
+    stands out on a plain surface (`blemishes`).
 
     Parameters
     ----------
@@ -149,6 +151,11 @@ def foreign_parts(
         after = picture_evenness(image, rest)
         if after >= _HARDLY_EVEN and 0 < rest.sum() < usable.sum():
             usable, even, by, banded = rest, after, "looks", True
+    if judged and min(before.shape) >= _MIN_SIDE:
+        marked = _blemished(image, before, usable)
+        if marked.any():
+            usable, by = usable & ~marked, "looks"
+            even = picture_evenness(image, usable)
     masked = 1 - float(usable.sum()) / float(before.sum())
     left = float(usable.mean())
     cells = 0.0
@@ -254,6 +261,17 @@ def _searched(
     foreign = _closed(found, small, _MARGIN)
     both = resize(np.stack([foreign, unlike], axis=2).astype(np.float32), image.height, image.width, bilinear=True)
     return np.ascontiguousarray(both[..., 1]), both[..., 0] > 0.5, cell is not None
+
+
+def _blemished(image: Image, valid: Mask, usable: Mask) -> Mask:
+    """What stands out on a plain surface, with a margin."""
+    lab = lab_from_linear(reduced(np.ascontiguousarray(fill_excluded(image).color), _SIDE))
+    small, left = (reduced(mask[..., None].astype(np.float32), _SIDE)[..., 0] > 0.5 for mask in (valid, usable))
+    found = blemishes(lab, small, small & ~left)
+    if not found.any():
+        return np.zeros(usable.shape, np.bool_)
+    wide = _grown(found, _MARGIN).astype(np.float32)[..., None]
+    return np.asarray(resize(wide, image.height, image.width, bilinear=True)[..., 0] > 0.5)
 
 
 def _unlike_cell(
