@@ -5,7 +5,8 @@
 The pictures of the folders are exemplars: frontal, and each of one surface. Of them scenes are rendered whose truth
 is known: one wall in perspective; and rooms, rows of houses, columns, domes, balls and folded cloth. Printed is for
 each kind how many are taken silently, are taken with a doubt, and are refused, by the steps of `photo_material`. A
-plane of which nine tenths lie on one flat face of the scene is right, and not counted as taken.
+plane of which nine tenths, or nine tenths of what is not masked, lie on one flat face of the scene is right, and
+not counted as taken.
 """
 
 from __future__ import annotations
@@ -174,7 +175,11 @@ def outcome(image: Image, face: np.ndarray | None = None) -> tuple[str, str]:
         front = image if face is None and not len(made.corners) else _front(image, made.corners)
         density = offset_statistics(front, OffsetStatisticsParams()).density
         generators = lattice_selection(front, density, LatticeSelectionParams()).generators
-        table = foreign_parts(front, ForeignPartsParams(), generators=generators).table
+        parts = foreign_parts(front, ForeignPartsParams(), generators=generators, plane=made.table)
+        table = parts.table
+        usable = parts.mask.pixels[..., 0] > 0.5
+        if face is not None and len(made.corners) and _left_on_one(usable, made.corners, face):
+            return "right", f"{made.table['why']}; {table['why']}"
     except InputError as error:
         return "refused", str(error)
     doubt = doubt or table["doubt"]
@@ -185,6 +190,16 @@ def _front(image: Image, corners: Quads) -> Image:
     field = jacobian_field(image, JacobianFieldParams(), planes=corners)
     places = (field.region, field.controls, field.spaces, field.sizes, field.scale)
     return patch_atlas(image, *places, PatchAtlasParams(max_side=2048), level=field.level).largest
+
+
+def _left_on_one(usable: np.ndarray, corners: Quads, face: np.ndarray) -> bool:
+    """Whether what is left on a plane from the front lies on one face."""
+    for number in range(1, int(face.max()) + 1):
+        shown = np.repeat((face == number)[..., None], 3, axis=2).astype(np.float32)
+        on = _front(Image(shown, ("R", "G", "B")), corners).pixels[..., 0] > 0.5
+        if on.shape == usable.shape and np.count_nonzero(on & usable) > _ON_FACE * np.count_nonzero(usable):
+            return True
+    return False
 
 
 def _on_one(corners: np.ndarray, face: np.ndarray) -> bool:

@@ -13,6 +13,7 @@ from texloom.stages.vocabulary.masks import valid_pixels
 from texloom.stages.vocabulary.sizes import format_size
 
 _FEW = 0.5  # share of the exemplar that is usable
+_DECIDE = "--set plane=2, --set geometry=my.yaml, --source mask=foreign.png, or --set unlike=1000"
 _SMALL = 128  # px of an exemplar's shorter side
 
 
@@ -96,6 +97,8 @@ def photo_report(
         rows.insert(
             3, ("foreign parts", why, "--source mask=foreign.png, edited, or --set unlike=1000 to keep all")
         )
+    doubts = [table["doubt"] for table in (surface, foreign or {}) if table.get("doubt")]
+    rows[2:2] = [("doubt", doubt, _DECIDE) for doubt in doubts]
     if whole is not None and whole["why"]:
         rows.insert(-3, ("whole periods", whole["why"].partition(" (--set")[0], "--set whole=false to keep all"))
     decisions = [dict(zip(("what", "decided", "change"), row, strict=True)) for row in rows]

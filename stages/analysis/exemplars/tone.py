@@ -12,7 +12,9 @@ from jaxtyping import Float32, Float64
 from pydantic import Field
 
 from texloom.stages.analysis.exemplars.picture_flaws import flaws_of
+from texloom.stages.analysis.exemplars.plain_drift import plain_drift
 from texloom.stages.common.features.slow_tone import BLACK, ToneField, relative_tone, with_tone
+from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.common.grids.size_checks import check_side
 from texloom.stages.numerics.matrices import solve
 from texloom.stages.numerics.threshold import otsu_threshold
@@ -117,6 +119,8 @@ def tone(image: Image, params: ToneParams) -> Tone:
     materials, or a glare that hides its detail; but not if its lightness drifts more, and both as smoothly as light
     falls off. Maps other than colour do not change. Exemplars below 64 px a side are changed by `always` only.
 
+    Of a plain surface, without details, all that changes slowly is drift, see `plain_drift`.
+
     Of an exemplar that was enlarged or strongly compressed it warns, see `flaws_of`.
 
     Parameters
@@ -144,6 +148,9 @@ def tone(image: Image, params: ToneParams) -> Tone:
     known = lab if valid is None else lab[valid]
     scale = float(known[..., 0].mean(dtype=np.float64)) + float(BLACK)  # CIELAB units of 1 in a relative plane
     planes = relative_tone(lab)
+    plain = plain_drift(lab, planes, valid) if params.even == "auto" else None
+    if plain is not None:
+        return _without(image, plain, scale, params)
     modes = _modes(planes[..., 0], valid)
     drifts = [_drift(planes[..., 0], modes, scale, params)]
     if image.channels[0] != "Y":
@@ -170,6 +177,20 @@ def tone(image: Image, params: ToneParams) -> Tone:
         lightness,
         chroma,
     )
+
+
+def _without(image: Image, drift: Float32[np.ndarray, "h w 3"], scale: float, params: ToneParams) -> Tone:
+    """The image without the drift of a plain surface, of which 1 is ``scale`` CIELAB units."""
+    field = resize(drift, _SAMPLES, _SAMPLES)
+    if image.channels[0] == "Y":
+        field[..., 1:] = 0
+    lightness, light_a, light_b = (scale * np.ptp(field, axis=(0, 1))).tolist()
+    if max(lightness, light_a, light_b) < params.min_drift:
+        return Tone(image, np.zeros_like(field), 0.0, 0.0)
+    if params.warn:
+        _report(lightness, max(light_a, light_b))
+    report(Progress(0.8))
+    return Tone(with_tone(image, -field).wrapping(False), field, lightness, max(light_a, light_b))
 
 
 def _report(lightness: float, chroma: float) -> None:

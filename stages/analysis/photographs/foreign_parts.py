@@ -12,7 +12,9 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis.exemplars.exclusion_mask import ExclusionMaskParams, exclusion_mask
+from texloom.stages.analysis.photographs.blemishes import blemishes
 from texloom.stages.analysis.photographs.evenness import picture_evenness
+from texloom.stages.analysis.photographs.flatness import Flatness, flatness
 from texloom.stages.analysis.photographs.foreign_outlines import likewise, outlined
 from texloom.stages.analysis.photographs.one_off_bands import one_off_bands
 from texloom.stages.analysis.photographs.unlikeness import unlikeness
@@ -46,11 +48,16 @@ _FINE = 1 / 12  # deviation of the window in a cell, of the shorter generator
 _NOTICED = 1.5  # CIELAB
 _TINT = np.array([25.0, 8.0, 8.0], np.float32)  # CIELAB by which light may change a cell
 _ALL = 1000.0  # times as far as usual, from which on nothing is foreign
+_OTHERS = 0.1  # of a picture without a plane, that is masked, from which it may be of several surfaces
 _FEW, _DOUBT = 0.5, 0.25  # of the picture: little, and too little for a surface
-_UNEVEN, _HARDLY_EVEN = 0.45, 0.66  # evenness below which what is left is several surfaces, and may be
+_UNEVEN, _HARDLY_EVEN = 0.45, 0.70  # evenness below which what is left is several surfaces, and may be
 _BANDED = (
     "a band across the surface that does not repeat is masked; it may be the border of another surface: look at "
     "foreign.png, give another mask (--source mask=foreign.png), or take another plane (--set plane=2)"
+)
+_SEVERAL = (
+    "no plane is evident, and {:.0%} of the photograph differ from the rest, so that it may show several surfaces: "
+    "look at foreign.png, give another mask (--source mask=foreign.png), or crop it to one surface (--crop)"
 )
 _SHADE = np.array([0.6, 0.0, 0.25], np.float32)
 
@@ -87,7 +94,11 @@ def check_mask(params: ForeignPartsParams, known: Mapping[str, Any]) -> None:  #
 
 @stage(version=2, check=check_mask)
 def foreign_parts(
-    image: Image, params: ForeignPartsParams, generators: Vectors | None = None, mask: Image | None = None
+    image: Image,
+    params: ForeignPartsParams,
+    generators: Vectors | None = None,
+    mask: Image | None = None,
+    plane: dict[str, Any] | None = None,
 ) -> ForeignParts:
     """Propose a mask of what does not belong to the surface: what the rest does not explain.
 
@@ -96,20 +107,23 @@ def foreign_parts(
     rest. Where a lattice has a mean cell that explains the
     picture, only what differs from this too is foreign: windows of a facade are not. Holes in what is foreign are
     filled, and small parts of either kind are given to the other. Where what is left is not even, but is without
-    bands across it that do not repeat (`one_off_bands`), such as a cornice, these are foreign too.
+    bands across it that do not repeat (`one_off_bands`), such as a cornice, these are foreign too; so is what
+    stands out on a plain surface (`blemishes`).
 
     Parameters
     ----------
     image : the surface from the front.
     generators : of its lattice, as from `lattice_selection`; less than two count as none.
     mask : used instead, where it is given: what is darker than middle grey is foreign.
+    plane : the table of `plane_proposal`. Where it found none, no lines say that the surface is flat, so that it is
+        doubted sooner.
 
     Raises
     ------
     InputError
         a proposed mask leaves less than a quarter of what was usable, or not two cells of the lattice; what is left
-        differs from part to part as several surfaces do, and no mean cell explains it; or ``mask`` has another
-        size.
+        differs from part to part as several surfaces do, and no mean cell explains it, or is clearly curved (see
+        `flatness`); or ``mask`` has another size.
 
     References
     ----------
@@ -127,7 +141,8 @@ def foreign_parts(
         usable = before & ~foreign
         if not usable.all() and (before & foreign).any():
             by = "lattice" if explained else "looks"
-    judged = mask is None and params.unlike < _ALL and not explained
+    doubted = mask is None and params.unlike < _ALL
+    judged = doubted and not explained
     report(Progress(0.8))
     even = picture_evenness(image, usable)
     banded = False
@@ -136,6 +151,11 @@ def foreign_parts(
         after = picture_evenness(image, rest)
         if after >= _HARDLY_EVEN and 0 < rest.sum() < usable.sum():
             usable, even, by, banded = rest, after, "looks", True
+    if judged and min(before.shape) >= _MIN_SIDE:
+        marked = _blemished(image, before, usable)
+        if marked.any():
+            usable, by = usable & ~marked, "looks"
+            even = picture_evenness(image, usable)
     masked = 1 - float(usable.sum()) / float(before.sum())
     left = float(usable.mean())
     cells = 0.0
@@ -149,9 +169,16 @@ def foreign_parts(
             )
         _LOG.warning("%s", why)
     doubt = _BANDED if banded else ""
-    if judged and even < _HARDLY_EVEN:
-        doubt = _doubt(even)
-        if even < _UNEVEN:
+    frontal = plane is not None and bool(plane["unasked"])
+    if doubted:
+        flat = flatness(image, usable)
+        if judged and even < _HARDLY_EVEN:
+            doubt = _doubt(even)
+        elif flat.is_curved or flat.falling or flat.turning or (flat.keystone and frontal):
+            doubt = _not_flat(flat)
+        elif frontal and by == "looks" and masked >= _OTHERS and not doubt:
+            doubt = _SEVERAL.format(masked)
+        if flat.is_curved or (judged and even < _UNEVEN):
             raise InputError(f"image: {doubt}")
     if doubt:
         _LOG.warning("%s", doubt)
@@ -172,6 +199,15 @@ def foreign_parts(
         picture=Image(np.asarray(tinted, np.float32), ("R", "G", "B")),
         unlike=unlike,
         table=table,
+    )
+
+
+def _not_flat(flat: Flatness) -> str:
+    sure = "is" if flat.is_curved else "may be"
+    return (
+        f"the surface {sure} not flat and seen from the front: {flat.reason}; give corners or control points "
+        "(--set geometry=my.yaml), or take another plane (--set plane=2, by planes.png); --set unlike=1000 takes "
+        "it as flat"
     )
 
 
@@ -225,6 +261,17 @@ def _searched(
     foreign = _closed(found, small, _MARGIN)
     both = resize(np.stack([foreign, unlike], axis=2).astype(np.float32), image.height, image.width, bilinear=True)
     return np.ascontiguousarray(both[..., 1]), both[..., 0] > 0.5, cell is not None
+
+
+def _blemished(image: Image, valid: Mask, usable: Mask) -> Mask:
+    """What stands out on a plain surface, with a margin."""
+    lab = lab_from_linear(reduced(np.ascontiguousarray(fill_excluded(image).color), _SIDE))
+    small, left = (reduced(mask[..., None].astype(np.float32), _SIDE)[..., 0] > 0.5 for mask in (valid, usable))
+    found = blemishes(lab, small, small & ~left)
+    if not found.any():
+        return np.zeros(usable.shape, np.bool_)
+    wide = _grown(found, _MARGIN).astype(np.float32)[..., None]
+    return np.asarray(resize(wide, image.height, image.width, bilinear=True)[..., 0] > 0.5)
 
 
 def _unlike_cell(

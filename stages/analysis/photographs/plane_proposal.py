@@ -54,10 +54,11 @@ class PlaneProposal:
     """the photograph, at up to 2048 px, with the rectangles, numbered from the best on; that taken is yellow, with
     its segments, red down and green across"""
     table: dict[str, Any]
-    """``taken``: number, 0 for none; ``why``: a sentence; ``doubt``: why it may be no flat surface, else empty;
-    ``extended``: how many times as large as the rectangle
-    around its lines the one that is taken is, from the front; ``planes``: ``confidence``, ``repetition``,
-    ``evenness``, ``straightness``, each 0..1, and ``area``, a share of the photograph, of each"""
+    """``taken``: number, 0 for none; ``unasked``: the photograph counts as frontal though nobody
+    says so; ``why``: a sentence; ``doubt``: why it may be no flat surface, else empty; ``extended``:
+    how many times as large as the rectangle around its lines the one that is taken is, from the front; ``planes``:
+    ``confidence``, ``repetition``, ``evenness``, ``straightness``, each 0..1, and ``area``, a share of the
+    photograph, of each"""
 
 
 @stage(version=4)
@@ -92,6 +93,7 @@ def plane_proposal(image: Image, params: PlaneProposalParams) -> PlaneProposal:
     if params.geometry is not None:
         table = {
             "taken": 0,
+            "unasked": False,
             "why": "the geometry file says where surfaces lie",
             "extended": 1.0,
             "doubt": "",
@@ -126,6 +128,7 @@ def plane_proposal(image: Image, params: PlaneProposalParams) -> PlaneProposal:
     _LOG.warning("%s", why)
     table = {
         "taken": taken,
+        "unasked": not taken and params.plane is None,
         "why": why,
         "extended": round(share, 3),
         "doubt": hint,

@@ -18,7 +18,7 @@ from texloom.stages.vocabulary.progress import Progress, report
 
 _HOLDS = 0.45  # confidence from which a plane is taken
 _MIN_AREA = 0.05  # share of the photograph, of such a plane
-_EVEN, _CLEARLY_EVEN = 0.55, 0.66  # of a frontal surface that has no lines; clean exemplars have .73 or more
+_EVEN, _CLEARLY_EVEN = 0.55, 0.70  # of a frontal surface that has no lines; clean exemplars have .73 or more
 _REPEATS = 0.3  # repetition times evenness, of one that is less even
 _SIDE = 192  # px of the longer side of a plane seen from the front
 _MIN_SIDE = 12  # px of its shorter side

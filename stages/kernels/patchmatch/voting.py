@@ -16,7 +16,7 @@ class Votes(NamedTuple):
     column: Any
     """(p, q) int32"""
     exemplar: Any
-    """(h, w * channels) float32, or int16 for `copy_votes`"""
+    """(h, w * channels) float32 or int16; int16 for `copy_votes`"""
     channels: int
     patch_size: int
     wrap: Any
@@ -76,7 +76,7 @@ def vote_sums(votes, shares, down, runs, count, sums):
 
     Parameters
     ----------
-    votes : Votes, of float32
+    votes : Votes, of float32, or of int16, which is added in single precision too
     shares : (n, (n + patch_size - 1) * channels) float32, for runs of up to n patches: the sum of their weights
         along rows for each of the values that they cover
     down : (patch_size + 1,) float32, sums of the weights of a patch's first rows, from none to all

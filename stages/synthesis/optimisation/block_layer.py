@@ -93,7 +93,6 @@ class BlockLayer:
         self.shape = np.array(features.shape[:2])
         self.alignment_square = 2 if self.shape.min() > _MAX_FULL_RESOLUTION else 1
         self.features = features
-        self._reduced: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
         self.slopes = slopes(features)
         self.generators = generators.astype(np.float64)
         self.sides = np.array(sides)
@@ -319,17 +318,8 @@ class BlockLayer:
         return float(errors.min()), first + shift * square
 
     def _window(self, corner: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Part of the reduced exemplar, and the sums over the channels of its squares."""
-        square = self.alignment_square
-        phase = (int(corner[0]) % square, int(corner[1]) % square)
-        if phase not in self._reduced:
-            self._reduced[phase] = with_squares(
-                square_means(self.features, np.array(phase), self.shape - phase, square)
-            )
-        (top, left), (height, width) = corner // square, size // square
-        place = np.s_[top : top + height, left : left + width]
-        means, sums = self._reduced[phase]
-        return means[place], sums[place]
+        """Part of the exemplar, reduced, and the sums over the channels of its squares."""
+        return with_squares(square_means(self.features, corner, size, self.alignment_square))
 
     def _paste(self, target: _Place, source: np.ndarray) -> None:
         """Lay the block inside the minimum cut through its overlaps above and to the left."""

@@ -131,7 +131,6 @@ def initialise(
     if params.method == "pixels":
         match = rng.integers(0, shape, (*size, 2), dtype=np.int64).astype(np.uint32)
     else:
-        contours = np.zeros(shape, np.float32) if structure is None else structure.astype(np.float32) * 100
         lattice = np.zeros((0, 2), np.float32)
         if generators is not None and params.method == "lattice":
             lattice = generators
@@ -141,8 +140,12 @@ def initialise(
         sides = block_sides(shape, lattice, params.block, guides is not None)
         if usable is not None and len(lattice) < 2 and params.block is None:
             sides = sides_beside_mask(sides, usable, params.margin)
-        features = np.concatenate([lab_from_linear(fill_excluded(image).color), contours[..., None]], axis=2)
-        del contours
+        filled = fill_excluded(image).color
+        features = np.empty((*shape, 4), np.float32)
+        for band in bands(shape[0]):
+            features[band, :, :3] = lab_from_linear(filled[band])
+            features[band, :, 3] = 0 if structure is None else structure[band] * np.float32(100)
+        del filled
         if rectangles is not None and params.block is None:
             largest = largest_block(rectangles, size)
             sides = min(sides[0], largest), min(sides[1], largest)

@@ -70,7 +70,7 @@ def mean_vote(
     """
     from texloom.stages.kernels.patchmatch.voting import Votes, find_runs, round_votes, vote_sums
 
-    votes = Votes(match[0], match[1], exemplar.astype(np.float32), channels, patch_size, wrap)
+    votes = Votes(match[0], match[1], exemplar, channels, patch_size, wrap)
     even = window(patch_size)
     down, across = map(weights_along, match.shape[1:], (even, even), wrap)
     shares = run_shares(even, channels), _sums_down(even)

@@ -9,7 +9,7 @@ import pytest
 from tests.synthetic import blobs, masked, picture
 from texloom.stages.analysis.exemplars.tone import Tone, ToneParams, tone
 from texloom.stages.vocabulary.arrays import Image
-from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.color import lab_from_linear, linear_from_lab
 
 AUTO = ToneParams()
 
@@ -208,3 +208,35 @@ def test_threads_do_not_matter(rng: np.random.Generator, on_threads: Any) -> Non
     first, second = on_threads(lambda: tone(drifting, AUTO))
     np.testing.assert_array_equal(first.image.pixels, second.image.pixels)
     np.testing.assert_array_equal(first.tone, second.tone)
+
+
+def plain(rng: np.random.Generator, stains: float, detail: float) -> Image:
+    """Plaster with stains of one period across, which no polynomial follows, beside masked windows."""
+    down, across = np.indices((160, 192)) / 192
+    lightness = (
+        60 + stains * np.sin(2 * np.pi * down) * np.sin(2 * np.pi * across) + detail * rng.normal(size=down.shape)
+    )
+    lab = np.stack([lightness, 0 * down, 4 + stains * np.sin(2 * np.pi * across)], axis=2).astype(np.float32)
+    usable = np.ones((160, 192, 1), np.float32)
+    for row, column in ((20, 10), (20, 70), (20, 130), (90, 10), (90, 70), (90, 130)):
+        usable[row : row + 60, column : column + 45] = 0
+    return Image(np.concatenate([linear_from_lab(lab), usable], axis=2), ("R", "G", "B", "usable"))
+
+
+def test_all_slow_changes_of_a_plain_surface_are_drift(rng: np.random.Generator) -> None:
+    image = plain(rng, 3.0, 0.5)
+    known = image.pixels[..., 3] > 0
+    result = tone(image, ToneParams())
+    before, after = (lab_from_linear(shown.color)[known].std(axis=0) for shown in (image, result.image))
+    assert after[0] < 0.6 * before[0]
+    assert after[2] < 0.6 * before[2]
+    assert result.lightness > 2
+    assert result.chroma > 2
+
+
+@pytest.mark.parametrize(("stains", "detail"), [(0.0, 0.5), (3.0, 5.0)])
+def test_even_surfaces_and_those_with_details_are_not_plain(
+    stains: float, detail: float, rng: np.random.Generator
+) -> None:
+    image = plain(rng, stains, detail)
+    np.testing.assert_array_equal(tone(image, ToneParams()).image.pixels, image.pixels)
