@@ -33,7 +33,7 @@ ALWAYS = {"synthesis.epitome", "synthesis.wang_tiles"}
 KEEPS = {
     "analysis.ao_from_height", "analysis.height_from_colour", "analysis.height_from_normal",
     "analysis.normal_from_height", "analysis.roughness_from_colour",
-    "analysis.exclusion_mask", "analysis.foreign_parts",
+    "analysis.exclusion_mask", "analysis.foreign_parts", "analysis.one_off_parts",
     "evaluation.choice", "evaluation.external_result", "synthesis.gradient_domain",
     "synthesis.graded_statistics",
     "synthesis.inpaint", "synthesis.propagate_edit", "synthesis.refine", "synthesis.restore_tone",
@@ -96,6 +96,7 @@ def edited(stage: str, image: Image) -> Image:
         "analysis.roughness_from_colour": {"image": image},
         "analysis.exclusion_mask": {"image": image, "mask": picture(hole.astype(np.float32))},
         "analysis.foreign_parts": {"image": image, "mask": picture(hole.astype(np.float32))},
+        "analysis.one_off_parts": {"image": image},
         "evaluation.choice": {"first": image, "second": image, "first_scores": known, "second_scores": known},
         "evaluation.external_result": {"image": image},
         "synthesis.gradient_domain": {"exemplar": image, "image": image, "match": own},
