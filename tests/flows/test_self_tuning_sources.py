@@ -11,7 +11,7 @@ from texloom.stages.vocabulary.declare import InputError
 ALL = ("mask", "exemplar_structure", "exemplar_guide", "target_guide", "strokes", "control")
 PLAIN = (
     *("tone", "offsets", "lattice", "parts", "edges", "structure", "distance", "guidance", "start", "texture"),
-    "scores",
+    *("laid", "scores"),
 )
 
 

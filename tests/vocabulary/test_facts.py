@@ -37,7 +37,7 @@ KEEPS = {
     "evaluation.choice", "evaluation.external_result", "synthesis.gradient_domain",
     "synthesis.graded_statistics",
     "synthesis.inpaint", "synthesis.propagate_edit", "synthesis.refine", "synthesis.restore_tone",
-    "synthesis.revise",
+    "synthesis.revise", "synthesis.whole_parts",
 }  # fmt: skip
 """stages whose result wraps where the picture that they change did"""
 DROPS = {
@@ -103,6 +103,7 @@ def edited(stage: str, image: Image) -> Image:
         "synthesis.inpaint": {"image": image, "keep": ~hole},
         "synthesis.refine": {"image": image, "match": own, "exemplar": image, "rng": random},
         "synthesis.restore_tone": {"image": image, "control": image},
+        "synthesis.whole_parts": {"exemplar": image, "image": image, "match": own, "kept": hole},
         "synthesis.graded_statistics": {
             "image": image,
             "match": own,

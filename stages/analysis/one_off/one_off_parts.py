@@ -28,9 +28,10 @@ _SHADE = np.array([0.6, 0.0, 0.25], np.float32)
 class OneOffPartsParams(Params):
     """What happens to parts that are shown once."""
 
-    one_off: Literal["auto", "leave_out", "use"] = "auto"
+    one_off: Literal["auto", "leave_out", "keep_whole", "use"] = "auto"
     """`auto`: what is surely shown once is left out, doubtful parts are only told; `leave_out`: doubtful parts too
-    are left out; `use`: nothing is searched, and all is used alike"""
+    are left out; `keep_whole`: both are left out here, and kept for `whole_parts`, which lays each once, whole, or
+    across all of the result; `use`: nothing is searched, and all is used alike"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,12 +40,16 @@ class OneOffParts:
 
     image: Image
     """with a channel `usable`, 0 on parts that are left out; as it was where none is"""
+    shown: Image
+    """the exemplar as the result is to show it: with parts that are kept whole"""
+    kept: Mask
+    """true on parts that are to be laid whole into the result; nowhere unless `keep_whole`"""
     picture: Image | None
     """the exemplar with the parts under a tint; None without parts"""
     mask: Image | None
     """the parts, black on white, to edit and give back; None without parts"""
     table: dict[str, Any]
-    """``why``: a sentence, empty without parts; ``done``: `left out`, `told` or `none`; ``share``: of
+    """``why``: a sentence, empty without parts; ``done``: `left out`, `kept whole`, `told` or `none`; ``share``: of
     what is usable, the parts; ``sure``: whether they surely are parts; ``unlike``: how many times as far from what
     explains it the least explained place is than is usual, 0 where none looked so; ``lines``: for each line
     across, how many times it stands out more than the next"""
@@ -92,9 +97,9 @@ def one_off_parts(image: Image, params: OneOffPartsParams, generators: Vectors |
     left_out = params.one_off == "leave_out" or (params.one_off == "auto" and found.sure)
     done = "none"
     if found.mask.any():
-        done = "left out" if left_out else "told"
-    elif params.one_off == "leave_out":
-        _LOG.warning("nothing in the exemplar is shown once, so that one_off=leave_out changes nothing")
+        done = "kept whole" if params.one_off == "keep_whole" else "left out" if left_out else "told"
+    elif params.one_off in ("leave_out", "keep_whole"):
+        _LOG.warning("nothing in the exemplar is shown once, so that one_off=%s changes nothing", params.one_off)
     share = float(found.mask.sum()) / float(valid.sum())
     why = _why(done, share, found)
     if why:
@@ -107,8 +112,11 @@ def one_off_parts(image: Image, params: OneOffPartsParams, generators: Vectors |
         "unlike": round(found.unlike, 2),
         "lines": [round(line, 2) for line in found.lines],
     }
+    without = with_usable(image, valid & ~found.mask) if done in ("left out", "kept whole") else image
     return OneOffParts(
-        image=with_usable(image, valid & ~found.mask) if done == "left out" else image,
+        image=without,
+        shown=without if done == "left out" else image,
+        kept=found.mask if done == "kept whole" else np.zeros(valid.shape, np.bool_),
         picture=None if done == "none" else _tinted(image, found.mask),
         mask=None if done == "none" else _drawn(np.repeat(~found.mask[..., None], 3, axis=2)),
         table=table,
@@ -162,8 +170,11 @@ def _why(done: str, share: float, found: _Found) -> str:
     if done == "told":
         return (
             f"{share:.1%} of the exemplar may be shown once ({what}); it is used like all else: --set "
-            "one_off=leave_out leaves it out"
+            "one_off=leave_out leaves it out, one_off=keep_whole lays it once"
         )
+    if done == "kept whole":
+        return f"{share:.1%} of the exemplar are shown once ({what}), and are laid whole into the result"
     return (
-        f"{share:.1%} of the exemplar are shown once ({what}), and are left out: --set one_off=use uses all alike"
+        f"{share:.1%} of the exemplar are shown once ({what}), and are left out: --set one_off=use uses all alike, "
+        "one_off=keep_whole lays them once"
     )
