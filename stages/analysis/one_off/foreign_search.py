@@ -18,6 +18,7 @@ from texloom.stages.vocabulary.progress import Progress, report
 
 _SIDE = 480  # px of the longer side, at which it is searched
 _SCREENED, _SLACK = 240, 0.9  # px of the longer side of a quick look, and share of the threshold there
+_ODD, _ODD_SHARE = 3.0, 0.004  # times the usual difference of cells, and share of the picture that has it
 _WINDOWS = 24, 48  # deviations of the windows that are compared: the side over these
 _GROWS = 0.6  # of the threshold, down to which a foreign part reaches
 _SURE = 0.4  # share of the first parts that reaches it: drifts of tone rise slowly
@@ -33,12 +34,40 @@ _NOTICED = 1.5  # CIELAB
 _TINT = np.array([25.0, 8.0, 8.0], np.float32)  # CIELAB by which light may change a cell
 
 
-def looks_foreign(image: Image, valid: Mask, threshold: float) -> bool:
-    """Whether a search may find parts at ``threshold``; a quick look at half the size, without a lattice."""
+def looks_foreign(image: Image, valid: Mask, generators: Vectors | None, threshold: float) -> bool:
+    """Whether a search may find parts at ``threshold``; a quick look at half the size.
+
+    In a lattice a part also differs from most of the cells around it, in the mean of a window.
+    """
     lab, small = _searched(image, valid, _SCREENED)
     side = float(np.sqrt(small.sum()))
     unlike = np.maximum.reduce([unlikeness(lab, small, max(1.5, side / windows)) for windows in _WINDOWS])
-    return bool(_parts(unlike, small, _SLACK * threshold, 0.0).any())
+    found = _parts(unlike, small, _SLACK * threshold, 0.0)
+    if not found.any() or generators is None or len(generators) < 2:
+        return bool(found.any())
+    factor = np.array(small.shape) / (image.height, image.width)
+    away = _from_cells_around(lab, small, generators * factor)
+    return bool((found & (away > _ODD * np.median(away[small]) + _NOTICED)).sum() >= _ODD_SHARE * small.sum())
+
+
+def _from_cells_around(lab: Float32[np.ndarray, "h w 3"], valid: Mask, frame: np.ndarray) -> ScalarMap:
+    """The median CIELAB difference of each pixel to those a cell away in eight directions."""
+    deviation = max(1.0, 2 * _FINE * float(np.hypot(*frame.T).min()))
+    weight = np.maximum(gaussian_blur(valid.astype(np.float32), deviation), np.float32(1e-6))
+    means = gaussian_blur(lab * valid[..., None], deviation) / weight[..., None]
+    rows, columns = np.indices(valid.shape)
+    others = []
+    for first, second in ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)):
+        down, across = (int(value) for value in np.rint(first * frame[0] + second * frame[1]))
+        row, column = rows + down, columns + across
+        inside = (row >= 0) & (row < len(rows)) & (column >= 0) & (column < valid.shape[1])
+        row, column = np.clip(row, 0, len(rows) - 1), np.clip(column, 0, valid.shape[1] - 1)
+        differs = np.abs(means - means[row, column]).sum(axis=2)
+        others.append(np.where(inside & valid[row, column], differs, np.float32(np.inf)))
+    ordered = np.sort(np.stack(others), axis=0)  # those not known are last
+    known = np.isfinite(ordered).sum(axis=0)
+    median = np.take_along_axis(ordered, (np.maximum(known - 1, 0) // 2)[None], axis=0)[0]
+    return np.asarray(np.where(valid & (known > 0), median, 0), np.float32)
 
 
 def _searched(image: Image, valid: Mask, side: int = _SIDE) -> tuple[Float32[np.ndarray, "h w 3"], Mask]:

@@ -135,7 +135,7 @@ def _found(image: Image, valid: Mask, generators: Vectors | None) -> _Found:
     """The parts, and whether they surely are: sure ones, or where there are none, doubtful ones."""
     repeats = generators is not None and len(generators) == 2  # then its mean cell leaves little doubt
     thresholds = (_SURE,) if repeats else (_SURE, _DOUBTFUL)
-    unlike, looks = 0.0, looks_foreign(image, valid, thresholds[-1])
+    unlike, looks = 0.0, looks_foreign(image, valid, generators, thresholds[-1])
     parts, doubtful = (np.zeros(valid.shape, np.bool_) for _ in range(2))
     for threshold in thresholds if looks else ():
         far, foreign, _ = foreign_search(image, valid, generators, threshold, less=1.0)
