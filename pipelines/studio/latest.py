@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from texloom.pipelines.studio.messages.answers import PreviewFailed
 from texloom.pipelines.studio.messages.message import packed
-from texloom.pipelines.studio.messages.requests import AlternativesRequest, PhotoRequest, PreviewRequest
+from texloom.pipelines.studio.messages.requests import AlternativesRequest, PhotoRequest, PreviewRequest, ToServer
 from texloom.pipelines.studio.processes import WorkCancelledError, WorkerProcess
 from texloom.stages.vocabulary.declare import InputError
 
@@ -38,10 +38,15 @@ class Latest:
             request, payload = self._wanted
             if not self.worker.is_alive:
                 self.worker = self._take()
-            try:
-                async for frame in self.worker.frames(request, payload):
-                    self._send(frame)
-            except WorkCancelledError:
-                continue
-            except InputError as error:
-                self._send(packed(PreviewFailed(number=request.number, problem=str(error))))
+            await answer(self.worker, request, payload, self._send)
+
+
+async def answer(worker: WorkerProcess, request: ToServer, payload: bytes, send: Callable[[bytes], None]) -> None:
+    """Send what a worker makes of a request, and why where it refuses; no more once it is cancelled."""
+    try:
+        async for frame in worker.frames(request, payload):
+            send(frame)
+    except WorkCancelledError:
+        pass
+    except InputError as error:
+        send(packed(PreviewFailed(number=request.number, problem=str(error))))

@@ -9,8 +9,8 @@ import re
 from fastapi import WebSocket, WebSocketDisconnect
 
 from texloom.pipelines.studio.jobs import Jobs
-from texloom.pipelines.studio.latest import Latest
-from texloom.pipelines.studio.messages.answers import Connected, JobChanged, PreviewFailed
+from texloom.pipelines.studio.latest import Latest, answer
+from texloom.pipelines.studio.messages.answers import Connected, JobChanged
 from texloom.pipelines.studio.messages.message import numbered, packed, unpacked, without_numbers
 from texloom.pipelines.studio.messages.requests import (
     TO_SERVER,
@@ -21,9 +21,8 @@ from texloom.pipelines.studio.messages.requests import (
     ToServer,
 )
 from texloom.pipelines.studio.outbox import Outbox
-from texloom.pipelines.studio.processes import Spares, WorkCancelledError, WorkerProcess
+from texloom.pipelines.studio.processes import Spares, WorkerProcess
 from texloom.pipelines.studio.work import Places
-from texloom.stages.vocabulary.declare import InputError
 
 MOST_PAGES = 16
 KEPT = 300.0
@@ -195,10 +194,4 @@ class _Session:
         """Paint in the order in which strokes come."""
         while True:
             request, payload = await self._strokes.get()
-            try:
-                async for frame in self._painter.frames(request, payload):
-                    self._outbox.put(frame)
-            except WorkCancelledError:
-                continue
-            except InputError as error:
-                self._outbox.put(packed(PreviewFailed(number=request.number, problem=str(error))))
+            await answer(self._painter, request, payload, self._outbox.put)

@@ -87,7 +87,7 @@ def choice(
             raise InputError(f"labels: names {len(params.labels)} textures, but there is a {place}")
         there[params.labels[number]] = image, measured
     if not there:
-        raise InputError("first: there is no texture to choose")
+        raise InputError(f"first: there is no texture to choose: none of {', '.join(params.labels)} was made")
     scores = {
         label: {name: measured["summary"].get(name) for name in params.weights}
         for label, (_, measured) in there.items()

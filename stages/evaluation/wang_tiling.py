@@ -5,12 +5,13 @@ import logging
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Int32
 from pydantic import Field
 
 from texloom.stages.common.features.maps import map_channels
 from texloom.stages.common.grids.wang import WangSet, laid
-from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
+from texloom.stages.vocabulary.arrays import Correspondence, Image
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded
@@ -40,11 +41,18 @@ class WangTiling:
     """for `albedo` and each map, whose differences between neighbouring pixels are averaged over its channels:
     `across` borders of tiles, `overall`, and their `ratio`; CIELAB units, or those of the map. `worst` is the ratio
     of the line through tiles, parallel to a side, across which most changes: much above 1 where borders and
-    interiors do not fit, or features of a lattice lie along it"""
+    interiors do not fit, or features of a lattice lie along it. Between several materials, one of which is rougher
+    than others, `overall` is of pixels with the materials of those that it is compared with"""
 
 
 @stage(version=1)
-def wang_tiling(image: Image, layout: dict[str, Any], params: WangTilingParams) -> WangTiling:
+def wang_tiling(
+    image: Image,
+    layout: dict[str, Any],
+    params: WangTilingParams,
+    match: Correspondence | None = None,
+    rectangles: Rectangles | None = None,
+) -> WangTiling:
     """Lay Wang tiles at random, and compare the change across their borders with that anywhere.
 
     Borders do not show where the ratio is about 1 or less.
@@ -52,6 +60,7 @@ def wang_tiling(image: Image, layout: dict[str, Any], params: WangTilingParams) 
     Parameters
     ----------
     image, layout : the atlas and its table, see `wang_tiles`.
+    match, rectangles : of several exemplars, from whose rectangles its pixels come, see `wang_tiles`.
 
     References
     ----------
@@ -68,7 +77,12 @@ def wang_tiling(image: Image, layout: dict[str, Any], params: WangTilingParams) 
     places = tiles.covering(cells[0], cells[1], params.seed)
     planes = {"albedo": lab_from_linear(fill_excluded(image).color)}
     planes |= {name: image.pixels[..., own] for name, own in map_channels(image.channels).items()}
-    table = {name: _measured(laid(plane, places, size), size) for name, plane in planes.items()}
+    materials = np.zeros((image.height, image.width), np.int32)
+    if match is not None and rectangles is not None:
+        height, width = (rectangles[:, :2] + rectangles[:, 2:]).max(axis=0).tolist()
+        materials = numbers_in(rectangles, height, width)[match[..., 0], match[..., 1]]
+    own = laid(materials, places, size)
+    table = {name: _measured(laid(plane, places, size), own, size) for name, plane in planes.items()}
     color = laid(image.color, places, size)
     if max(color.shape) > params.side:
         import cv2
@@ -77,11 +91,31 @@ def wang_tiling(image: Image, layout: dict[str, Any], params: WangTilingParams) 
     return WangTiling(Image(np.ascontiguousarray(color), ("R", "G", "B")), table)
 
 
-def _measured(plane: Float32[np.ndarray, "H W c"], size: int) -> dict[str, float]:
+def _measured(
+    plane: Float32[np.ndarray, "H W c"], materials: Int32[np.ndarray, "H W"], size: int
+) -> dict[str, float]:
     """Mean differences of neighbours in both directions, at the borders of tiles and everywhere."""
-    changes = [np.abs(np.diff(plane, axis=axis)).mean(axis=(1 - axis, 2), dtype=np.float64) for axis in (0, 1)]
-    across = float(np.mean([change[size - 1 :: size].mean() for change in changes]))
-    overall = float(np.mean([change.mean() for change in changes]))
-    worst = max(float(change[line::size].mean()) for change in changes for line in range(size))
-    scale = overall or 1.0
-    return {"across": across, "overall": overall, "ratio": across / scale, "worst": worst / scale}
+    changes = [np.abs(np.diff(plane, axis=axis)).mean(axis=2) for axis in (0, 1)]
+    pairs = [_pairs(materials, axis) for axis in (0, 1)]
+    kinds = 1 + max(int(own.max()) for own in pairs)
+    counts = sum(np.bincount(own.ravel(), minlength=kinds) for own in pairs)
+    totals = sum(
+        np.bincount(own.ravel(), change.ravel(), kinds) for own, change in zip(pairs, changes, strict=True)
+    )
+    usual = totals / np.maximum(counts, 1)
+    lines = [change.mean(axis=1 - axis, dtype=np.float64) for axis, change in enumerate(changes)]
+    expected = [usual[own].mean(axis=1 - axis) for axis, own in enumerate(pairs)]
+    across, overall = (float(np.mean([of[size - 1 :: size].mean() for of in own])) for own in (lines, expected))
+    worst = max(
+        float(line[at::size].mean()) / (float(own[at::size].mean()) or 1.0)
+        for line, own in zip(lines, expected, strict=True)
+        for at in range(size)
+    )
+    return {"across": across, "overall": overall, "ratio": across / (overall or 1.0), "worst": worst}
+
+
+def _pairs(materials: Int32[np.ndarray, "H W"], axis: int) -> Int32[np.ndarray, "p q"]:
+    """A number for each pair of neighbours, the same for all between the same two materials."""
+    ahead = np.take(materials, np.arange(1, materials.shape[axis]), axis)
+    behind = np.take(materials, np.arange(materials.shape[axis] - 1), axis)
+    return np.asarray(np.minimum(ahead, behind) * (materials.max() + 1) + np.maximum(ahead, behind), np.int32)

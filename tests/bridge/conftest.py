@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib
+import importlib.util
 import sys
-from collections.abc import Iterator
+import types
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.conftest import ROOT
 from tests.studio.conftest import exemplar
 from texloom.pipelines.bridge.client import Client
 
@@ -31,3 +38,25 @@ def client(store: str) -> Iterator[Client]:
 def picture() -> np.ndarray:
     """A small exemplar, sRGB."""
     return exemplar()
+
+
+def builder() -> Any:
+    """The module that builds the archives of plug-ins."""
+    spec = importlib.util.spec_from_file_location("build_plugins", ROOT / "hosts" / "build.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@contextlib.contextmanager
+def modules_of(package: str, folder: Path) -> Iterator[Callable[[str], Any]]:
+    """The modules of a plug-in by their names, without its ``__init__``, which imports the program."""
+    made = types.ModuleType(package)
+    made.__path__ = [str(folder)]
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setitem(sys.modules, package, made)
+        yield lambda name: importlib.import_module(f"{package}.{name}")
+        for name in [one for one in sys.modules if one.startswith(f"{package}.")]:
+            patched.delitem(sys.modules, name)

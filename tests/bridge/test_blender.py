@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
-import sys
 import tomllib
-import types
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.bridge.conftest import COMMAND
+from tests.bridge.conftest import COMMAND, builder, modules_of
 from tests.conftest import ROOT
 from texloom.pipelines.media import meshes
 from texloom.pipelines.media.conventions import LAYOUTS
@@ -24,18 +20,9 @@ PACKAGE = "blender_texloom"
 FOLDER = ROOT / "hosts" / "blender"
 
 
-def _build() -> Any:
-    spec = importlib.util.spec_from_file_location("blender_build", FOLDER / "build.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return _build().build(tmp_path_factory.mktemp("dist"))
+    return builder().build("blender", tmp_path_factory.mktemp("dist"))
 
 
 @pytest.fixture(scope="module")
@@ -43,13 +30,8 @@ def extension(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterat
     """Its modules by their names, from the archive."""
     folder = tmp_path_factory.mktemp("extension")
     zipfile.ZipFile(archive).extractall(folder)
-    package = types.ModuleType(PACKAGE)  # without its __init__, which imports bpy
-    package.__path__ = [str(folder)]
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setitem(sys.modules, PACKAGE, package)
-        yield lambda name: importlib.import_module(f"{PACKAGE}.{name}")
-        for name in [one for one in sys.modules if one.startswith(f"{PACKAGE}.")]:
-            patched.delitem(sys.modules, name)
+    with modules_of(PACKAGE, folder) as modules:
+        yield modules
 
 
 # -- the archive
@@ -68,7 +50,7 @@ def test_the_archive(archive: Path, tmp_path: Path) -> None:
     assert manifest["version"] == project["version"]
     assert manifest["license"] == [f"SPDX:{project['license']}"]
     assert set(manifest["permissions"]) == {"files", "network"}
-    assert _build().build(tmp_path).read_bytes() == archive.read_bytes()
+    assert builder().build("blender", tmp_path).read_bytes() == archive.read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -81,7 +63,7 @@ def test_the_archive(archive: Path, tmp_path: Path) -> None:
 )  # fmt: skip
 def test_a_manifest_that_blender_would_refuse(field: str, value: Any) -> None:
     manifest = tomllib.loads((FOLDER / "blender_manifest.toml").read_text())
-    build = _build()
+    build = builder()
     assert build.checked(manifest) is manifest
     with pytest.raises(ValueError, match=rf"^{field}"):
         build.checked({**manifest, field: value})

@@ -9,11 +9,11 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis.control.guide import VALUE_STRENGTH, contrast
-from texloom.stages.common.features.control import painted_values
+from texloom.stages.common.features.control import painted_mean
 from texloom.stages.common.features.slow_features import pictured
 from texloom.stages.common.geometry.orientation import doubled
 from texloom.stages.common.grids.gradient import linear_gradient
-from texloom.stages.common.grids.pyramid import resize
+from texloom.stages.common.grids.pyramid import resize, resized_mask
 from texloom.stages.numerics.filters import gaussian_blur, interpolated
 from texloom.stages.vocabulary.arrays import Image, ScalarMap
 from texloom.stages.vocabulary.declare import Outline, Params, stage
@@ -135,14 +135,9 @@ def _size(params: GrowthGuideParams, image: Any, target: Any) -> tuple[int, int]
 
 def _painted(target: Image, size: tuple[int, int]) -> ScalarMap:
     """The mean of a map's colours as they were painted, 0..1; NaN where it is transparent."""
-    planes = painted_values(target)[..., : 1 if target.channels[0] == "Y" else 3]
-    values = resize(planes.mean(axis=2, keepdims=True), *size, bilinear=True)[..., 0]
-    values = np.clip(values, 0, 1)
+    values = np.clip(resize(painted_mean(target)[..., None], *size, bilinear=True)[..., 0], 0, 1)
     asked = valid_pixels(target)
-    if asked is not None:
-        cover = resize(asked[..., None].astype(np.float32), *size, bilinear=True)[..., 0]
-        values = np.where(cover > 0.5, values, np.float32(np.nan))
-    return values
+    return values if asked is None else np.where(resized_mask(asked, *size), values, np.float32(np.nan))
 
 
 def _stretched(planes: np.ndarray, size: tuple[int, int], wraps: Wraps) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
-from texloom.stages.common.features.control import check_aspect, check_control, painted_values
+from texloom.stages.common.features.control import check_aspect, check_control, painted_mean
 from texloom.stages.common.features.slow_features import mean_direction, pictured, ranks, slow_feature, window_means
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.common.grids.size_checks import check_side
@@ -103,8 +103,7 @@ def progression(image: Image, params: ProgressionParams, given: Image | None = N
                 "--source progression=PICTURE"
             )
     else:
-        planes = painted_values(given)[..., : 1 if given.channels[0] == "Y" else 3]
-        local = np.ascontiguousarray(planes.mean(axis=2))
+        local = painted_mean(given)
         slow, share = window_means(local, None, _SMOOTH * min(local.shape)), 1.0
     sign = np.float32(-1 if params.reverse else 1)
     angle = mean_direction(sign * slow)

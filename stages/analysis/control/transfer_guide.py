@@ -10,7 +10,7 @@ from pydantic import Field
 
 from texloom.stages.analysis.control.guide import VALUE_STRENGTH, contrast
 from texloom.stages.common.features.slow_features import ranks
-from texloom.stages.common.grids.pyramid import resize
+from texloom.stages.common.grids.pyramid import resize, resized_mask
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.vocabulary.arrays import Image, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear
@@ -82,7 +82,7 @@ def transfer_guide(
     shown = picture.elsewhere(resize(fill_excluded(picture).pixels, *size, bilinear=True))
     valid, asked = valid_pixels(image), valid_pixels(picture)
     if asked is not None:
-        asked = resize(asked[..., None].astype(np.float32), *size, bilinear=True)[..., 0] > 0.5
+        asked = resized_mask(asked, *size)
     planes = [ranks(own, valid)]
     wanted = [ranks(_lightness(shown, params.detail), asked)]
     if contours is not None and picture_contours is not None and params.edges:

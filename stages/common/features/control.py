@@ -24,7 +24,7 @@ from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.common.grids.size_checks import Sized
 from texloom.stages.kernels.core.elementary_functions import power
 from texloom.stages.numerics.matrices import eigenvectors, matrix_product
-from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.arrays import Image, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear, linear_from_srgb
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.frame_stacks import frame_count, name_in_frame
@@ -192,6 +192,11 @@ def painted_values(image: Image) -> Float32[np.ndarray, "h w c"]:
             encoded = np.where(size <= 0.0031308, 12.92 * size, 1.055 * power(size, 1 / 2.4) - 0.055)
             planes[..., channel] = np.sign(planes[..., channel]) * encoded
     return planes
+
+
+def painted_mean(image: Image) -> ScalarMap:
+    """The mean of an image's colours as they were painted."""
+    return np.asarray(painted_values(image)[..., : 1 if image.channels[0] == "Y" else 3].mean(axis=2))
 
 
 def from_painted(planes: Float32[np.ndarray, "h w c"], channels: tuple[str, ...]) -> Image:

@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 from jaxtyping import Float32
 
-from texloom.stages.common.grids.pyramid import resize
+from texloom.stages.common.grids.pyramid import resize, resized_mask
 from texloom.stages.kernels.core.elementary_functions import arctan2, cos, sin
 from texloom.stages.numerics.filters import gaussian_blur, gradients
 from texloom.stages.numerics.matrices import eigenvectors, matrix_product, square_sums
@@ -60,7 +60,7 @@ def statistics(image: Image, factor: float) -> tuple[Float32[np.ndarray, "p q 6"
     lab = lab_from_linear(resize(np.ascontiguousarray(fill_excluded(image).color), *size, bilinear=True))
     valid = valid_pixels(image)
     if valid is not None:
-        valid = resize(valid[..., None].astype(np.float32), *size, bilinear=True)[..., 0] > 0.5
+        valid = resized_mask(valid, *size)
     lightness = np.ascontiguousarray(lab[..., 0])
     levels = [lightness, *(gaussian_blur(lightness, deviation) for deviation in _DETAIL)]
     detail = [np.abs(fine - coarse) for fine, coarse in itertools.pairwise(levels)]

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32
 
 MAX_ROW_VALUES = 368
 """maximum number of values in a patch's row, all channels, for exact distances"""
@@ -51,6 +51,11 @@ def resize(
     kernel = Pillow.Resampling.BILINEAR if bilinear else Pillow.Resampling.LANCZOS
     images = (Pillow.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(planes, 2, 0))
     return np.stack([np.asarray(plane.resize((width, height), kernel)) for plane in images], axis=2)
+
+
+def resized_mask(mask: Bool[np.ndarray, "h w"], height: int, width: int) -> Bool[np.ndarray, "H W"]:
+    """A mask at another size: true where more than half is."""
+    return np.asarray(resize(mask[..., None].astype(np.float32), height, width, bilinear=True)[..., 0] > 0.5)
 
 
 def reduced(planes: Float32[np.ndarray, "h w c"], side: int) -> Float32[np.ndarray, "H W c"]:

@@ -3,11 +3,11 @@
 import numpy as np
 
 from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.elementary_functions import THIRD_OF_BITS
 
 _BLOCK = 512  # pixels
 _LINEAR_LIMIT = 216 / 24389  # below it lightness is linear
 _SLOPE, _OFFSET = np.float32(841 / 108), np.float32(4 / 29)  # of the line there
-_THIRD = 0x2A9F7893782DA1CE  # added to a third of the bits of a number, its cubic root to some per cent
 
 
 @compiled
@@ -37,7 +37,7 @@ def fill_lab(color, matrix, lab):
                 value[i] = np.float64(total) if total > 0 else 1.0
             bits, roots = value.view(np.uint64), root.view(np.uint64)
             for i in range(count):
-                roots[i] = bits[i] // np.uint64(3) + np.uint64(_THIRD)
+                roots[i] = bits[i] // np.uint64(3) + np.uint64(THIRD_OF_BITS)
             for i in range(count):
                 r, v = root[i], value[i]
                 for _ in range(4):

@@ -34,6 +34,8 @@ _ATAN = (
     (1.0, 2.485846490142306297962e1, 1.650270098316988542046e2, 4.328810604912902668951e2,
      4.853903996359136964868e2, 1.945506571482613964425e2),
 )  # fmt: skip
+THIRD_OF_BITS = 0x2A9F7893782DA1CE
+"""added to a third of the bits of a positive number, its cubic root to some per cent"""
 _LN2 = (6.93145751953125e-1, 1.42860682030941723212e-6)  # ln 2 in two parts
 _STRIP = 2**18  # values of a large array that are computed at once, as each step needs memory of their size
 _QUARTER_PI = (7.85398125648498535156e-1, 3.77489470793079817668e-8, 2.69515142907905952645e-15)
@@ -125,7 +127,7 @@ def cbrt(x: ArrayLike) -> Any:
     given = np.asarray(x, np.float64)
     size = np.abs(given)
     positive = np.where(size > 0, size, 1.0)
-    bits = positive.view(np.int64) // 3 + 0x2A9F7893782DA1CE  # a third of the exponent
+    bits = positive.view(np.int64) // 3 + THIRD_OF_BITS
     root = bits.view(np.float64)
     for _ in range(4):
         root = root - (root - positive / (root * root)) * (1 / 3)

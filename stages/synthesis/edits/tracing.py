@@ -11,6 +11,7 @@ from texloom.stages.synthesis.optimisation.features import PatchFeatures
 from texloom.stages.synthesis.optimisation.match_search import Effort, Search
 from texloom.stages.synthesis.optimisation.scale import Scale
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask
+from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.masks import (
     FilledExemplar,
@@ -34,6 +35,11 @@ def trace(
     Parameters
     ----------
     texture : at least a patch high and wide, with the exemplar's channels except for `usable`.
+
+    Raises
+    ------
+    InputError
+        the exemplar's mask leaves no whole patch.
     """
     filled = FilledExemplar.of(exemplar)
     own, usable = filled.image, filled.valid
@@ -71,7 +77,10 @@ def trace(
         for _ in range(_STEPS):
             search.step(shown, match, _EFFORT, random)
         before = factor
-    assert match is not None
+    if match is None:
+        raise InputError(
+            f"exemplar: its mask leaves no whole patch of {patch_size} px; lower patch_size or mask less"
+        )
     return continued(correspondence.to_pixels(match, patch_size, NOWHERE), keep, sides, patch_size // 2 + 1)
 
 

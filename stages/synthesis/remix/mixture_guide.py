@@ -9,7 +9,7 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis.control.guide import LABEL_STRENGTH, contrast
-from texloom.stages.common.features.control import painted_values
+from texloom.stages.common.features.control import painted_mean
 from texloom.stages.common.grids.gradient import linear_gradient
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
@@ -127,8 +127,7 @@ def mixture_guide(
 
 def _levels(given: Image, size: tuple[int, int]) -> ScalarMap:
     """The mean of a map's colours as they were painted, 0..1."""
-    planes = painted_values(given)[..., : 1 if given.channels[0] == "Y" else 3]
-    return np.clip(resize(planes.mean(axis=2, keepdims=True), *size, bilinear=True)[..., 0], 0, 1)
+    return np.clip(resize(painted_mean(given)[..., None], *size, bilinear=True)[..., 0], 0, 1)
 
 
 def _noise(size: tuple[int, int], patch: int, rng: np.random.Generator) -> ScalarMap:

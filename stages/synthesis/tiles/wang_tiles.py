@@ -24,8 +24,10 @@ from texloom.stages.vocabulary.masks import fill_excluded
 from texloom.stages.vocabulary.progress import part
 
 _LAYOUT = 1.0  # deviation of slow colours as a guide, in deviations of the exemplar's colours
-_SHOWN = 0.5  # share of an edge's middle that has its material, from which on the edge shows it
 _MOST_LAYOUT = 6.0  # times that slow colours are made stronger for it
+_SHOWN = 0.5  # share of an edge's middle that has its material, from which on the edge shows it
+
+_LOG = logging.getLogger(__name__)
 
 
 class WangTilesParams(WangParams):
@@ -36,9 +38,6 @@ class WangTilesParams(WangParams):
     ones"""
     layout_scale: float = Field(6.0, ge=1, le=256)
     """deviation of the blur, px, in which variants are like the first one where ``strength`` is below 1"""
-
-
-_LOG = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(frozen=True)

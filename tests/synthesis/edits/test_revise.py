@@ -166,6 +166,13 @@ def test_masked_pixels_of_the_exemplar_are_not_copied(exemplar: Image, texture: 
     np.testing.assert_array_equal(one.image.pixels, other.image.pixels)
 
 
+def test_an_exemplar_whose_mask_leaves_no_patch_is_refused(exemplar: Image, texture: Image) -> None:
+    usable = np.zeros(SHAPE, bool)
+    usable[::8] = True
+    with pytest.raises(InputError, match=r"^exemplar: its mask leaves no whole patch of \d+ px; lower patch_size"):
+        run(texture, masked(exemplar, usable, 0.0), marked(BOX))
+
+
 @pytest.mark.parametrize("spread", [False, True])
 def test_holes_in_the_same_surroundings_are_covered_by_other_parts(exemplar: Image, spread: bool) -> None:
     """If blocks are spread: otherwise each is the one that is a copy of the surroundings."""

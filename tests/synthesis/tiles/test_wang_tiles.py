@@ -169,6 +169,23 @@ def test_a_cut_that_does_not_fit_shows(exemplar: Image) -> None:
     assert wang_tiling(smooth, table, WangTilingParams()).table["albedo"]["ratio"] > TILE / 2
 
 
+def test_change_across_borders_is_compared_with_that_of_the_same_materials() -> None:
+    """Borders of rough noise between interiors of noise a tenth as strong are no seams."""
+    side, rough = 4 * TILE, np.zeros((4 * TILE, 4 * TILE), bool)
+    for axis in (0, 1):
+        near = (np.arange(side) % TILE + TILE // 8) % TILE < TILE // 4
+        rough |= near[:, None] if axis == 0 else near
+    noise = np.random.default_rng(0).random((side, side, 1)).repeat(3, axis=2)
+    atlas = picture(0.4 + noise * np.where(rough, 0.5, 0.05)[..., None])
+    match = np.zeros((side, side, 2), np.uint32)
+    match[..., 1] = np.where(rough, 70, 10)
+    rectangles = np.array([[0, 0, 64, 64], [0, 64, 64, 64]], np.int32)
+    table = {"size": TILE, "kind": "edges", "colors": 2}
+    told = wang_tiling(atlas, table, WangTilingParams(), match, rectangles).table["albedo"]
+    assert told["ratio"] == pytest.approx(1, abs=0.03)
+    assert wang_tiling(atlas, table, WangTilingParams()).table["albedo"]["ratio"] > 1.5
+
+
 def test_the_preview_of_large_tiles_has_fewer(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -10,6 +10,7 @@ from .texloom_client import TexloomError
 
 METHODS = ("self_tuning", "auto", "near_regular", "quilting", "graph_cut", "patch_based")
 PRESETS = ("default", "fast")
+_WITH_PRESETS = ("self_tuning", "auto")  # among the methods; others have one speed
 MAPS = "maps/*"
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".webp", ".bmp", ".heic", ".dng")
 _MOST_VARIATIONS = 64
@@ -29,10 +30,11 @@ def make_tileable(picture: Any, axes: str, keep_size: bool, preset: str, seed: i
 def larger(
     picture: Any, width: int, height: int, tileable: str, method: str, preset: str, seed: int, count: int = 1
 ) -> list[Request]:
-    """A larger texture, or so many, each with the next seed."""
+    """A larger texture, or so many, each with the next seed; ``preset`` is of self-tuning and auto alone."""
     if not 1 <= count <= _MOST_VARIATIONS:
         raise TexloomError(f"count: {count} variations; 1 to {_MOST_VARIATIONS} can be made at once")
     sizes = {"size": f"{width}x{height}", "tileable": tileable}
+    preset = preset if method in _WITH_PRESETS else "default"
     return [
         Request(method, {"exemplar": picture}, {}, _options(seed + number, preset, **sizes))
         for number in range(count)
