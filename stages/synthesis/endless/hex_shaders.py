@@ -1,24 +1,18 @@
 """Shaders of hex tiling: GLSL, HLSL, Godot and OSL."""
 
 import dataclasses
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.common.features.maps import map_channels
-from texloom.stages.common.grids.wang import HASH_FACTORS
-from texloom.stages.synthesis.endless.endless_shaders import SIGNED_FACTORS, named, number
+from texloom.stages.synthesis.endless.endless_shaders import number
 from texloom.stages.synthesis.endless.hex_tiling import FLATTEST, LUMINANCE
+from texloom.stages.synthesis.endless.shader_texts import shader_maps, shader_texts
 from texloom.stages.synthesis.endless.triangle_grid import SHARE
 from texloom.stages.vocabulary.arrays import Glsl, GodotShader, Hlsl, Image, Osl
-from texloom.stages.vocabulary.declare import InputError, Params, stage
-from texloom.stages.vocabulary.normals import NORMAL
-from texloom.stages.vocabulary.templates import templates
+from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.tileable import check_continues
-
-_TYPES = ("float", "vec2", "vec3", "vec4")
 
 
 class HexShadersParams(Params):
@@ -77,35 +71,13 @@ def hex_shaders(image: Image, params: HexShadersParams) -> HexShaders:
         "rotation": params.rotation, "contrast": params.contrast, "exponent": params.exponent,
         "levels": max(image.height, image.width).bit_length(),
     }  # fmt: skip
-    channels = {"color": list(range(1 if image.channels[0] == "Y" else 3)), **map_channels(image.channels)}
-    maps = []
-    for name, own in zip(named(channels), channels.values(), strict=True):
-        if len(own) > len(_TYPES):
-            raise InputError(f"image: {name} has {len(own)} channels; shaders have at most four")
-        is_normal = tuple(image.channels[index] for index in own) == NORMAL
-        maps.append(
-            {
-                "name": name,
-                "type": _TYPES[len(own) - 1],
-                "count": len(own),
-                "swizzle": "xyzw"[: len(own)],
-                "is_normal": is_normal,
-            }
-        )
     color = " + ".join(f"{share} * color.{axis}" for share, axis in zip(LUMINANCE, "xyz", strict=True))
     values = {
-        "maps": maps, "size": layout["size"], "levels": layout["levels"], "spacing": number(spacing),
+        "maps": shader_maps(image), "size": layout["size"], "levels": layout["levels"], "spacing": number(spacing),
         "rotation": number(float(np.deg2rad(params.rotation))), "contrast": number(params.contrast),
         "exponent": number(params.exponent), "flattest": number(FLATTEST),
         "luminance": "color.x" if image.channels[0] == "Y" else color,
         "down": number(3**0.5 / 2), "across": number(3**-0.5), "twice": number(2 * 3**-0.5),
         "weights": LUMINANCE,
-        "factors": [f"0x{factor:08x}" for factor in HASH_FACTORS], "signed_factors": SIGNED_FACTORS,
     }  # fmt: skip
-    here = Path(__file__)
-
-    def written(kind: str, is_godot: bool = False) -> str:
-        template = templates(here.parent).get_template(f"{here.stem}.{kind}.j2")
-        return str(template.render({**values, "godot": is_godot})) + "\n"
-
-    return HexShaders(written("glsl"), written("hlsl"), written("glsl", True), written("osl"), layout)
+    return HexShaders(*shader_texts(__file__, values), layout)

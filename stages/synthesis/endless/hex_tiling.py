@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float32
 
 from texloom.stages.common.grids.wang import hashed
-from texloom.stages.synthesis.endless.mip_levels import pyramid_of, texels
+from texloom.stages.synthesis.endless.mip_levels import in_bands, pyramid_of, texels
 from texloom.stages.synthesis.endless.triangle_grid import shifts_of, tiles_at
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.masks import fill_excluded
@@ -20,8 +21,6 @@ LUMINANCE = (0.299, 0.587, 0.114)
 """of R, G, B, as in [Mikkelsen2022]_"""
 FLATTEST = 0.05
 """least z of a normal"""
-
-_BAND = 2**18  # points that are computed at once
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,13 +46,9 @@ class HexTiling:
         self, rows: Float32[np.ndarray, "H W"], columns: Float32[np.ndarray, "H W"], level: float = 0.0
     ) -> Float32[np.ndarray, "H W n"]:
         """All channels at places of the plane, px of the texture, at a level of detail."""
-        step = max(1, _BAND // rows.shape[1])
-        starts = range(0, len(rows), step)
-        return np.concatenate(
-            [self._band(rows[top : top + step], columns[top : top + step], level) for top in starts]
-        )
+        return in_bands(partial(self._band, level), rows, columns)
 
-    def _band(self, rows: np.ndarray, columns: np.ndarray, level: float) -> np.ndarray:
+    def _band(self, level: float, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         from texloom.stages.kernels.core.elementary_functions import cos, power, sin
 
         spacing = self.layout["spacing"]

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float32, Int64
 
 from texloom.stages.common.grids.wang import hashed
-from texloom.stages.synthesis.endless.mip_levels import pyramid_of, texels
+from texloom.stages.synthesis.endless.mip_levels import in_bands, pyramid_of, texels
 from texloom.stages.vocabulary.arrays import Image, ScalarMap
 from texloom.stages.vocabulary.normals import NORMAL
 
 GROUPS = 4
 """of cells where there are enough: by odd and even rows and columns, so that neighbours are never the same cell"""
 
-_BAND = 2**18  # points that are computed at once
 _SHIFT, _CHOICE = 0, 1  # layers of the hash
 
 Covering = tuple[Float32[np.ndarray, "H W"], Float32[np.ndarray, "H W"], Float32[np.ndarray, "H W"]]
@@ -48,13 +48,9 @@ class CellTiling:
         self, rows: Float32[np.ndarray, "H W"], columns: Float32[np.ndarray, "H W"], level: float = 0.0
     ) -> Float32[np.ndarray, "H W n"]:
         """All channels at places of the plane, px of the exemplar, at a level of detail."""
-        step = max(1, _BAND // rows.shape[1])
-        starts = range(0, len(rows), step)
-        return np.concatenate(
-            [self._part(rows[top : top + step], columns[top : top + step], level) for top in starts]
-        )
+        return in_bands(partial(self._part, level), rows, columns)
 
-    def _part(self, rows: np.ndarray, columns: np.ndarray, level: float) -> np.ndarray:
+    def _part(self, level: float, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
         sums = np.zeros((*rows.shape, len(self.channels)), np.float32)
         total = np.zeros(rows.shape, np.float32)
         for weight, down, across in self.covering(rows, columns):
