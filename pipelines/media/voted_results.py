@@ -47,12 +47,15 @@ def find(path: Path, store: Store) -> tuple[str, str]:
     except NOT_AS_EXPECTED:
         raise Refusal("is not an EXR that a run of texloom has written, as its texture.exr") from None
     again = _again(header, made, store)
+    passed = {key}  # a step that changes nothing has made what it was given
     while stage in _CARRIERS:
         wanted = {inputs[name] for name in _CARRIED if name in inputs}
-        before = next((one for one in _results(store) if wanted & {*one["outputs"].values()}), None)
+        found = (one for one in _results(store) if one["key"] not in passed)
+        before = next((one for one in found if wanted & {*one["outputs"].values()}), None)
         if before is None:
             raise Refusal(f"its correspondence is no longer in the store {store.root}; {again}")
         stage, key, inputs = before["stage"], before["key"], before["inputs"]
+        passed.add(key)
     if stage != _STAGE:
         raise Refusal(f"was made by {stage}, of which no correspondence is kept; self_tuning and materials keep it")
     return _checked(key, store, again)
