@@ -9,10 +9,7 @@ from texloom.pipelines.flow.model import Flow, Overrides
 from texloom.stages.vocabulary.declare import InputError
 
 ALL = ("mask", "exemplar_structure", "exemplar_guide", "target_guide", "strokes", "control")
-PLAIN = (
-    *("tone", "offsets", "lattice", "parts", "edges", "structure", "distance", "guidance", "start", "texture"),
-    *("laid", "scores"),
-)
+PLAIN = ("tone", "offsets", "lattice", "edges", "structure", "distance", "guidance", "start", "texture", "scores")
 
 
 def opened(flow: str = "self_tuning", *given: str, **fields: Any) -> Flow:
@@ -31,9 +28,9 @@ def test_alone_it_has_the_steps_that_it_always_had() -> None:
     assert {name: taken(flow, name) for name in ("tone", "distance", "start", "texture")} == {
         "tone": {"image": "exemplar"},
         "distance": {"structure": "structure.structure"},
-        "start": {"image": "parts.image", "structure": "structure.structure", "generators": "lattice.generators"},
+        "start": {"image": "tone.image", "structure": "structure.structure", "generators": "lattice.generators"},
         "texture": {
-            "image": "parts.image",
+            "image": "tone.image",
             "start": "start.match",
             "guidance": "distance.field",
             "weight": "guidance.weight",
@@ -42,7 +39,7 @@ def test_alone_it_has_the_steps_that_it_always_had() -> None:
         },
     }
     assert not flow.is_set
-    assert set(flow.exports) == {"texture.exr", "texture.png", "scores.json", "one_off.png", "maps/"}
+    assert set(flow.exports) == {"texture.exr", "texture.png", "scores.json", "maps/"}
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,0 @@
-"""What an exemplar shows once: parts that the rest of it does not explain, and what crosses it once."""
