@@ -53,7 +53,7 @@ NOT_OF = {
         **dict.fromkeys(("pictures", "seeds", "item"), "the page makes one result at a time"),
         **dict.fromkeys(("store", "out", "force", "exports"), "the page keeps its results in its store"),
         **dict.fromkeys(
-            ("crop", "reduce", "texel_size", "color_space", "udim"), "the page has no such form; the flow file has"
+            ("crop", "reduce", "texel_size", "color_space"), "the page has no such form; the flow file has"
         ),
         **dict.fromkeys(("runner", "workers", "address"), IN_ONE_PROCESS),
     },
@@ -78,7 +78,7 @@ WAYS = {
     "Prefect": (arguments_of(run_flow), PARAMETERS),
     "studio": (set(Recipe.model_fields), {}),
 }
-OF_THEIR_OWN = {"as_json", "only", "memory", "progress", "image", "method", "mask", "files"}
+OF_THEIR_OWN = {"as_json", "only", "memory", "progress", "image", "method", "mask", "files", "lists"}
 """how a result is told, the limit of a process, and pictures and files that a program or the page holds"""
 
 

@@ -49,7 +49,7 @@ def test_runs_show_pictures_steps_and_flows(finished: Watched) -> None:
     page.get_by_label("Steps of the run").get_by_title("Inspect the layers of texture").click()
     page.get_by_label("Layers").get_by_role("button", name="image").wait_for()
     page.get_by_role("tab", name="Runs").click()
-    page.get_by_text("vary").first.wait_for()
+    page.get_by_label("Runs of this studio").get_by_text("vary", exact=True).wait_for()
 
 
 def test_a_texture_without_end(watched: Watched) -> None:
