@@ -63,7 +63,7 @@ ALLOWED = {
     "common/regularity/lattice_cells.py: cv2.filter2D": "of 64 bits, which has one version",
     "synthesis/stitching/similar_places.py: cv2.filter2D": "multiples of 2^-12, whose sums are exact",
     "analysis/control/orientation_field.py: cv2.filter2D": "of 13 px: by Fourier transforms, of one version",
-    "analysis/photographs/unlikeness.py: partition": "only the value at the place is read, which has one order",
+    "analysis/one_off/unlikeness.py: partition": "only the value at the place is read, which has one order",
     "interactive/photo_session.py: cv2.remap": "draws a preview",
 }
 """what may be called where, and why"""

@@ -26,7 +26,7 @@ _STAGE = "synthesis.optimise"
 _OUTPUTS = ("patches", "voting")
 _CARRIED = ("image", "match")
 """inputs of later steps by which pixels stay where they are"""
-_CARRIERS = ("synthesis.gradient_domain", "synthesis.restore_tone")
+_CARRIERS = ("synthesis.gradient_domain", "synthesis.restore_tone", "synthesis.whole_parts")
 """those steps"""
 
 

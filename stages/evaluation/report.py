@@ -74,6 +74,8 @@ def report(
     regularity: dict[str, Any] | None = None,
     preview: Image | None = None,
     joints: Float32[np.ndarray, "H W"] | None = None,
+    one_off: dict[str, Any] | None = None,
+    one_off_picture: Image | None = None,
     provenance: Sequence[Mapping[str, Any]] = (),
 ) -> page.ReportPage:
     """Show on one page what a person needs to judge a result and to make it again.
@@ -90,6 +92,7 @@ def report(
     occurrence, scales : use of the exemplar and course of the optimisation; see `optimise`.
     preview : the material under a light; see `lit_preview`.
     joints : how unlike the exemplar the result is at each pixel, see `metrics`. Its worst places are shown.
+    one_off, one_off_picture : what the exemplar shows once, and it with that tinted; see `one_off_parts`.
     provenance : the steps upstream.
 
     Raises
@@ -136,6 +139,8 @@ def report(
         places=[] if joints is None else worst_places(joints, params.places, _CROP // 2),
         place_side=_CROP,
         preview=None if preview is None else page.shown(preview, max(largest, preview.width), 90),
+        one_off=(one_off or {}).get("why") or "",
+        once=page.shown(one_off_picture, largest, 90),
         maps=maps,
         energies=energies,
         tables=[shown for shown in tables if shown["groups"]],

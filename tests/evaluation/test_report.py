@@ -628,3 +628,12 @@ def test_a_grid_in_a_browser(tab: Any, grid: str, tmp_path: Path) -> None:
     assert tab.evaluate("document.querySelector('dialog img').clientWidth") == width, "the scale is that of all"
     tab.evaluate("document.querySelector('[data-close]').click()")
     assert not tab.evaluate("document.querySelector('dialog').open")
+
+
+def test_what_the_exemplar_shows_once_is_told() -> None:
+    one = shown(64, 64)
+    known = {"why": "2.0% of the exemplar are shown once"}
+    page = report(one, one, table(), ReportParams(), one_off=known, one_off_picture=one).page
+    assert known["why"] in page
+    assert "what the exemplar shows once" in page
+    assert "Shown once" not in report(one, one, table(), ReportParams(), one_off={"why": ""}).page

@@ -9,7 +9,10 @@ from texloom.pipelines.flow.model import Flow, Overrides
 from texloom.stages.vocabulary.declare import InputError
 
 ALL = ("mask", "exemplar_structure", "exemplar_guide", "target_guide", "strokes", "control")
-PLAIN = ("tone", "offsets", "lattice", "edges", "structure", "distance", "guidance", "start", "texture", "scores")
+PLAIN = (
+    *("tone", "offsets", "lattice", "parts", "edges", "structure", "distance", "guidance", "start", "texture"),
+    *("laid", "scores"),
+)
 
 
 def opened(flow: str = "self_tuning", *given: str, **fields: Any) -> Flow:
@@ -28,9 +31,9 @@ def test_alone_it_has_the_steps_that_it_always_had() -> None:
     assert {name: taken(flow, name) for name in ("tone", "distance", "start", "texture")} == {
         "tone": {"image": "exemplar"},
         "distance": {"structure": "structure.structure"},
-        "start": {"image": "tone.image", "structure": "structure.structure", "generators": "lattice.generators"},
+        "start": {"image": "parts.image", "structure": "structure.structure", "generators": "lattice.generators"},
         "texture": {
-            "image": "tone.image",
+            "image": "parts.image",
             "start": "start.match",
             "guidance": "distance.field",
             "weight": "guidance.weight",
@@ -39,7 +42,7 @@ def test_alone_it_has_the_steps_that_it_always_had() -> None:
         },
     }
     assert not flow.is_set
-    assert set(flow.exports) == {"texture.exr", "texture.png", "scores.json", "maps/"}
+    assert set(flow.exports) == {"texture.exr", "texture.png", "scores.json", "one_off.png", "maps/"}
 
 
 @pytest.mark.parametrize(

@@ -33,11 +33,11 @@ ALWAYS = {"synthesis.epitome", "synthesis.wang_tiles"}
 KEEPS = {
     "analysis.ao_from_height", "analysis.height_from_colour", "analysis.height_from_normal",
     "analysis.normal_from_height", "analysis.roughness_from_colour",
-    "analysis.exclusion_mask", "analysis.foreign_parts",
+    "analysis.exclusion_mask", "analysis.foreign_parts", "analysis.one_off_parts",
     "evaluation.choice", "evaluation.external_result", "synthesis.gradient_domain",
     "synthesis.graded_statistics",
     "synthesis.inpaint", "synthesis.propagate_edit", "synthesis.refine", "synthesis.restore_tone",
-    "synthesis.revise",
+    "synthesis.revise", "synthesis.whole_parts",
 }  # fmt: skip
 """stages whose result wraps where the picture that they change did"""
 DROPS = {
@@ -97,12 +97,14 @@ def edited(stage: str, image: Image) -> Image:
         "analysis.roughness_from_colour": {"image": image},
         "analysis.exclusion_mask": {"image": image, "mask": picture(hole.astype(np.float32))},
         "analysis.foreign_parts": {"image": image, "mask": picture(hole.astype(np.float32))},
+        "analysis.one_off_parts": {"image": image},
         "evaluation.choice": {"first": image, "second": image, "first_scores": known, "second_scores": known},
         "evaluation.external_result": {"image": image},
         "synthesis.gradient_domain": {"exemplar": image, "image": image, "match": own},
         "synthesis.inpaint": {"image": image, "keep": ~hole},
         "synthesis.refine": {"image": image, "match": own, "exemplar": image, "rng": random},
         "synthesis.restore_tone": {"image": image, "control": image},
+        "synthesis.whole_parts": {"exemplar": image, "image": image, "match": own, "kept": hole},
         "synthesis.graded_statistics": {
             "image": image,
             "match": own,

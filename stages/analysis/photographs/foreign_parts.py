@@ -8,45 +8,24 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis.exemplars.exclusion_mask import ExclusionMaskParams, exclusion_mask
+from texloom.stages.analysis.one_off.foreign_search import as_searched, foreign_search, with_margin
 from texloom.stages.analysis.photographs.blemishes import blemishes
 from texloom.stages.analysis.photographs.evenness import picture_evenness
 from texloom.stages.analysis.photographs.flatness import Flatness, flatness
-from texloom.stages.analysis.photographs.foreign_outlines import likewise, outlined
 from texloom.stages.analysis.photographs.one_off_bands import one_off_bands
-from texloom.stages.analysis.photographs.unlikeness import unlikeness
-from texloom.stages.analysis.regularity.mean_cell import mean_cell
-from texloom.stages.common.grids.pyramid import reduced, resize
 from texloom.stages.common.grids.size_checks import check_same_size
-from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.numerics.matrices import determinant
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap, Vectors
-from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Params, stage
-from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels, with_usable
+from texloom.stages.vocabulary.masks import valid_pixels, with_usable
 from texloom.stages.vocabulary.progress import Progress, report
 
 _LOG = logging.getLogger(__name__)
 
-_SIDE = 480  # px of the longer side, at which it is searched
 _MIN_SIDE = 24  # px of the shorter one
-_WINDOWS = 24, 48  # deviations of the windows that are compared: the side over these
-_LESS = 0.75  # of the threshold, where others were found
-_GROWS = 0.6  # of the threshold, down to which a foreign part reaches
-_SURE = 0.4  # share of the first parts that reaches it: drifts of tone rise slowly
-_CERTAIN = 2.0  # times the threshold, from which colours need not differ
-_LEAST = 0.01  # share of the picture that is a part
-_CONVEX = 0.6  # share of its convex hull; two shutters under a lintel have .63
-_PIECE = 0.01  # share of the picture that is left between foreign parts
-_EXPLAINS = 0.5  # median correlation of the cells with their median from which it explains the picture
-_MIN_CELLS = 6.0
-_MARGIN = 2.0  # px at which it is searched, by which masks are wider: borders are soft
-_FINE = 1 / 12  # deviation of the window in a cell, of the shorter generator
-_NOTICED = 1.5  # CIELAB
-_TINT = np.array([25.0, 8.0, 8.0], np.float32)  # CIELAB by which light may change a cell
 _ALL = 1000.0  # times as far as usual, from which on nothing is foreign
 _OTHERS = 0.1  # of a picture without a plane, that is masked, from which it may be of several surfaces
 _FEW, _DOUBT = 0.5, 0.25  # of the picture: little, and too little for a surface
@@ -137,7 +116,7 @@ def foreign_parts(
     if mask is not None:
         usable = exclusion_mask(image, ExclusionMaskParams(), mask=mask).valid
     elif min(before.shape) >= _MIN_SIDE and params.unlike < _ALL:
-        unlike, foreign, explained = _searched(image, before, generators, params.unlike)
+        unlike, foreign, explained = foreign_search(image, before, generators, params.unlike)
         usable = before & ~foreign
         if not usable.all() and (before & foreign).any():
             by = "lattice" if explained else "looks"
@@ -235,121 +214,8 @@ def _why(by: str, masked: float, left: float, cells: float, banded: bool) -> str
     return f"{why}; edit foreign.png and give it back (--source mask=foreign.png), or keep all (--set unlike=1000)"
 
 
-def _searched(
-    image: Image, valid: Mask, generators: Vectors | None, threshold: float
-) -> tuple[ScalarMap, Mask, bool]:
-    """How unlike each pixel is, whether it is foreign, and whether a mean cell explains the picture."""
-    lab = lab_from_linear(reduced(np.ascontiguousarray(fill_excluded(image).color), _SIDE))
-    small = reduced(valid[..., None].astype(np.float32), _SIDE)[..., 0] > 0.5
-    cell = None
-    if generators is not None and len(generators) == 2:
-        factor = np.array(lab.shape[:2]) / (image.height, image.width)
-        cell = _unlike_cell(lab, small, (generators * factor).astype(np.float32))
-    side = float(np.sqrt(small.sum()))
-    unlike = np.zeros(small.shape, np.float32)
-    found = np.zeros(small.shape, np.bool_)
-    for done, share, most in ((0.2, 1.0, _SURE), (0.5, _LESS, 0.0)):
-        report(Progress(done))
-        looks = [unlikeness(lab, small, max(1.5, side / windows), found) for windows in _WINDOWS]
-        unlike = np.maximum.reduce(looks) if cell is None else np.minimum(np.maximum.reduce(looks), cell[0])
-        found = found | _parts(unlike, small, share * threshold, most)
-        if not found.any():
-            break
-    planes = lab if cell is None else cell[1]
-    found = outlined(planes, small, found, unlike >= _CERTAIN * threshold)  # windows blur outlines
-    found = found | likewise(planes, small, found, _LEAST * float(small.sum()))
-    foreign = _closed(found, small, _MARGIN)
-    both = resize(np.stack([foreign, unlike], axis=2).astype(np.float32), image.height, image.width, bilinear=True)
-    return np.ascontiguousarray(both[..., 1]), both[..., 0] > 0.5, cell is not None
-
-
 def _blemished(image: Image, valid: Mask, usable: Mask) -> Mask:
     """What stands out on a plain surface, with a margin."""
-    lab = lab_from_linear(reduced(np.ascontiguousarray(fill_excluded(image).color), _SIDE))
-    small, left = (reduced(mask[..., None].astype(np.float32), _SIDE)[..., 0] > 0.5 for mask in (valid, usable))
-    found = blemishes(lab, small, small & ~left)
-    if not found.any():
-        return np.zeros(usable.shape, np.bool_)
-    wide = _grown(found, _MARGIN).astype(np.float32)[..., None]
-    return np.asarray(resize(wide, image.height, image.width, bilinear=True)[..., 0] > 0.5)
-
-
-def _unlike_cell(
-    lab: Float32[np.ndarray, "h w 3"], valid: Mask, generators: Vectors
-) -> tuple[ScalarMap, Float32[np.ndarray, "h w 3"]] | None:
-    """How many times farther from the mean cell each pixel is than is usual, and what the mean cell leaves of it.
-
-    None where the mean cell explains too little.
-    """
-    frame = generators.astype(np.float64)
-    area, shorter = abs(float(determinant(frame))), float(np.hypot(*frame.T).min())
-    if valid.sum() < _MIN_CELLS * area or shorter < 6:
-        return None
-    cell = mean_cell(lab, generators, valid)
-    tint = np.clip(cell.per_cell(lab - cell.expected, valid), -_TINT, _TINT)
-    if cell.explained(lab[..., 0], valid) < _EXPLAINS:
-        return None
-    toned = lab - tint
-    left = toned - np.clip(toned, cell.lowest, cell.highest)
-    rest = np.abs(left).mean(axis=2)
-    usual = np.nan_to_num(cell.deviation)[cell.phase[..., 0], cell.phase[..., 1]]
-    deviation = max(1.0, _FINE * shorter)
-    counted = valid.astype(np.float32)
-    weight = np.maximum(gaussian_blur(counted, deviation), np.float32(1e-6))
-    mean, expected = (gaussian_blur(plane * counted, deviation) / weight for plane in (rest, usual))
-    unlike = np.where(valid, 2 * mean / (expected + np.float32(_NOTICED)), 0)
-    return np.asarray(unlike, np.float32), np.asarray(left, np.float32)
-
-
-def _parts(unlike: ScalarMap, valid: Mask, threshold: float, sure: float) -> Mask:
-    """Parts that are nearly as unlike as the threshold, and not small, of which more than a share reaches it."""
-    import cv2
-
-    near = (unlike >= max(1.5, _GROWS * threshold)) & valid
-    count, labels, boxes, _ = cv2.connectedComponentsWithStats(near.astype(np.uint8), connectivity=4)
-    reach = np.bincount(labels.ravel(), (unlike >= threshold).ravel().astype(np.float64), minlength=count)
-    large = (boxes[:, cv2.CC_STAT_AREA] >= _LEAST * valid.sum()) & (reach > sure * boxes[:, cv2.CC_STAT_AREA])
-    large[0] = False
-    return np.asarray(large[labels])
-
-
-def _closed(found: Mask, valid: Mask, reach: float) -> Mask:
-    """Foreign parts with a margin, their holes filled, and without small pieces of the rest."""
-    import cv2
-
-    if not found.any():
-        return found
-    rest = (valid & ~_filled(_grown(found, reach))).astype(np.uint8)
-    _, labels, boxes, _ = cv2.connectedComponentsWithStats(rest, connectivity=4)
-    small = boxes[:, cv2.CC_STAT_AREA] < _PIECE * valid.sum()
-    small[0] = True  # what is foreign, or was not known
-    return np.asarray(small[labels])
-
-
-def _filled(found: Mask) -> Mask:
-    """Parts that fill most of their convex hull with all of it: a pane that mirrors the sky between shutters.
-
-    Not parts at the border, such as a street with a door above it.
-    """
-    import cv2
-
-    count, labels, boxes, _ = cv2.connectedComponentsWithStats(found.astype(np.uint8), connectivity=4)
-    filled = found.astype(np.uint8)
-    whole = np.arange(count) > 0
-    for edge in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
-        whole[edge] = False
-    for label in np.flatnonzero(whole):
-        hull = np.zeros_like(filled)
-        points = np.argwhere(labels == label)[:, ::-1].astype(np.int32)
-        cv2.fillConvexPoly(hull, cv2.convexHull(points), 1)
-        if boxes[label, cv2.CC_STAT_AREA] >= _CONVEX * hull.sum(dtype=np.int64):
-            filled |= hull
-    return filled > 0
-
-
-def _grown(found: Mask, reach: float) -> Mask:
-    """With what is within ``reach`` px."""
-    import cv2
-
-    side = 2 * max(1, round(reach)) + 1
-    return cv2.dilate(found.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))) > 0
+    lab, small = as_searched(image, valid)
+    found = blemishes(lab, small, small & ~as_searched(image, usable)[1])
+    return with_margin(found, usable.shape) if found.any() else np.zeros(usable.shape, np.bool_)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from texloom.stages.analysis.photographs.foreign_outlines import likewise, outlined
+from texloom.stages.analysis.one_off.foreign_outlines import likewise, outlined
 
 SIDE = 96
 ALL = np.ones((SIDE, SIDE), np.bool_)

@@ -1,0 +1,203 @@
+"""Parts of a picture that the rest of it does not explain, at reduced size."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float32
+
+from texloom.stages.analysis.one_off.foreign_outlines import likewise, outlined
+from texloom.stages.analysis.one_off.unlikeness import unlikeness
+from texloom.stages.analysis.regularity.mean_cell import mean_cell
+from texloom.stages.common.grids.pyramid import reduced, resize
+from texloom.stages.numerics.filters import gaussian_blur
+from texloom.stages.numerics.matrices import determinant
+from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap, Vectors
+from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.masks import fill_excluded
+from texloom.stages.vocabulary.progress import Progress, report
+
+_SIDE = 480  # px of the longer side, at which it is searched
+_SCREENED, _SLACK = 240, 0.9  # px of the longer side of a quick look, and share of the threshold there
+_ODD, _ODD_SHARE = 3.0, 0.004  # times the usual difference of cells, and share of the picture that has it
+_WINDOWS = 24, 48  # deviations of the windows that are compared: the side over these
+_GROWS = 0.6  # of the threshold, down to which a foreign part reaches
+_SURE = 0.4  # share of the first parts that reaches it: drifts of tone rise slowly
+_CERTAIN = 2.0  # times the threshold, from which colours need not differ
+_LEAST = 0.01  # share of the picture that is a part
+_CONVEX = 0.6  # share of its convex hull; two shutters under a lintel have .63
+_PIECE = 0.01  # share of the picture that is left between foreign parts
+_EXPLAINS = 0.5  # median correlation of the cells with their median from which it explains the picture
+_MIN_CELLS = 6.0  # of a lattice, for a mean
+_MARGIN = 2.0  # px at which it is searched, by which masks are wider: borders are soft
+_FINE = 1 / 12  # deviation of the window in a cell, of the shorter generator
+_NOTICED = 1.5  # CIELAB
+_TINT = np.array([25.0, 8.0, 8.0], np.float32)  # CIELAB by which light may change a cell
+
+
+def looks_foreign(image: Image, valid: Mask, generators: Vectors | None, threshold: float) -> bool:
+    """Whether a search may find parts at ``threshold``; a quick look at half the size.
+
+    In a lattice a part also differs from most of the cells around it, in the mean of a window.
+    """
+    lab, small = as_searched(image, valid, _SCREENED)
+    side = float(np.sqrt(small.sum()))
+    unlike = np.maximum.reduce([unlikeness(lab, small, max(1.5, side / windows)) for windows in _WINDOWS])
+    found = _parts(unlike, small, _SLACK * threshold, 0.0)
+    if not found.any() or generators is None or len(generators) < 2:
+        return bool(found.any())
+    factor = np.array(small.shape) / (image.height, image.width)
+    away = _from_cells_around(lab, small, generators * factor)
+    return bool((found & (away > _ODD * np.median(away[small]) + _NOTICED)).sum() >= _ODD_SHARE * small.sum())
+
+
+def _from_cells_around(lab: Float32[np.ndarray, "h w 3"], valid: Mask, frame: np.ndarray) -> ScalarMap:
+    """The median CIELAB difference of each pixel to those a cell away in eight directions."""
+    deviation = max(1.0, 2 * _FINE * float(np.hypot(*frame.T).min()))
+    weight = np.maximum(gaussian_blur(valid.astype(np.float32), deviation), np.float32(1e-6))
+    means = gaussian_blur(lab * valid[..., None], deviation) / weight[..., None]
+    rows, columns = np.indices(valid.shape)
+    others = []
+    for first, second in ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)):
+        down, across = (int(value) for value in np.rint(first * frame[0] + second * frame[1]))
+        row, column = rows + down, columns + across
+        inside = (row >= 0) & (row < len(rows)) & (column >= 0) & (column < valid.shape[1])
+        row, column = np.clip(row, 0, len(rows) - 1), np.clip(column, 0, valid.shape[1] - 1)
+        differs = np.abs(means - means[row, column]).sum(axis=2)
+        others.append(np.where(inside & valid[row, column], differs, np.float32(np.inf)))
+    ordered = np.sort(np.stack(others), axis=0)  # those not known are last
+    known = np.isfinite(ordered).sum(axis=0)
+    median = np.take_along_axis(ordered, (np.maximum(known - 1, 0) // 2)[None], axis=0)[0]
+    return np.asarray(np.where(valid & (known > 0), median, 0), np.float32)
+
+
+def as_searched(image: Image, valid: Mask, side: int = _SIDE) -> tuple[Float32[np.ndarray, "h w 3"], Mask]:
+    """CIELAB at which is searched, and where it counts."""
+    lab = lab_from_linear(reduced(np.ascontiguousarray(fill_excluded(image).color), side))
+    return lab, reduced(valid[..., None].astype(np.float32), side)[..., 0] > 0.5
+
+
+def foreign_search(
+    image: Image, valid: Mask, generators: Vectors | None, threshold: float, less: float = 0.75
+) -> tuple[ScalarMap, Mask, bool]:
+    """How unlike each pixel is, whether it is foreign, and whether a mean cell explains the picture.
+
+    Parameters
+    ----------
+    image : a surface from the front, or an exemplar; searched at 480 px.
+    valid : where it counts.
+    generators : of its lattice; less than two count as none. What its mean cell explains is not foreign.
+    threshold : times as far from what explains it as is usual, from which on a part is foreign.
+    less : share of the threshold that counts where some part was found: others are likelier then.
+
+    References
+    ----------
+    Ours; see `unlikeness`, `mean_cell` and `outlined`.
+    """
+    lab, small = as_searched(image, valid)
+    cell = None
+    if generators is not None and len(generators) == 2:
+        factor = np.array(lab.shape[:2]) / (image.height, image.width)
+        cell = _unlike_cell(lab, small, (generators * factor).astype(np.float32))
+    side = float(np.sqrt(small.sum()))
+    unlike = np.zeros(small.shape, np.float32)
+    found = np.zeros(small.shape, np.bool_)
+    for done, share, most in ((0.2, 1.0, _SURE), (0.5, less, 0.0)):
+        report(Progress(done))
+        looks = [unlikeness(lab, small, max(1.5, side / windows), found) for windows in _WINDOWS]
+        unlike = np.maximum.reduce(looks) if cell is None else np.minimum(np.maximum.reduce(looks), cell[0])
+        found = found | _parts(unlike, small, share * threshold, most)
+        if not found.any():
+            break
+    planes = lab if cell is None else cell[1]
+    found = outlined(planes, small, found, unlike >= _CERTAIN * threshold)  # windows blur outlines
+    found = found | likewise(planes, small, found, _LEAST * float(small.sum()))
+    foreign = _closed(found, small, _MARGIN)
+    both = resize(np.stack([foreign, unlike], axis=2).astype(np.float32), image.height, image.width, bilinear=True)
+    return np.ascontiguousarray(both[..., 1]), both[..., 0] > 0.5, cell is not None
+
+
+def with_margin(found: Mask, shape: tuple[int, int]) -> Mask:
+    """Parts at the size at which is searched, a little wider, at full size."""
+    wide = _grown(found, _MARGIN).astype(np.float32)[..., None]
+    return np.asarray(resize(wide, *shape, bilinear=True)[..., 0] > 0.5)
+
+
+def _unlike_cell(
+    lab: Float32[np.ndarray, "h w 3"], valid: Mask, generators: Vectors
+) -> tuple[ScalarMap, Float32[np.ndarray, "h w 3"]] | None:
+    """How many times farther from the mean cell each pixel is than is usual, and what the mean cell leaves of it.
+
+    None where the mean cell explains too little.
+    """
+    frame = generators.astype(np.float64)
+    area, shorter = abs(float(determinant(frame))), float(np.hypot(*frame.T).min())
+    if valid.sum() < _MIN_CELLS * area or shorter < 6:
+        return None
+    cell = mean_cell(lab, generators, valid)
+    tint = np.clip(cell.per_cell(lab - cell.expected, valid), -_TINT, _TINT)
+    if cell.explained(lab[..., 0], valid) < _EXPLAINS:
+        return None
+    toned = lab - tint
+    left = toned - np.clip(toned, cell.lowest, cell.highest)
+    rest = np.abs(left).mean(axis=2)
+    usual = np.nan_to_num(cell.deviation)[cell.phase[..., 0], cell.phase[..., 1]]
+    deviation = max(1.0, _FINE * shorter)
+    counted = valid.astype(np.float32)
+    weight = np.maximum(gaussian_blur(counted, deviation), np.float32(1e-6))
+    mean, expected = (gaussian_blur(plane * counted, deviation) / weight for plane in (rest, usual))
+    unlike = np.where(valid, 2 * mean / (expected + np.float32(_NOTICED)), 0)
+    return np.asarray(unlike, np.float32), np.asarray(left, np.float32)
+
+
+def _parts(unlike: ScalarMap, valid: Mask, threshold: float, sure: float) -> Mask:
+    """Parts that are nearly as unlike as the threshold, and not small, of which more than a share reaches it."""
+    import cv2
+
+    near = (unlike >= max(1.5, _GROWS * threshold)) & valid
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(near.astype(np.uint8), connectivity=4)
+    reach = np.bincount(labels.ravel(), (unlike >= threshold).ravel().astype(np.float64), minlength=count)
+    large = (boxes[:, cv2.CC_STAT_AREA] >= _LEAST * valid.sum()) & (reach > sure * boxes[:, cv2.CC_STAT_AREA])
+    large[0] = False
+    return np.asarray(large[labels])
+
+
+def _closed(found: Mask, valid: Mask, reach: float) -> Mask:
+    """Foreign parts with a margin, their holes filled, and without small pieces of the rest."""
+    import cv2
+
+    if not found.any():
+        return found
+    rest = (valid & ~_filled(_grown(found, reach))).astype(np.uint8)
+    _, labels, boxes, _ = cv2.connectedComponentsWithStats(rest, connectivity=4)
+    small = boxes[:, cv2.CC_STAT_AREA] < _PIECE * valid.sum()
+    small[0] = True  # what is foreign, or was not known
+    return np.asarray(small[labels])
+
+
+def _filled(found: Mask) -> Mask:
+    """Parts that fill most of their convex hull with all of it: a pane that mirrors the sky between shutters.
+
+    Not parts at the border, such as a street with a door above it.
+    """
+    import cv2
+
+    count, labels, boxes, _ = cv2.connectedComponentsWithStats(found.astype(np.uint8), connectivity=4)
+    filled = found.astype(np.uint8)
+    whole = np.arange(count) > 0
+    for edge in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
+        whole[edge] = False
+    for label in np.flatnonzero(whole):
+        hull = np.zeros_like(filled)
+        points = np.argwhere(labels == label)[:, ::-1].astype(np.int32)
+        cv2.fillConvexPoly(hull, cv2.convexHull(points), 1)
+        if boxes[label, cv2.CC_STAT_AREA] >= _CONVEX * hull.sum(dtype=np.int64):
+            filled |= hull
+    return filled > 0
+
+
+def _grown(found: Mask, reach: float) -> Mask:
+    """With what is within ``reach`` px."""
+    import cv2
+
+    side = 2 * max(1, round(reach)) + 1
+    return cv2.dilate(found.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))) > 0

@@ -1,0 +1,109 @@
+"""Signs, cornices, pipes and cracks are left out; surfaces that show nothing once stay as they are."""
+
+import logging
+
+import numpy as np
+import pytest
+
+from benchmarks.foreign_parts import PARTS, WALLS
+from texloom.stages.analysis.one_off.crossing_lines import crossing_line
+from texloom.stages.analysis.one_off.one_off_parts import OneOffParts, OneOffPartsParams, one_off_parts
+from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.masks import valid_pixels
+
+SIDE = 160
+
+
+def wall(name: str) -> np.ndarray:
+    return WALLS[name](np.random.default_rng(3), SIDE)
+
+
+def searched(pixels: np.ndarray, one_off: str = "auto") -> OneOffParts:
+    return one_off_parts(Image(pixels, ("R", "G", "B")), OneOffPartsParams(one_off=one_off))
+
+
+def cracked(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A dark line of three pixels that winds from border to border."""
+    rows, columns = np.indices(pixels.shape[:2])
+    line = np.abs(rows - 70 - 12 * np.sin(columns / 23)) < 1.5
+    return np.where(line[..., None], 0.01, pixels).astype(np.float32), line
+
+
+@pytest.mark.parametrize("name", WALLS)
+def test_what_shows_nothing_once_stays_whole(name: str, caplog: pytest.LogCaptureFixture) -> None:
+    pixels = wall(name)
+    made = searched(pixels)
+    assert made.table["done"] == "none"
+    assert made.mask is made.picture is None
+    assert valid_pixels(made.image) is None
+    assert not caplog.messages
+
+
+@pytest.mark.parametrize(("name", "part"), [("plaster", "pipe"), ("pebbles", "sign"), ("bricks", "sign")])
+def test_parts_are_left_out(name: str, part: str, caplog: pytest.LogCaptureFixture) -> None:
+    pixels, truth = PARTS[part](np.random.default_rng(3), wall(name))
+    with caplog.at_level(logging.WARNING):
+        made = searched(pixels)
+    usable = valid_pixels(made.image)
+    assert made.table["done"] == "left out"
+    assert usable is not None
+    assert (~usable)[truth].mean() > 0.95
+    assert (~usable)[~truth].mean() < 0.06
+    assert "--set one_off=use" in caplog.messages[0]
+    assert made.mask is not None
+    np.testing.assert_array_equal(made.mask.pixels[..., 0] > 0.5, usable)
+
+
+def test_a_doubtful_crack_from_border_to_border_is_left_out_on_request() -> None:
+    pixels, line = cracked(wall("pebbles"))
+    assert searched(pixels).table["done"] == "told"
+    made = searched(pixels, "leave_out")
+    assert made.mask is not None
+    found = made.mask.pixels[..., 0] < 0.5
+    assert made.table["done"] == "left out"
+    assert len(made.table["lines"]) == 1
+    assert found[line].mean() > 0.95
+    assert found.mean() < 0.1
+
+
+def test_cracks_in_both_directions_of_a_picture_are_alike() -> None:
+    pixels, line = cracked(wall("plaster"))
+    valid = np.ones(line.shape, np.bool_)
+    across, down = (
+        crossing_line(Image(np.ascontiguousarray(one), ("R", "G", "B")), valid)
+        for one in (pixels, pixels.transpose(1, 0, 2))
+    )
+    assert across is not None
+    assert down is not None
+    assert (across.along, down.along) == (1, 0)
+    np.testing.assert_array_equal(across.mask, down.mask.T)
+    assert across.stands_out == pytest.approx(down.stands_out)
+
+
+def test_several_cracks_are_how_the_surface_is() -> None:
+    pixels, line = wall("pebbles"), cracked(wall("pebbles"))[1]
+    for shift in (0, 40, 80, 120):
+        pixels = np.where(np.roll(line, shift, axis=0)[..., None], np.float32(0.01), pixels)
+    assert searched(pixels).table["lines"] == []
+
+
+def test_two_halves_are_told_but_used(caplog: pytest.LogCaptureFixture) -> None:
+    pixels = wall("plaster").copy()
+    pixels[:, : SIDE // 3] = wall("pebbles")[:, : SIDE // 3] * (0.1, 0.6, 0.1)
+    with caplog.at_level(logging.WARNING):
+        made = searched(pixels)
+    assert made.table["done"] == "told"
+    assert valid_pixels(made.image) is None
+    assert "--set one_off=leave_out" in caplog.messages[0]
+    assert valid_pixels(searched(pixels, "leave_out").image) is not None
+
+
+def test_nothing_is_searched_where_all_is_to_be_used() -> None:
+    pixels, _ = PARTS["sign"](np.random.default_rng(3), wall("bricks"))
+    assert searched(pixels, "use").table["done"] == "none"
+
+
+def test_a_wish_that_changes_nothing_is_told(caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level(logging.WARNING):
+        assert searched(wall("plaster"), "leave_out").table["done"] == "none"
+    assert "changes nothing" in caplog.messages[0]
