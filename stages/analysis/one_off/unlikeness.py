@@ -9,7 +9,6 @@ from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.numerics.filters import gaussian_blur, gradients
 from texloom.stages.numerics.matrices import eigenvectors, row_product, square_sums
 from texloom.stages.vocabulary.arrays import Mask, ScalarMap
-from texloom.stages.vocabulary.masks import nearest_valid
 
 _PLACES = 2400  # at most, that are compared with each other
 _MIN_SHOWN = 0.7  # share of a window that the picture shows; others look like the nearest that does
@@ -56,9 +55,8 @@ def unlikeness(
         return np.zeros(lab.shape[:2], np.float32)
     rows = looks[grid][known].astype(np.float64)
     units, core = _in_units_of_core(rows)
-    explains = (np.abs(places[:, None] - places[None]).max(axis=2) > _APART * deviation) & (
-        True if foreign is None else ~foreign[grid][known]
-    )
+    down, across = (np.abs(one[:, None] - one) > _APART * deviation for one in places.astype(np.int32).T)
+    explains = (down | across) & (True if foreign is None else ~foreign[grid][known])
     distance = np.where(explains, np.sqrt(_squared_distances(units)), np.inf)
     explaining = max(0, round(_EXPLAINED_BY * len(places)) - 1)
     distance.partition(explaining, axis=1)
@@ -113,7 +111,9 @@ def _between(
     values: Float32[np.ndarray, "p q"], known: Bool[np.ndarray, "p q"], every: int, shape: tuple[int, int]
 ) -> ScalarMap:
     """Of places on a grid, of every pixel: linearly, with that of the nearest for those not known."""
-    row, column = nearest_valid(known)
-    wide = resize(values[row, column][..., None], values.shape[0] * every, values.shape[1] * every, bilinear=True)
+    places, others = np.argwhere(known), np.argwhere(~known)
+    apart = np.square(others[:, None] - places[None]).sum(axis=2)  # at most `_PLACES` of each
+    values[~known] = values[known][apart.argmin(axis=1)]
+    wide = resize(values[..., None], values.shape[0] * every, values.shape[1] * every, bilinear=True)
     rest = [(0, max(0, length - have)) for length, have in zip(shape, wide.shape[:2], strict=True)]
     return np.asarray(np.pad(wide[..., 0], rest, "edge")[: shape[0], : shape[1]], np.float32)
