@@ -86,6 +86,8 @@ class Exporter:
             if state is None:
                 state = self._write(export, reference, surface, scope, inputs)
             inputs.release([reference])
+            if state is None and file in self.run.flow.if_made:
+                continue
             if state is None:
                 self.told.append(f"{file}: not written, as there is no {reference} here")
                 continue

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from texloom.pipelines.errors import hint
+from texloom.pipelines.flow.conditions import is_condition
 from texloom.pipelines.flow.draft import (
     EACH,
     FORMER,
@@ -320,9 +321,9 @@ class _Composer:
         when = self.when(draft, part, place)
         only = None if part.only is None else self.entry(part.only, place, "only")
         chosen = None
-        if only is not None and "." in only.value:
+        if only is not None and "." in only.value and not is_condition(only.value):
             only, chosen = None, only
-        if only is not None and only.value != SETS:
+        if only is not None and only.value != SETS and not is_condition(only.value):
             self.check_condition(draft, only)
         if before is None or part.stage is not None:
             stage = self.entry(part.stage, place, "stage")

@@ -7,6 +7,7 @@ from collections.abc import Container, Mapping, Set
 from typing import Any
 
 from texloom.pipelines.errors import closest, hint, one_of, shown
+from texloom.pipelines.flow.conditions import is_condition
 from texloom.pipelines.flow.draft import Change, Draft, DraftStep, Entry, texts_of
 from texloom.pipelines.flow.gone import INPUTS, OUTPUTS
 from texloom.pipelines.flow.model import Reference
@@ -51,7 +52,9 @@ class Connections:
         """What a step takes, checked."""
         stage = self.stages[name]
         only: Alternatives = ()
-        if step.only is not None and step.only.value != SETS:
+        if step.only is not None and is_condition(step.only.value):
+            only = (Reference(step.only.value),)
+        elif step.only is not None and step.only.value != SETS:
             only = self._references(step.only)
         for change in step.when:
             for key, entry in change.inputs.items():
@@ -86,7 +89,7 @@ class Connections:
                     raise entry.fail("needs 'like', the source that may be a map set", "if_maps")
             elif mesh is not None and file.endswith(MODELS):
                 inputs["mesh"] = self._input(dataclasses.replace(entry, value=mesh), _MESH, "mesh")
-            elif not only or like is not None or mesh is not None:
+            elif not (only or entry.value.if_made) or like is not None or mesh is not None:
                 raise entry.fail(
                     "must be a source or STEP.OUTPUT, got a mapping, which a folder takes, a PNG with 'like', "
                     "a .glb, .usda or .mtlx with 'mesh'"

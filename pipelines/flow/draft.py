@@ -59,7 +59,7 @@ class DraftStep:
     draws_as: str
     when: tuple[Change, ...] = ()
     only: Entry | None = None
-    """the source without which it is left out, or `SETS`"""
+    """the source or condition (see `texloom.pipelines.flow.conditions`) without which it is left out, or `SETS`"""
     chosen: Entry | None = None
     """STEP.LABEL: it runs only where that step, a choice, takes the label"""
     own: bool = True

@@ -10,6 +10,7 @@ from typing import Any
 
 from texloom.pipelines.errors import hint, one_of, refused, shown
 from texloom.pipelines.flow.compose import compose
+from texloom.pipelines.flow.conditions import conditions, is_condition
 from texloom.pipelines.flow.connections import Connections
 from texloom.pipelines.flow.draft import Draft, Entry, keep, texts_of
 from texloom.pipelines.flow.finding import find_flow
@@ -148,11 +149,15 @@ class _Checker:
             for name, step in draft.steps.items()
             if step.when
         }
-        there = Presence(takers, {*left_out, *self.dropped}, is_set, there)
+        wanted = conditions(draft.steps.values(), self.stages)
+        unmet = StepParams(draft, self.stages, {}).unmet(wanted, self.values)
+        there = Presence(takers, {*left_out, *self.dropped, *unmet}, is_set, there)
         self._check_given(there)
         self._check_asked(there)
         reasons = {name: _why_skipped(there.lacking.get(name)) for name in draft.steps if not there.is_there(name)}
-        step_params = StepParams(draft, self.stages, reasons)
+        deciding = {condition.step for condition in wanted.values()}  # their params may be given at any rate
+        refusing = {name: reason for name, reason in reasons.items() if name not in deciding}
+        step_params = StepParams(draft, self.stages, refusing)
         flow_params = step_params.of_flow()
         params = step_params.checked(self.values)
         steps = {
@@ -181,11 +186,9 @@ class _Checker:
         runner = choose_runner(declared, self.overrides.runner, self.fail)
         chosen = self.choice.chosen()
         own = tuple(name for name in self.sources if chosen and name not in chosen and name not in missing)
-        of_maps = tuple(
-            file
-            for file, entry in draft.exports.items()
-            if file in exports and isinstance(entry.value, FolderPart) and entry.value.if_maps
-        )
+        folders = {file: one.value for file, one in draft.exports.items() if isinstance(one.value, FolderPart)}
+        of_maps = tuple(file for file, part in folders.items() if file in exports and part.if_maps)
+        if_made = tuple(file for file, part in folders.items() if file in exports and part.if_made)
         skipped = {
             name: Skipped(self.stages[name], params[name], there.lacking.get(name, ()), reason)
             for name, reason in reasons.items()
@@ -199,8 +202,8 @@ class _Checker:
         overrides = dataclasses.replace(self.overrides, params=step_params.texts(self.overrides.params))
         return Flow(
             draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, surfaces, connections.kinds,
-            of_maps, own, tuple(draft.included), flow_params, missing, left_out, overrides, delivery=delivery,
-            skipped=skipped, unwritten=unwritten, optional=optional,
+            of_maps, if_made, own, tuple(draft.included), flow_params, missing, left_out, overrides,
+            delivery=delivery, skipped=skipped, unwritten=unwritten, optional=optional,
         )  # fmt: skip
 
     def _check_sources(self) -> None:
@@ -383,7 +386,10 @@ class _Checker:
 
 def _why_skipped(lacks: Sequence[str] | None) -> str:
     """Why a step is left out."""
-    return f"no {_and(lacks)}" if lacks else "nothing takes its result"
+    if not lacks:
+        return "nothing takes its result"
+    unmet = [one for one in lacks if is_condition(one)]
+    return f"only with {_and(unmet)}" if unmet else f"no {_and(lacks)}"
 
 
 def _and(names: Sequence[str]) -> str:

@@ -94,7 +94,7 @@ class Skipped:
     stage: Stage
     params: Params
     lacks: tuple[str, ...]
-    """the sources, or ``set``, without which it is left out; empty where its result would go nowhere"""
+    """the sources and conditions, or ``set``, without which it is left out; empty where nothing takes its result"""
     reason: str
     """in words, as ``no mask``"""
 
@@ -166,6 +166,8 @@ class Flow:
     """the sources that are no pictures: ``mesh``, or ``patches`` of an earlier result"""
     of_maps: tuple[str, ...] = ()
     """the exports that are written only where the source that they are like is a map set"""
+    if_made: tuple[str, ...] = ()
+    """the exports of which nothing is said where their step gave nothing"""
     own_examples: tuple[str, ...] = ()
     """the sources that keep the file's example although others are replaced"""
     more_paths: tuple[Path, ...] = ()

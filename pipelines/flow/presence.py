@@ -21,7 +21,7 @@ class Taker:
     required: Set[str] = frozenset()
     """of the names of inputs"""
     only: Alternatives = ()
-    """what it is left out without"""
+    """what it is left out without: a source, or a condition as one that may be absent"""
     chosen: Alternatives = ()
     """the choice, and the label that it must take"""
     for_sets: bool = False
@@ -42,7 +42,7 @@ class Presence:
         Parameters
         ----------
         takers : steps, and exports by their files' names.
-        absent : the sources that have no file.
+        absent : the sources that have no file, and the conditions that do not hold.
         is_set : whether there are several items.
         before : the same, before sources that are there have changed what steps take.
         """
@@ -53,7 +53,7 @@ class Presence:
         self.absent = absent
         self.is_set = is_set
         self.lacking: dict[str, tuple[str, ...]] = {}
-        """name of a taker that cannot be to the sources that it lacks, or ``set``"""
+        """name of a taker that cannot be to the sources and conditions that it lacks, or ``set``"""
         while True:
             lacking = {name: lacks for name, taker in takers.items() if (lacks := self._lacks(taker))}
             if lacking == self.lacking:

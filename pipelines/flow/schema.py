@@ -27,6 +27,7 @@ OPTIONAL = "optional"
 SETS = "sets"
 """in ``only``: the step is left out where there is one item alone"""
 MOST_ROUNDS = 100
+_ONLY = f"must be an optional source, CHOICE.LABEL, STEP.PARAM=VALUE, STEP.PARAM!=VALUE or '{SETS}'"
 SOURCE = f"must be a file, 'texloom:NAME', 'skimage:NAME', '{REQUIRED}' or '{OPTIONAL}'"
 """what a source is, in words"""
 _SEEDS = 2**63
@@ -134,7 +135,7 @@ class StepPart(_Part):
     params: Annotated[dict[str, Any], _optional] = {}
     draws_as: Annotated[str, _expect(str, "must be a step's name")] | None = None
     when: Annotated[dict[str, Annotated[WhenPart, _mapping_of("'inputs' and 'params'")]], _optional] = {}
-    only: Annotated[str, _expect(str, f"must be an optional source, CHOICE.LABEL or '{SETS}'")] | None = None
+    only: Annotated[str, _expect(str, _ONLY)] | None = None
 
 
 class SetPart(_Part):
@@ -162,12 +163,13 @@ class SetPart(_Part):
 class FolderPart(_Part):
     """An export that is a folder of maps, or a PNG, and is like a source; or a model, with the mesh it lies on.
 
-    With ``only`` it is left out without that source.
+    With ``only`` it is left out without that source; with ``if_made`` where its step gave nothing, without a word.
     """
 
     image: Any = None
     like: Any = None
     if_maps: Annotated[bool, _expect(bool, "must be true or false")] = False
+    if_made: Annotated[bool, _expect(bool, "must be true or false")] = False
     mesh: Any = None
     only: Annotated[str, _expect(str, "must be an optional source")] | None = None
 

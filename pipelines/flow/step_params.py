@@ -7,7 +7,7 @@ import os
 import stat
 import types
 import typing
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ import pydantic
 
 from texloom.pipelines.errors import closest, hint, one_of, refused, shown
 from texloom.pipelines.flow.compose import is_structural
+from texloom.pipelines.flow.conditions import Condition
 from texloom.pipelines.flow.draft import Draft
 from texloom.pipelines.yaml import parse_yaml, read_document
 from texloom.stages.vocabulary.declare import Document, InputError, InputFile, Params, Stage
@@ -46,11 +47,16 @@ class StepParams:
                     raise entry.fail(problem + hint(param, known))
         return {name: tuple(entry.value) for name, entry in self.draft.params.items()}
 
-    def checked(self, given: Mapping[str, Any]) -> dict[str, Params]:
-        """The params of every step; ``given`` are those of the command line, by STEP.PARAM or flow param."""
+    def checked(self, given: Mapping[str, Any], names: Collection[str] | None = None) -> dict[str, Params]:
+        """The params of every step, or of ``names``.
+
+        ``given`` are those of the command line, by STEP.PARAM or a param of the flow.
+        """
         values: dict[str, dict[str, Any]] = {}
         places: dict[tuple[str, str], str] = {}
         for name, step in self.draft.steps.items():
+            if names is not None and name not in names:
+                continue
             values[name] = {param: entry.value for param, entry in step.params.items()}
             for param, entry in step.params.items():
                 where = f"{entry.path}: {entry.place}"
@@ -58,6 +64,8 @@ class StepParams:
                 _resolve_files(values[name], param, self.stages[name].params, entry.path.parent, where)
         for target, value in given.items():
             for name, rest in self._targets(target):
+                if name not in values:
+                    continue
                 model = self.stages[name].params
                 param, dot, key = rest.partition(".")
                 where = f"--set {target}" if name in target or "." not in target else f"--set {target}: {name}"
@@ -70,6 +78,11 @@ class StepParams:
                 places[name, param] = where
                 _resolve_files(values[name], param, model, Path.cwd(), where)
         return {name: self._checked(name, params, places) for name, params in values.items()}
+
+    def unmet(self, conditions: Mapping[str, Condition], given: Mapping[str, Any]) -> set[str]:
+        """The texts of those conditions that do not hold."""
+        params = self.checked(given, {condition.step for condition in conditions.values()})
+        return {text for text, condition in conditions.items() if not condition.holds(params)}
 
     def given(self, values: Mapping[str, Any]) -> set[tuple[str, str]]:
         """The steps and params that the command line sets."""

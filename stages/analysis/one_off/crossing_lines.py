@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.stages.common.grids.pyramid import reduced
-from texloom.stages.kernels.seams.boundary_cut import cheapest_path
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.masks import fill_excluded
@@ -121,6 +120,8 @@ def _standing_out(plane: ScalarMap, shown: Mask, width: int) -> ScalarMap:
 
 def _path(out: ScalarMap, width: int) -> tuple[float, np.ndarray]:
     """The best path down, and how many times it stands out more than the next."""
+    from texloom.stages.kernels.seams.boundary_cut import cheapest_path
+
     path, other = (np.empty(len(out), np.int64) for _ in range(2))
     rows = np.arange(len(out))
     cheapest_path(-out, path)

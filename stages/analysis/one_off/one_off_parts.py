@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -11,8 +12,9 @@ import numpy as np
 from texloom.stages.analysis.one_off.crossing_lines import crossing_line
 from texloom.stages.analysis.one_off.foreign_search import foreign_search, looks_foreign
 from texloom.stages.vocabulary.arrays import Image, Mask, Vectors
-from texloom.stages.vocabulary.declare import Params, stage
+from texloom.stages.vocabulary.declare import Outline, Params, stage
 from texloom.stages.vocabulary.masks import valid_pixels, with_usable
+from texloom.stages.vocabulary.messages import OWN_STEP
 from texloom.stages.vocabulary.progress import Progress, report
 
 _LOG = logging.getLogger(__name__)
@@ -22,6 +24,11 @@ _SURE, _DOUBTFUL = 4.0, 3.5  # times as unlike the rest as is usual: none, and o
 _SURE_LINE, _DOUBTFUL_LINE = 1.6, 1.42  # times as visible as the next line; the exemplars had at most 1.38
 _LINES = 3  # at most; what crosses more often is how the exemplar is
 _MOST = 0.125  # of what is usable; more is no part but what the exemplar is of
+_OTHERWISE = {
+    "told": f": --set {OWN_STEP}.one_off=leave_out leaves it out, one_off=keep_whole lays it once",
+    "left out": f": --set {OWN_STEP}.one_off=use uses all alike, one_off=keep_whole lays them once",
+}
+"""what may be done instead"""
 _SHADE = np.array([0.6, 0.0, 0.25], np.float32)
 
 
@@ -40,8 +47,6 @@ class OneOffParts:
 
     image: Image
     """with a channel `usable`, 0 on parts that are left out; as it was where none is"""
-    shown: Image
-    """the exemplar as the result is to show it: with parts that are kept whole"""
     kept: Mask
     """true on parts that are to be laid whole into the result; nowhere unless `keep_whole`"""
     picture: Image | None
@@ -63,7 +68,13 @@ class _Found:
     lines: tuple[float, ...] = ()
 
 
-@stage(version=1, seconds=(0.4, 0))
+def outlines(params: OneOffPartsParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
+    """The image keeps its size and maps."""
+    image = known.get("image")
+    return {} if image is None else {"image": Outline(image.height, image.width, image.channels)}
+
+
+@stage(version=1, outlines=outlines, seconds=(0.4, 0))
 def one_off_parts(image: Image, params: OneOffPartsParams, generators: Vectors | None = None) -> OneOffParts:
     """Find what an exemplar shows once, and leave it out where that is sure.
 
@@ -103,7 +114,7 @@ def one_off_parts(image: Image, params: OneOffPartsParams, generators: Vectors |
     share = float(found.mask.sum()) / float(valid.sum())
     why = _why(done, share, found)
     if why:
-        _LOG.warning("%s", why)
+        _LOG.warning("%s%s", why, _OTHERWISE.get(done, ""))
     table = {
         "why": why,
         "done": done,
@@ -115,7 +126,6 @@ def one_off_parts(image: Image, params: OneOffPartsParams, generators: Vectors |
     without = with_usable(image, valid & ~found.mask) if done in ("left out", "kept whole") else image
     return OneOffParts(
         image=without,
-        shown=without if done == "left out" else image,
         kept=found.mask if done == "kept whole" else np.zeros(valid.shape, np.bool_),
         picture=None if done == "none" else _tinted(image, found.mask),
         mask=None if done == "none" else _drawn(np.repeat(~found.mask[..., None], 3, axis=2)),
@@ -168,13 +178,7 @@ def _why(done: str, share: float, found: _Found) -> str:
         return ""
     what = "unlike all the rest" if not found.lines else "unlike all the rest, or in a line that crosses it once"
     if done == "told":
-        return (
-            f"{share:.1%} of the exemplar may be shown once ({what}); it is used like all else: --set "
-            "one_off=leave_out leaves it out, one_off=keep_whole lays it once"
-        )
+        return f"{share:.1%} of the exemplar may be shown once ({what}); it is used like all else"
     if done == "kept whole":
         return f"{share:.1%} of the exemplar are shown once ({what}), and are laid whole into the result"
-    return (
-        f"{share:.1%} of the exemplar are shown once ({what}), and are left out: --set one_off=use uses all alike, "
-        "one_off=keep_whole lays them once"
-    )
+    return f"{share:.1%} of the exemplar are shown once ({what}), and are left out"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from jaxtyping import Int64
@@ -11,7 +13,7 @@ from jaxtyping import Int64
 from texloom.stages.synthesis.stitching.cuts import Strips, enclosed
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask
 from texloom.stages.vocabulary.color import lab_from_linear
-from texloom.stages.vocabulary.declare import InputError, stage
+from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
 from texloom.stages.vocabulary.masks import without_usable
 from texloom.stages.vocabulary.sizes import format_size
 
@@ -34,6 +36,8 @@ class WholeParts:
     """all its channels"""
     match: Correspondence
     """source of each pixel in the exemplar"""
+    exemplar: Image
+    """the one with the parts, which the texture is now of"""
     pieces: list[dict[str, int]]
     """``row``, ``column``, ``height``, ``width``, px, of each piece of the exemplar that was laid"""
 
@@ -52,7 +56,13 @@ class _Piece:
         return np.array([self.height, self.width])
 
 
-@stage(version=1, in_bands=True)
+def outlines(params: Params, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
+    """The texture keeps its size and maps."""
+    image = known.get("image")
+    return {} if image is None else {"image": Outline(image.height, image.width, image.channels)}
+
+
+@stage(version=1, outlines=outlines, in_bands=True)
 def whole_parts(exemplar: Image, image: Image, match: Correspondence, kept: Mask) -> WholeParts:
     """Lay each part once into a texture: at its own place, relative to the sides, or across all of the texture.
 
@@ -78,11 +88,11 @@ def whole_parts(exemplar: Image, image: Image, match: Correspondence, kept: Mask
     if kept.shape != (exemplar.height, exemplar.width):
         raise InputError(f"kept is {format_size(kept.shape)}, the exemplar {format_size(exemplar)}")
     if not kept.any():
-        return WholeParts(image, match, [])
+        return WholeParts(image, match, exemplar, [])
     laying = _Laying(without_usable(exemplar), image, match)
     for part in _components(kept):
         laying.lay(part)
-    return WholeParts(image.with_pixels(laying.pixels), laying.match, laying.pieces)
+    return WholeParts(image.with_pixels(laying.pixels), laying.match, exemplar, laying.pieces)
 
 
 def _components(kept: Mask) -> list[Mask]:

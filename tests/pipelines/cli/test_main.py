@@ -40,7 +40,10 @@ from texloom.stages.vocabulary import declare
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.progress import Progress, report
 
-STEPS = ["tone", "offsets", "lattice", "edges", "structure", "distance", "guidance", "start", "texture", "scores"]
+STEPS = [
+    *("tone", "offsets", "lattice", "parts", "edges", "structure"),
+    *("distance", "guidance", "start", "texture", "scores"),
+]
 SMALL = ["--set", "start.size=64", "--set", "texture.preset=fast"]
 
 FLOW = """
@@ -977,7 +980,7 @@ def test_plan_of_what_has_never_run(folder: Path) -> None:
     assert list(plan) == STEPS
     assert plan["tone"] == ("run", ["never run before"])
     assert plan["structure"] == ("wait", ["waits for edges, tone"])
-    assert plan["texture"] == ("wait", ["waits for distance, edges, guidance, lattice, start, tone"])
+    assert plan["texture"] == ("wait", ["waits for distance, edges, guidance, lattice, parts, start"])
     assert tree(folder) == before
 
 
@@ -1004,7 +1007,7 @@ def test_plan_after_another_picture(again: Path) -> None:
     save(again / "wall.png", blobs(52, 52))
     plan = planned()
     assert plan["tone"] == ("run", ["input image changed"])
-    assert plan["start"] == ("wait", ["waits for lattice, structure, tone"])
+    assert plan["start"] == ("wait", ["waits for lattice, parts, structure"])
 
 
 def test_plan_after_another_version_or_code(again: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -1378,7 +1381,7 @@ def test_show(again: Path) -> None:
     assert shown.code == 0
     for word in ("match.row", "match.column", "uint32", "synthesis.initialise", "seed"):
         assert word in shown.out
-    assert re.search(r"tone\.image,\s+sha256 [0-9a-f]{12}\b", shown.out)
+    assert re.search(r"parts\.image,\s+sha256 [0-9a-f]{12}\b", shown.out)
     assert re.search(r"lattice\.generators,\s+sha256 [0-9a-f]{12}\b", shown.out)
     report = texloom("show", file, "--png", "pictures", "--json").report
     assert {Path(path).parent.name for path in report["pictures"]} == {"pictures"}
@@ -1479,10 +1482,10 @@ def test_the_list_is_by_run(again: Path) -> None:
     rows = [line.split() for line in texloom("store", "ls").out.splitlines()]
     assert rows[0] == ["FLOW", "PICTURE", "STEP", "SIZE", "LAST", "USED"]
     assert rows[1][:3] == ["self_tuning", "wall.png", "tone"]
-    assert [row[0] for row in rows[2:11]] == STEPS[1:]
-    assert rows[11][:3] == ["self_tuning", "wall.png", "texture"], "only what the later run did not use"
-    assert all(row[-2:] == ["just", "now"] and row[-3] in ("B", "kB", "MB") for row in rows[2:13])
-    assert rows[-1][-2:] == ["12", "results"]
+    assert [row[0] for row in rows[2 : 1 + len(STEPS)]] == STEPS[1:]
+    assert rows[1 + len(STEPS)][:3] == ["self_tuning", "wall.png", "texture"], "only what the later run did not use"
+    assert all(row[-2:] == ["just", "now"] and row[-3] in ("B", "kB", "MB") for row in rows[2:-1])
+    assert rows[-1][-2:] == [str(len(STEPS) + 2), "results"]
     shutil.rmtree("artifacts/log")
     assert {line.split()[0] for line in texloom("store", "ls").out.splitlines()[1:11]} <= set(stage_names())
 

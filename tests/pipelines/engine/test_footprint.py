@@ -88,7 +88,7 @@ def test_what_does_not_fit_is_refused_before_anything_is_written(
 ) -> None:
     store = tmp_path / "store"
     monkeypatch.setattr(preflight, "free_space", lambda _: 10**10)
-    with pytest.raises(InputError, match=r"--store .*: a result of this size takes up to 44.3 GB of disk"):
+    with pytest.raises(InputError, match=r"--store .*: a result of this size takes up to 34.6 GB of disk"):
         Preflight(opened("self_tuning", 16384, store)).check(tmp_path / "out")
     monkeypatch.setattr(footprint, "machine_memory", lambda: 8 * 10**9)
     with pytest.raises(InputError, match=r"steps\.texture: takes 12\.1 GB of memory or more"):
