@@ -11,7 +11,7 @@ from texloom.stages.vocabulary.declare import InputError
 ALL = ("mask", "exemplar_structure", "exemplar_guide", "target_guide", "strokes", "control")
 PLAIN = (
     *("tone", "offsets", "lattice", "parts", "edges", "structure", "distance", "guidance", "start", "texture"),
-    *("laid", "scores"),
+    "scores",
 )
 
 
@@ -48,17 +48,50 @@ def test_alone_it_has_the_steps_that_it_always_had() -> None:
 @pytest.mark.parametrize(
     ("given", "steps", "exports"),
     [
-        (("mask",), {"clean"}, {"usable.png"}),
         (("exemplar_structure",), {"painted"}, set()),
-        (("exemplar_guide", "target_guide"), {"guide"}, set()),
         (("control",), {"toned"}, {"even.png"}),
-        (("mask", "exemplar_structure", "control"), {"clean", "painted", "toned"}, {"usable.png", "even.png"}),
+        (("exemplar_structure", "control"), {"painted", "toned"}, {"even.png"}),
     ],
 )
 def test_a_source_adds_its_steps(given: tuple[str, ...], steps: set[str], exports: set[str]) -> None:
     alone, flow = opened(), opened("self_tuning", *given)
     assert set(flow.steps) == {*alone.steps, *steps}
     assert set(flow.exports) == {*alone.exports, *exports}
+
+
+@pytest.mark.parametrize(
+    ("given", "steps", "exports"),
+    [
+        (("mask",), {"clean"}, {"usable.png"}),
+        (("exemplar_guide", "target_guide"), {"guide"}, set()),
+        (("mask", "exemplar_structure", "control"), {"clean", "painted", "toned"}, {"usable.png", "even.png"}),
+    ],
+)
+def test_with_a_mask_or_guides_nothing_is_searched_that_is_shown_once(
+    given: tuple[str, ...], steps: set[str], exports: set[str]
+) -> None:
+    alone, flow = opened(), opened("self_tuning", *given)
+    assert set(flow.steps) == {*alone.steps, *steps} - {"parts"}
+    assert set(flow.exports) == {*alone.exports, *exports} - {"one_off.png"}
+    assert taken(flow, "texture")["image"] == "tone.image"
+    assert "parts" in opened("self_tuning", *given, params={"one_off": "leave_out"}).steps
+
+
+@pytest.mark.parametrize(
+    ("one_off", "steps", "image"),
+    [
+        ("auto", set(PLAIN), "texture.image"),
+        ("leave_out", set(PLAIN), "texture.image"),
+        ("keep_whole", {*PLAIN, "laid"}, "laid.image"),
+        ("use", set(PLAIN) - {"parts"}, "texture.image"),
+    ],
+)
+def test_what_happens_to_what_is_shown_once_decides_on_steps(one_off: str, steps: set[str], image: str) -> None:
+    flow = opened(params={"one_off": one_off})
+    assert set(flow.steps) == steps
+    assert {str(flow.exports[name]) for name in ("texture.exr", "texture.png")} == {image}
+    assert taken(flow, "scores")["image"] == image
+    assert str(opened("materials", params={"parts.one_off": one_off}).steps["material"].inputs["image"]) == image
 
 
 def test_strokes_take_the_place_of_the_lattice() -> None:

@@ -52,7 +52,7 @@ def crossing_line(image: Image, valid: Mask) -> CrossingLine | None:
 
     References
     ----------
-    [EfrosFreeman2001]_ section 2.1 for the cheapest path; ours else.
+    [Efros2001]_ section 2.1 for the cheapest path; ours else.
     """
     lab = lab_from_linear(reduced(np.ascontiguousarray(fill_excluded(image).color), _SIDE))
     known = reduced(valid[..., None].astype(np.float32), _SIDE)[..., 0] > 0.5
