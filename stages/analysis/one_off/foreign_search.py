@@ -18,6 +18,7 @@ from texloom.stages.vocabulary.progress import Progress, report
 
 _SIDE = 480  # px of the longer side, at which it is searched
 _SCREENED, _SLACK = 240, 0.9  # px of the longer side of a quick look, and share of the threshold there
+_SCREENED_PLACES = 1000  # that are compared in it
 _ODD, _ODD_SHARE = 3.0, 0.004  # times the usual difference of cells, and share of the picture that has it
 _WINDOWS = 24, 48  # deviations of the windows that are compared: the side over these
 _GROWS = 0.6  # of the threshold, down to which a foreign part reaches
@@ -41,7 +42,8 @@ def looks_foreign(image: Image, valid: Mask, generators: Vectors | None, thresho
     """
     lab, small = as_searched(image, valid, _SCREENED)
     side = float(np.sqrt(small.sum()))
-    unlike = np.maximum.reduce([unlikeness(lab, small, max(1.5, side / windows)) for windows in _WINDOWS])
+    looks = [unlikeness(lab, small, max(1.5, side / windows), places=_SCREENED_PLACES) for windows in _WINDOWS]
+    unlike = np.maximum.reduce(looks)
     found = _parts(unlike, small, _SLACK * threshold, 0.0)
     if not found.any() or generators is None or len(generators) < 2:
         return bool(found.any())

@@ -10,7 +10,7 @@ from texloom.stages.numerics.filters import gaussian_blur, gradients
 from texloom.stages.numerics.matrices import eigenvectors, row_product, square_sums
 from texloom.stages.vocabulary.arrays import Mask, ScalarMap
 
-_PLACES = 2400  # at most, that are compared with each other
+_PLACES = 2400
 _MIN_SHOWN = 0.7  # share of a window that the picture shows; others look like the nearest that does
 _CORE = 0.5  # share of places whose spread is that of the surface
 _PASSES = 6
@@ -23,7 +23,11 @@ _STEEP = 0.5  # weight of gradients against colours
 
 
 def unlikeness(
-    lab: Float32[np.ndarray, "h w 3"], valid: Mask, deviation: float, foreign: Mask | None = None
+    lab: Float32[np.ndarray, "h w 3"],
+    valid: Mask,
+    deviation: float,
+    foreign: Mask | None = None,
+    places: int = _PLACES,
 ) -> ScalarMap:
     """How far the look around each pixel is from those that explain it; 1 is usual, at several it is foreign.
 
@@ -38,6 +42,7 @@ def unlikeness(
     valid : where the picture is known; elsewhere the result is 0.
     deviation : of the window, px.
     foreign : what is known not to explain others.
+    places : at most, that are compared with each other.
 
     References
     ----------
@@ -46,19 +51,19 @@ def unlikeness(
     """
     looks, shown = _looks(lab, valid, deviation)
     every = max(1, round(deviation))
-    while (lab.shape[0] // every) * (lab.shape[1] // every) > _PLACES:
+    while (lab.shape[0] // every) * (lab.shape[1] // every) > places:
         every += 1
     grid = slice(every // 2, None, every), slice(every // 2, None, every)
     known = valid[grid] & (shown[grid] >= _MIN_SHOWN)
-    places = np.argwhere(known) * every
-    if len(places) < 16:
+    compared = np.argwhere(known) * every
+    if len(compared) < 16:
         return np.zeros(lab.shape[:2], np.float32)
     rows = looks[grid][known].astype(np.float64)
     units, core = _in_units_of_core(rows)
-    down, across = (np.abs(one[:, None] - one) > _APART * deviation for one in places.astype(np.int32).T)
+    down, across = (np.abs(one[:, None] - one) > _APART * deviation for one in compared.astype(np.int32).T)
     explains = (down | across) & (True if foreign is None else ~foreign[grid][known])
     distance = np.where(explains, np.sqrt(_squared_distances(units)), np.inf)
-    explaining = max(0, round(_EXPLAINED_BY * len(places)) - 1)
+    explaining = max(0, round(_EXPLAINED_BY * len(compared)) - 1)
     distance.partition(explaining, axis=1)
     last = distance[:, explaining]
     usual = float(np.median(last[core]))

@@ -49,7 +49,7 @@ def test_parts_are_left_out(name: str, part: str, caplog: pytest.LogCaptureFixtu
     assert usable is not None
     assert (~usable)[truth].mean() > 0.95
     assert (~usable)[~truth].mean() < 0.06
-    assert "--set one_off=use" in caplog.messages[0]
+    assert ".one_off=use" in caplog.messages[0]
     assert made.mask is not None
     np.testing.assert_array_equal(made.mask.pixels[..., 0] > 0.5, usable)
 
@@ -94,7 +94,7 @@ def test_two_halves_are_told_but_used(caplog: pytest.LogCaptureFixture) -> None:
         made = searched(pixels)
     assert made.table["done"] == "told"
     assert valid_pixels(made.image) is None
-    assert "--set one_off=leave_out" in caplog.messages[0]
+    assert ".one_off=leave_out" in caplog.messages[0]
     assert valid_pixels(searched(pixels, "leave_out").image) is not None
 
 

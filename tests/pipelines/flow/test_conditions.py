@@ -103,5 +103,7 @@ def test_what_cannot_be_is_refused(tmp_path: Path, new: str, problem: str) -> No
 
 
 def test_params_of_a_step_that_is_left_out_otherwise_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"--set wide.min_extent: step 'wide' is skipped: only with edges.finest=3"):
+    with pytest.raises(
+        InputError, match=r"--set wide.min_extent: step 'wide' is skipped: only with edges.finest=3"
+    ):
         loaded(tmp_path, **{"wide.min_extent": "0.5"})
