@@ -22,7 +22,7 @@ _LOG = logging.getLogger(__name__)
 _MIN_SIDE = 48  # px of the shorter side; less shows too little of all else
 _SURE, _DOUBTFUL = 4.0, 3.5  # times as unlike the rest as is usual: none, and one, of 38 shared exemplars had more
 _SURE_LINE, _DOUBTFUL_LINE = 1.6, 1.42  # times as visible as the next line; the exemplars had at most 1.38
-_LINES = 3  # at most; what crosses more often is how the exemplar is
+_LINES, _FEW = 3, 3  # at most, of lines and doubtful parts; what is there more often is how the exemplar is
 _MOST = 0.125  # of what is usable; more is no part but what the exemplar is of
 _OTHERWISE = {
     "told": f": --set {OWN_STEP}.one_off=leave_out leaves it out, one_off=keep_whole lays it once",
@@ -154,8 +154,10 @@ def _found(image: Image, valid: Mask, generators: Vectors | None) -> _Found:
         if foreign.sum() > _MOST * valid.sum():
             return _Found(foreign, False, unlike)
         if foreign.any():
-            parts, doubtful = (foreign, doubtful) if threshold == _SURE else (parts, foreign)
-        if foreign.any():
+            if threshold == _SURE:
+                parts = foreign
+            elif _pieces(foreign) <= _FEW:
+                doubtful = foreign
             break
     report(Progress(0.7))
     lines: list[float] = []
@@ -173,10 +175,18 @@ def _found(image: Image, valid: Mask, generators: Vectors | None) -> _Found:
     return _Found(parts if parts.any() else doubtful, sure, unlike, tuple(lines))
 
 
+def _pieces(parts: Mask) -> int:
+    import cv2
+
+    return int(cv2.connectedComponents(parts.astype(np.uint8), connectivity=8)[0]) - 1
+
+
 def _why(done: str, share: float, found: _Found) -> str:
     if done == "none":
         return ""
     what = "unlike all the rest" if not found.lines else "unlike all the rest, or in a line that crosses it once"
+    if done == "told" and share > _MOST:
+        return f"{share:.0%} of the exemplar are unlike all the rest, as another material is; all is used alike"
     if done == "told":
         return f"{share:.1%} of the exemplar may be shown once ({what}); it is used like all else"
     if done == "kept whole":
