@@ -90,7 +90,7 @@ class Balance:
         self.penalties = np.zeros(len(wanted) + 1)
         """CIELAB units squared, of pixels between exemplars and of each exemplar"""
 
-    def adjust(self, counts: Int64[np.ndarray, "p q"], distance: float) -> None:
+    def adjust(self, counts: Int32[np.ndarray, "p q"], distance: float) -> None:
         """Adjust the penalties to how often each patch is a match.
 
         ``distance`` is how much patches differ from their matches on average, CIELAB units squared.
