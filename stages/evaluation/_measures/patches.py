@@ -259,8 +259,8 @@ def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
 def _distances(task: Task, step: int, mean: np.ndarray) -> list[float]:
     """Distances of patches of samples ``step`` px apart; each step has copies of the pictures.
 
-    Of the result to the exemplar, the reverse, of shuffled squares to the exemplar, between the exemplar's halves, and
-    of a plain picture.
+    Of the result to the exemplar, the reverse, of shuffled squares to the exemplar, between the exemplar's halves,
+    and of a plain picture.
     """
     wholes = [whole_patches(picture, step) for picture in (task.exemplar, task.result)]
     pictures = (task.exemplar, task.result, task.shuffled)

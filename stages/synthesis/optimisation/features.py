@@ -113,7 +113,7 @@ class PatchFeatures:
         count = (0 if here is None else here.shape[2]) + (0 if phase is None else 2 * len(phase.origin))
         height, width = scale.exemplar
         exemplar = np.empty((height, width * (planes.shape[2] + count)), np.int16)
-        for band in bands(height, planes):  # all features of a large exemplar in single precision take twice the memory
+        for band in bands(height, planes):  # features of a large exemplar in single precision take twice the memory
             own = [planes[band] * self.factors]
             if self.guided:  # distance fills its range at every scale
                 own[0][..., self.colors] = (own[0][..., self.colors] - nearest) * (_FARTHEST * factor / span)
