@@ -61,7 +61,7 @@ class PatchFeatures:
     ):
         image, usable = exemplar.image, exemplar.valid
         self.guided = guidance is not None
-        self.planes = _lab_and(guidance, image)
+        self.planes = lab_planes(image, guidance)
         sampled = self.planes.reshape(-1, self.planes.shape[2]) if usable is None else self.planes[usable]
         step = reduction(image.height, image.width) ** 2  # double precision takes twice the memory
         spread = float(np.sqrt(np.ascontiguousarray(sampled[::step, :3]).var(axis=0, dtype=np.float64).sum()))
@@ -175,7 +175,7 @@ def _is_grey(lab: Float32[np.ndarray, "h w c"]) -> bool:
     return bool(max(lab[..., 1:3].max(), -lab[..., 1:3].min()) * UNIT < 0.5)
 
 
-def _lab_and(guidance: ScalarMap | None, image: Image) -> Float32[np.ndarray, "h w c"]:
+def lab_planes(image: Image, guidance: ScalarMap | None = None) -> Float32[np.ndarray, "h w c"]:
     """CIELAB of an image, and a plane behind it if one is given; without copies, as they may be large."""
     planes = empty((image.height, image.width, 3 if guidance is None else 4), np.float32)
     for band in bands(image.height, planes, image.pixels):
