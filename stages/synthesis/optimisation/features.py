@@ -61,11 +61,11 @@ class PatchFeatures:
     ):
         image, usable = exemplar.image, exemplar.valid
         self.guided = guidance is not None
-        self.planes = lab_planes(image, guidance)
-        sampled = self.planes.reshape(-1, self.planes.shape[2]) if usable is None else self.planes[usable]
-        step = reduction(image.height, image.width) ** 2  # double precision takes twice the memory
-        spread = float(np.sqrt(np.ascontiguousarray(sampled[::step, :3]).var(axis=0, dtype=np.float64).sum()))
-        del sampled
+        self.planes = _planes(image, guidance)
+        counted = np.arange(image.height * image.width) if usable is None else np.flatnonzero(usable)
+        counted = counted[:: reduction(image.height, image.width) ** 2]  # double precision takes twice the memory
+        sampled = np.ascontiguousarray(self.planes[counted // image.width, counted % image.width, :3])
+        spread = float(np.sqrt(sampled.var(axis=0, dtype=np.float64).sum()))
         self.colors = 3
         """planes of colour, which are the first"""
         if _is_grey(self.planes) and (given is None or _is_grey(lab_from_linear(given.color))):
@@ -175,10 +175,11 @@ def _is_grey(lab: Float32[np.ndarray, "h w c"]) -> bool:
     return bool(max(lab[..., 1:3].max(), -lab[..., 1:3].min()) * UNIT < 0.5)
 
 
-def lab_planes(image: Image, guidance: ScalarMap | None = None) -> Float32[np.ndarray, "h w c"]:
-    """CIELAB of an image, and a plane behind it if one is given; without copies, as they may be large."""
-    planes = empty((image.height, image.width, 3 if guidance is None else 4), np.float32)
-    for band in bands(image.height, planes, image.pixels):
+def _planes(image: Image, guidance: ScalarMap | None) -> Float32[np.ndarray, "h w c"]:
+    """CIELAB of an image, and ``guidance`` behind it: plane by plane in memory, as they are resampled."""
+    count = 3 if guidance is None else 4
+    planes = np.moveaxis(np.empty((count, image.height, image.width), np.float32), 0, 2)
+    for band in bands(image.height, image.pixels):
         planes[band, :, :3] = lab_from_linear(image.elsewhere(image.pixels[band]).color)
         if guidance is not None:
             planes[band, :, 3] = guidance[band]

@@ -28,7 +28,7 @@ from texloom.stages.synthesis.optimisation.coarse_to_fine import (
 )
 from texloom.stages.synthesis.optimisation.contour_cells import ContourCells
 from texloom.stages.synthesis.optimisation.correspondence import Patches, from_layers, to_layers
-from texloom.stages.synthesis.optimisation.features import FeaturesOfScale, PatchFeatures, lab_planes
+from texloom.stages.synthesis.optimisation.features import FeaturesOfScale, PatchFeatures
 from texloom.stages.synthesis.optimisation.fixed import FixedPixels
 from texloom.stages.synthesis.optimisation.guides import Guides, expected_use, resize_target
 from texloom.stages.synthesis.optimisation.inputs import check_inputs, check_patches
@@ -40,6 +40,7 @@ from texloom.stages.synthesis.optimisation.starts import best_start
 from texloom.stages.synthesis.optimisation.vote import HistogramVote, mean_vote, result_image, vote_pixels, window
 from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, ScalarMap, Vectors
 from texloom.stages.vocabulary.checkpoints import Checkpoints, NoCheckpoints
+from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import stage
 from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.masks import FilledExemplar, tell_holes, valid_pixels, without_usable
@@ -206,7 +207,10 @@ class _Optimisation:
         """CIELAB of the exemplar."""
         if self.compared.colors == 3 and len(self.compared.planes):
             return np.ascontiguousarray(self.compared.planes[..., :3])
-        return lab_planes(self.image)
+        lab = np.empty((self.image.height, self.image.width, 3), np.float32)
+        for band in bands(self.image.height, self.image.pixels):
+            lab[band] = lab_from_linear(self.image.elsewhere(self.image.pixels[band]).color)
+        return lab
 
     def begun(
         self,
