@@ -98,6 +98,7 @@ export interface Recipe {
   files?: Record<string, string>;
   layout?: string | null;
   udim?: string | null;
+  material?: string | null;
 }
 
 export interface PatchRecipe {
