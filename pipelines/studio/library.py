@@ -69,6 +69,12 @@ class Library:
         source = open_source("picture", self.reference(picture))
         return _described(picture, source)
 
+    def name_of(self, picture: str) -> str:
+        """What a picture is called, without reading it; `InputError` where there is none of that id."""
+        self.reference(picture)
+        name = picture.rpartition("/")[2].rpartition(":")[2]
+        return Path(name).stem if Path(name).suffix.lower() in PICTURES else name
+
     def pictures(self) -> list[Picture]:
         """The pictures of the folder and those that were dropped; what cannot be read is left out."""
         root = self.roots["folder"]

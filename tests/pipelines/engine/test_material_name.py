@@ -57,5 +57,5 @@ def test_one_name_for_a_set_is_refused(tmp_path: Path) -> None:
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
         file_source(CODES, tmp_path / name)
-    with pytest.raises(InputError, match="^--material: names one material"):
+    with pytest.raises(InputError, match=r"^--material: names one material"):
         exported(tmp_path, f"{{each: {tmp_path}/*/**.png}}", layout="unreal", material="wall")
