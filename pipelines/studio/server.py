@@ -24,11 +24,12 @@ from texloom.pipelines.flow.shipped import flow_catalogue
 from texloom.pipelines.media.delivery import LAYOUTS
 from texloom.pipelines.media.meshes import SUFFIXES
 from texloom.pipelines.studio import history, methods, recipes, work
-from texloom.pipelines.studio.library import MOST_BYTES, safe_name
-from texloom.pipelines.studio.messages.catalogue import Picture, Problem, Start
+from texloom.pipelines.studio.library import MOST_BYTES, PAGE, safe_name
+from texloom.pipelines.studio.listing import PictureSorting
+from texloom.pipelines.studio.messages.catalogue import Picture, PicturePage, Problem, Start
 from texloom.pipelines.studio.messages.message import unpacked
 from texloom.pipelines.studio.messages.recipes import KeptPhoto, PhotoRecipe, Recipe
-from texloom.pipelines.studio.messages.runs import Described, FlowEntry, Job, Layers, PastRun, PastStep
+from texloom.pipelines.studio.messages.runs import Described, FlowEntry, Job, Layers, PastRuns, PastStep
 from texloom.pipelines.studio.page import BUILT
 from texloom.pipelines.studio.projects.files import ProjectFiles
 from texloom.pipelines.studio.projects.routes import add_project
@@ -132,7 +133,7 @@ def _add_library(app: FastAPI, studio: Studio) -> None:
             folder=studio.places.folder,
             store=studio.places.store,
             version=importlib.metadata.version("texloom"),
-            pictures=tuple(studio.library.pictures()),
+            listed=studio.library.pictures(),
             examples=tuple(studio.library.examples()),
             meshes=tuple(studio.library.meshes()),
             mesh_suffixes=SUFFIXES,
@@ -145,6 +146,12 @@ def _add_library(app: FastAPI, studio: Studio) -> None:
         wanted = PictureWork(picture=id, side=min(max(side, 16), _THUMBNAIL))
         _, payload = unpacked(await studio.reader.answer(wanted))
         return Response(bytes(payload), media_type="image/png")
+
+    @app.get("/api/library")
+    def pictures(
+        search: str = "", folder: str = "", sorting: PictureSorting = "name", first: int = 0, count: int = PAGE
+    ) -> PicturePage:
+        return studio.library.pictures(search, folder, sorting, first, count)
 
     @app.post("/api/receiving")
     def begin() -> str:
@@ -266,7 +273,7 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
     root = studio.store.root
 
     @app.get("/api/runs")
-    def runs() -> list[PastRun]:
+    def runs() -> PastRuns:
         return history.past_runs(root)
 
     @app.get("/api/runs/{run}")

@@ -25,6 +25,7 @@ import pydantic
 
 from texloom.pipelines.errors import one_line, refused
 from texloom.pipelines.store.folders import Folder
+from texloom.pipelines.studio.library import PROJECT
 from texloom.pipelines.studio.messages.projects import SCHEMA, Material, ProjectView
 from texloom.stages.vocabulary.declare import InputError
 
@@ -33,7 +34,7 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
-FOLDER = "texloom_project"
+FOLDER = PROJECT
 _PROJECT, _MATERIALS, _THUMBNAILS = "project.json", "materials", "thumbnails"
 _MOST_BYTES = 2**24
 """of a file"""

@@ -105,7 +105,7 @@ export class MakeView extends Element {
   }
 
   private async compare(job: string): Promise<void> {
-    if (await this.other.choose(job, TEXTURE)) this.mode = "compare";
+    this.mode = (await this.other.choose(job, TEXTURE)) ? "compare" : "single";
     this.requestUpdate();
   }
 
@@ -184,6 +184,7 @@ export class MakeView extends Element {
     previews.forget(recipe?.flow);
     results.forget();
     this.endCorrection();
+    if (this.other.job) this.mode = "single";
     this.other.end();
     if (this.mode !== "seeds") results.recall(recipe);
     this.requestUpdate();
@@ -205,8 +206,7 @@ export class MakeView extends Element {
   }
 
   private chooseFile(file: string): void {
-    this.file = file;
-    this.studio.project.edit({ file });
+    this.studio.project.edit({ file: (this.file = file) });
     this.load();
   }
 

@@ -75,11 +75,11 @@ export class MaterialResults extends Element {
     const state = isDone ? "" : isOver(job) ? job.state : job.state === "running" ? `${Math.round(100 * job.done)} %` : "waits";
     return html`<li class=${job.id === this.against ? "against" : ""}>
       <button aria-pressed=${job.id === this.shown} title="${words}, ${new Date(1000 * variant.made).toLocaleString()}"
-        aria-label="Go back to ${words}${state ? `, ${state}` : ""}" @click=${() => this.tell("result", variant)}>
+        aria-label="${words}: go back to it${state ? `, ${state}` : ""}" @click=${() => this.tell("result", variant)}>
         ${isDone ? html`<img src=${thumbnailAddress(job.id)} alt="" loading="lazy" draggable="false" />` : html`<span class="blank">${state}</span>`}
         <span>${words}</span></button>
       ${isDone && canCompare && job.id !== this.shown
-        ? html`<button class="quiet" aria-pressed=${job.id === this.against} aria-label="Compare with ${words}"
+        ? html`<button class="quiet" aria-pressed=${job.id === this.against} aria-label="Compare with: ${words}"
             title="Compare what is shown with this" @click=${() => this.tell("against", job.id === this.against ? "" : job.id)}>⇄</button>`
         : nothing}
     </li>`;
@@ -87,4 +87,4 @@ export class MaterialResults extends Element {
 }
 
 const named = (flow: string, seed: number | undefined, { parent }: Variant): string =>
-  parent ? `Correction, seed ${seed ?? 7}` : `${title(flow)}, seed ${seed ?? 7}`;
+  `Seed ${seed ?? 7}, ${parent ? "correction" : title(flow).toLowerCase()}`;

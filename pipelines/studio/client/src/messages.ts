@@ -8,6 +8,15 @@ export interface Picture {
   is_material: boolean;
 }
 
+export interface PicturePage {
+  pictures: (Picture)[];
+  asked: number;
+  found: number;
+  total: number;
+  folders: Record<string, number>;
+  notes: (string)[];
+}
+
 export interface OtherPicture {
   source: string;
   about: string;
@@ -73,7 +82,7 @@ export interface Start {
   folder: string;
   store: string;
   version: string;
-  pictures: (Picture)[];
+  listed: PicturePage;
   examples: (Picture)[];
   meshes: (string)[];
   mesh_suffixes: (string)[];
@@ -184,6 +193,12 @@ export interface PastRun {
   seeds: (number)[];
   used: number;
   cover: string;
+}
+
+export interface PastRuns {
+  runs: (PastRun)[];
+  found: number;
+  corrections: number;
 }
 
 export interface FlowEntry {

@@ -1,6 +1,6 @@
 // Talking to the server: requests over HTTP, and how messages are packed.
 import type {
-  Described, FlowEntry, Insight, Job, KeptPhoto, Layers, Material, MaterialRequest, OpenMaterial, PastRun, PastStep, PhotoRecipe, Picture,
+  Described, FlowEntry, Insight, Job, KeptPhoto, Layers, Material, MaterialRequest, OpenMaterial, PastRuns, PastStep, PhotoRecipe, Picture, PicturePage,
   Problem, ProjectState, ProjectViewRequest, Recipe, Start, ToPage, ToServer, Wall,
 } from "./messages";
 
@@ -75,9 +75,11 @@ export const editMaterial = (id: string, change: MaterialRequest): Promise<Mater
 export const duplicateMaterial = (id: string): Promise<Material> => post(`/api/materials/${id}/duplicate`);
 export const wall = async (query: Record<string, string>): Promise<Wall> =>
   (await request(`/api/materials?${new URLSearchParams(query)}`)).json();
+export const pictures = async (query: Record<string, string>): Promise<PicturePage> =>
+  (await request(`/api/library?${new URLSearchParams(query)}`)).json();
 export const thumbnailAddress = (job: string): string => `/api/thumbnails/${job}`;
 
-export const runs = async (): Promise<PastRun[]> => (await request("/api/runs")).json();
+export const runs = async (): Promise<PastRuns> => (await request("/api/runs")).json();
 export const steps = async (id: string): Promise<PastStep[]> => (await request(`/api/runs/${id}`)).json();
 export const flows = async (): Promise<FlowEntry[]> => (await request("/api/flows")).json();
 export const layers = async (item: string): Promise<Layers> =>

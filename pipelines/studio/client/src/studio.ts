@@ -15,6 +15,8 @@ type Receiver = (message: ToPage, payload: Payload) => void;
 export class Studio extends EventTarget {
   readonly jobs = new Map<string, Job>();
   pictures: Picture[];
+  /** those that were dropped since the page was opened, the last one first */
+  added: Picture[] = [];
   isConnected = false;
   private readonly receivers = new Set<Receiver>();
   private readonly socket: Socket;
@@ -25,7 +27,7 @@ export class Studio extends EventTarget {
   constructor(readonly begin: Start, project: ProjectState) {
     super();
     this.project = new Project(project, this);
-    this.pictures = [...begin.pictures];
+    this.pictures = [...begin.listed.pictures];
     this.socket = new Socket(
       (message, payload) => this.receive(message, payload),
       (is) => {
@@ -104,6 +106,7 @@ export class Studio extends EventTarget {
   }
 
   add(picture: Picture): void {
+    this.added = [picture, ...this.added.filter((one) => one.id !== picture.id)];
     this.pictures = [picture, ...this.pictures.filter((one) => one.id !== picture.id)];
     this.changed();
   }
