@@ -104,9 +104,10 @@ class Project:
             raise InputError(f"{one.name}: has {MOST_VARIANTS} results, the most; duplicate it and go on there")
         variant = Variant(job=job, made=time.time(), parent=parent)
         self._owners[job.id] = one.id
-        return self._set(
-            one.model_copy(update={"variants": (*one.variants, variant), "shown": job.id, "changed": time.time()})
-        )
+        changes: dict[str, Any] = {"variants": (*one.variants, variant), "shown": job.id, "changed": time.time()}
+        if not parent:
+            changes["draft"] = job.recipe
+        return self._set(one.model_copy(update=changes))
 
     def update(self, job: Job, folder: str = "") -> None:
         """Take the new state of a run; how far it is, is not saved."""

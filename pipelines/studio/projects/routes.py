@@ -69,7 +69,8 @@ def add_project(app: FastAPI, studio: Studio) -> None:
         before = studio.project.material(material)
         is_new = change.draft is not None and first_picture(change.draft) != first_picture(before.draft)
         name = studio.name_of(change.draft) if is_new and change.draft is not None else ""
-        return studio.renamed(studio.project.edit(material, change, name))
+        after = studio.project.edit(material, change, name)
+        return after if after.name == before.name else studio.renamed(after)
 
     @app.post("/api/materials/{material}/duplicate")
     async def duplicate(material: str) -> Material:

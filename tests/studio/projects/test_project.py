@@ -136,6 +136,6 @@ def test_the_wall_finds_sorts_and_counts() -> None:
 def test_a_copy_has_the_settings_and_a_name_of_its_own() -> None:
     one, _ = project()
     made = one.edit(one.create("moss", recipe(seed=9)).id, MaterialRequest(tags=("wet",)))
-    one.add(made.id, Jobs.new("", recipe()))
+    one.add(made.id, Jobs.new("", recipe(seed=9)))
     copy = one.duplicate(made.id)
     assert (copy.name, copy.draft, copy.tags, copy.variants) == ("moss 2", recipe(seed=9), ("wet",), ())

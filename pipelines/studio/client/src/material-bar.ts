@@ -1,7 +1,6 @@
 // The material that is open: its name, whether it is a favourite, and its results to go back to.
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property } from "lit/decorators.js";
-import { live } from "lit/directives/live.js";
 import { Element } from "./element";
 import type { MaterialRequest, Variant } from "./messages";
 import { title } from "./recipe-form";
@@ -23,7 +22,7 @@ export class MaterialBar extends Element {
     const { problem } = project.state;
     return html`<div class="bar material">
       ${material
-        ? html`<input type="text" aria-label="Name of the material" maxlength="64" .value=${live(material.name)}
+        ? html`<input type="text" aria-label="Name of the material" maxlength="64" .value=${material.name}
               @change=${(event: Event) => this.rename(event.target as HTMLInputElement)} />
             <button class="quiet" aria-pressed=${material.is_favourite} aria-label="Favourite" title="Favourite"
               @click=${() => this.edit({ is_favourite: !material.is_favourite })}>${material.is_favourite ? "★" : "☆"}</button>`
