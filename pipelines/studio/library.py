@@ -194,6 +194,11 @@ def safe_name(name: str) -> str:
     return re.sub(r"[^\w. -]", "_", last).lstrip(".")[-100:].strip()
 
 
+def is_painted(picture: str) -> bool:
+    """Whether the page has painted a picture, by its id."""
+    return picture.rpartition("/")[2].startswith(_PAINTED)
+
+
 @contextlib.contextmanager
 def _received(folder: Path) -> Iterator[list[Path]]:
     """The files of a folder, which is removed afterwards; errors do not name it."""

@@ -142,7 +142,7 @@ def _entries(folder: Path) -> Iterator[os.DirEntry[str]]:
 
 def _is_inside(entry: os.DirEntry[str], root: str) -> bool:
     real = os.path.realpath(entry.path)
-    return real.startswith(root.rstrip(os.sep) + os.sep) and os.path.exists(real)  # noqa: PTH110
+    return f"{real}{os.sep}".startswith(root.rstrip(os.sep) + os.sep) and os.path.exists(real)  # noqa: PTH110
 
 
 def _is_file(entry: os.DirEntry[str]) -> bool:

@@ -10,6 +10,7 @@ import anyio.to_thread
 
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.jobs import Jobs
+from texloom.pipelines.studio.library import is_painted
 from texloom.pipelines.studio.messages.catalogue import Picture
 from texloom.pipelines.studio.messages.message import packed, unpacked
 from texloom.pipelines.studio.messages.projects import Material, MaterialChanged, ProjectSaved
@@ -20,12 +21,12 @@ from texloom.pipelines.studio.processes import Spares, WorkCancelledError, Worke
 from texloom.pipelines.studio.projects.files import ProjectFiles
 from texloom.pipelines.studio.projects.project import Project, stem
 from texloom.pipelines.studio.projects.saving import Saver
-from texloom.pipelines.studio.projects.wall import first_picture
 from texloom.pipelines.studio.sessions import Sessions
 from texloom.pipelines.studio.work import Places, ThumbnailWork, library_of
 from texloom.stages.vocabulary.declare import InputError
 
 _GONE = "its files are no longer in the store; trying again makes the same once more"
+_MOST_NAMES = 3  # of pictures, in the name of a material
 _MOST_PICTURES = 64  # of a material that are described
 
 
@@ -97,9 +98,10 @@ class Studio:
         return self.jobs.queue(job)
 
     def name_of(self, recipe: Recipe) -> str:
-        """What a material is called after the picture that it begins with."""
+        """What a material is called after the picture, or the first ones of several, that it begins with."""
+        given = next(iter(recipe.sources.values()), "")
         try:
-            return self.library.name_of(first_picture(recipe))
+            return " ".join(map(self.library.name_of, (given,) if isinstance(given, str) else given[:_MOST_NAMES]))
         except InputError:
             return recipe.flow.replace("_", " ")
 
@@ -114,15 +116,15 @@ class Studio:
         return self.project.material(material.id)
 
     def pictures_of(self, material: Material) -> tuple[tuple[Picture, ...], tuple[str, ...]]:
-        """The pictures in the settings of a material, and why others cannot be read."""
-        recipes = [
-            one for one in (material.draft, *(one.job.recipe for one in material.variants)) if one is not None
-        ]
+        """The pictures that a material is made from, but no painted ones, and why others cannot be read."""
+        begun = (material.draft, *(one.job.recipe for one in material.variants if not one.parent))
         ids = {
             picture: None
-            for recipe in recipes
+            for recipe in begun
+            if recipe is not None
             for given in recipe.sources.values()
             for picture in ((given,) if isinstance(given, str) else given)
+            if not is_painted(picture)
         }
         found, missing = [], []
         for picture in list(ids)[:_MOST_PICTURES]:

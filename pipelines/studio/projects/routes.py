@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import anyio.to_thread
 from fastapi import FastAPI, HTTPException, Response
 
 from texloom.pipelines.studio.messages.projects import (
@@ -15,7 +16,7 @@ from texloom.pipelines.studio.messages.projects import (
     Wall,
 )
 from texloom.pipelines.studio.messages.recipes import Recipe
-from texloom.pipelines.studio.projects.wall import first_picture, wall
+from texloom.pipelines.studio.projects.wall import wall
 from texloom.pipelines.studio.state import Studio
 
 _FOREVER = {"cache-control": "private, max-age=31536000, immutable"}
@@ -57,7 +58,7 @@ def add_project(app: FastAPI, studio: Studio) -> None:
     @app.get("/api/materials/{material}")
     async def one(material: str) -> OpenMaterial:
         found = studio.project.material(material)
-        pictures, missing = studio.pictures_of(found)
+        pictures, missing = await anyio.to_thread.run_sync(studio.pictures_of, found)
         jobs = {variant.job.id: studio.job(variant.job.id) or variant.job for variant in found.variants}
         variants = tuple(one.model_copy(update={"job": jobs[one.job.id]}) for one in found.variants)
         return OpenMaterial(
@@ -67,7 +68,7 @@ def add_project(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/materials/{material}")
     async def edit(material: str, change: MaterialRequest) -> Material:
         before = studio.project.material(material)
-        is_new = change.draft is not None and first_picture(change.draft) != first_picture(before.draft)
+        is_new = change.draft is not None and _beginning(change.draft) != _beginning(before.draft)
         name = studio.name_of(change.draft) if is_new and change.draft is not None else ""
         after = studio.project.edit(material, change, name)
         return after if after.name == before.name else studio.renamed(after)
@@ -82,3 +83,8 @@ def add_project(app: FastAPI, studio: Studio) -> None:
         if found is None:
             raise HTTPException(404)
         return Response(found, media_type="image/png", headers=_FOREVER)
+
+
+def _beginning(recipe: Recipe | None) -> str | tuple[str, ...]:
+    """The picture, or several, that a recipe begins with."""
+    return next(iter(recipe.sources.values()), "") if recipe is not None else ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import shutil
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -201,12 +202,22 @@ def test_another_server_comes_back_and_finishes_what_was_running(folder: Path, c
     assert PIL.Image.open(io.BytesIO(thumbnail)).size == (64, 64)
     data = json.loads(path.read_text())
     data["variants"][0]["job"]["files"] += ["../../store.key", "/etc/passwd", ".."]
+    lost = found["variants"][1]
+    before = second.request(f"/api/jobs/{lost['job']['id']}/files/texture.png")
     ended(second)
+    shutil.rmtree(second.store / "runs" / lost["folder"])
     path.write_text(json.dumps(data))
     third = opened(folder)
     for name in ("../../store.key", "..%2f..%2fidentity", "/etc/passwd", ".."):
         assert third.request(f"/api/jobs/{made['id']}/files/{name}")[0] in (404, 422)
     assert third.request(f"/api/jobs/{made['id']}/files/texture.png") == (200, content)
+    job = third.json(f"/api/materials/{owner}")["material"]["variants"][1]["job"]
+    assert job["state"] == "cancelled"
+    assert "no longer in the store" in job["text"]
+    third.json(f"/api/jobs/{job['id']}/again", b"", "POST")
+    while third.json(f"/api/materials/{owner}")["material"]["variants"][1]["job"]["state"] != "done":
+        pass
+    assert third.request(f"/api/jobs/{job['id']}/files/texture.png") == before
     ended(third)
 
 
