@@ -154,6 +154,7 @@ def run(
     texel_size: str | None = None,
     color_space: str | None = None,
     udim: str | None = None,
+    material: str | None = None,
     progress: Progress = None,
 ) -> Result:
     """Run a flow as ``texloom run`` does, with arrays in and out.
@@ -176,7 +177,7 @@ def run(
         folder PICTURE_FLOW in the working folder, named after the first source, or of a set after its folder.
     force : whether files there that texloom did not write, or that were changed since, may be replaced.
     runner, workers, address : what computes the steps, see ``texloom run --help``.
-    layout, texel_size, color_space, udim : how exports are written, see ``texloom run --help``.
+    layout, texel_size, color_space, udim, material : how exports are written, see ``texloom run --help``.
     progress : true shows progress on standard error; a function receives every `Event`.
 
     Raises
@@ -205,7 +206,7 @@ def run(
             exports=exports or {}, item=item, crop=crop, reduce=_text(reduce), store=store,
             out=None if out is None else Path(out).expanduser(),
             force=force, runner=runner, workers=workers, address=address, layout=layout, texel_size=texel_size,
-            color_space=color_space, udim=udim,
+            color_space=color_space, udim=udim, material=material,
         )  # fmt: skip
         opened, folder = open_request(asked)
         return _run(opened, folder, progress, _masked_notes(sources or {}, opened.flow), force)

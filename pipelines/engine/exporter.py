@@ -131,9 +131,11 @@ class Exporter:
         return dataclasses.replace(delivery, texel_size=next(filter(None, known), None))
 
     def _material(self, like: str | None, scope: Scope) -> str:
-        """The name of a material: that of the picture which it is like, or of the first one."""
+        """The name of a material: the one that is given, or of the picture it is like, or of the first one."""
         from texloom.pipelines.media.writers.layouts import material_name
 
+        if self.run.flow.delivery.material is not None:
+            return material_name(self.run.flow.delivery.material)
         name = (
             like
             if like is not None

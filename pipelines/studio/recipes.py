@@ -189,7 +189,7 @@ def flow_file(recipe: Recipe, flow: Flow, file: str, library: Library) -> str:
             step, _, param = target.partition(".")
             steps.setdefault(step, {"params": {}})["params"][param] = _in_file(name, value)
     document: dict[str, Any] = {"flow": flow.name, "seed": recipe.seed, "include": recipe.flow}
-    delivery = {"layout": recipe.layout, "udim": recipe.udim}
+    delivery = {"layout": recipe.layout, "udim": recipe.udim, "material": recipe.material}
     if any(delivery.values()):
         document["delivery"] = {name: value for name, value in delivery.items() if value}
     document["sources"] = {name: _source_in_file(flow.sources[name]) for name in recipe.sources}

@@ -45,6 +45,8 @@ class Recipe(Message):
     """the program that the maps are written for, one of `Start`"""
     udim: Grid | None = None
     """tiles into which these are cut"""
+    material: str | None = Field(None, max_length=64)
+    """the name with which the files of a layout begin"""
 
 
 # -- surfaces in photographs
