@@ -151,6 +151,7 @@ def run(
     workers: int | None = None,
     address: str | None = None,
     layout: str | None = None,
+    name: str | None = None,
     texel_size: str | None = None,
     color_space: str | None = None,
     udim: str | None = None,
@@ -176,7 +177,7 @@ def run(
         folder PICTURE_FLOW in the working folder, named after the first source, or of a set after its folder.
     force : whether files there that texloom did not write, or that were changed since, may be replaced.
     runner, workers, address : what computes the steps, see ``texloom run --help``.
-    layout, texel_size, color_space, udim : how exports are written, see ``texloom run --help``.
+    layout, name, texel_size, color_space, udim : how exports are written, see ``texloom run --help``.
     progress : true shows progress on standard error; a function receives every `Event`.
 
     Raises
@@ -204,8 +205,8 @@ def run(
             flow, references, params, size=size, seed=seed, seeds=seeds, tileable=tileable, preset=preset,
             exports=exports or {}, item=item, crop=crop, reduce=_text(reduce), store=store,
             out=None if out is None else Path(out).expanduser(),
-            force=force, runner=runner, workers=workers, address=address, layout=layout, texel_size=texel_size,
-            color_space=color_space, udim=udim,
+            force=force, runner=runner, workers=workers, address=address, layout=layout, name=name,
+            texel_size=texel_size, color_space=color_space, udim=udim,
         )  # fmt: skip
         opened, folder = open_request(asked)
         return _run(opened, folder, progress, _masked_notes(sources or {}, opened.flow), force)

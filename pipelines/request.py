@@ -43,6 +43,7 @@ class RunRequest(pydantic.BaseModel):
     crop: str | None = None
     reduce: str | None = None
     layout: str | None = None
+    name: str | None = None
     texel_size: str | None = None
     color_space: str | None = None
     udim: str | None = None

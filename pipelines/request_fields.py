@@ -74,6 +74,10 @@ OPTIONS = {
         "blender, gltf, arnold, substance.",
         metavar="NAME",
     ),
+    "name": Option(
+        "Name of the material, with which the files of a layout begin.  [default: that of its pictures]",
+        metavar="NAME",
+    ),
     "texel_size": Option(
         "Side of a pixel, such as 0.5mm: the size of the result in MaterialX, USD, glTF, EXR and tx, and the "
         "depth of its displacement.",
@@ -114,7 +118,7 @@ OPTIONS = {
 """the fields of `texloom.pipelines.request.RunRequest`, in the order of ``--help``"""
 
 PART = ("crop", "reduce")
-DELIVERY = ("layout", "texel_size", "color_space", "udim")
+DELIVERY = ("layout", "name", "texel_size", "color_space", "udim")
 RUNNER = ("runner", "workers", "address")
 SHORT = ("size", "tileable", "preset")
 """the fields that stand for params of that name"""

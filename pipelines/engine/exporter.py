@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from texloom.pipelines.engine.chosen_steps import present
+from texloom.pipelines.engine.destination import name_of_pictures
 from texloom.pipelines.engine.exports import Export, States
 from texloom.pipelines.engine.run import Run, found
 from texloom.pipelines.engine.scope import Scope, ScopeInputs
@@ -131,14 +132,16 @@ class Exporter:
         return dataclasses.replace(delivery, texel_size=next(filter(None, known), None))
 
     def _material(self, like: str | None, scope: Scope) -> str:
-        """The name of a material: that of the picture which it is like, or of the first one."""
+        """The name of a material: that which is asked for, of the picture which it is like, or of the first ones."""
         from texloom.pipelines.media.writers.layouts import material_name
 
-        name = (
-            like
-            if like is not None
-            else next((one for one in self.run.flow.sources if scope.has_source(one)), None)
-        )
+        if self.run.flow.delivery.name:
+            return material_name(self.run.flow.delivery.name)
+        if like is not None:
+            return material_name(scope.source(like).picture)
+        if scope.name is None:
+            return material_name(name_of_pictures(self.run) or self.run.flow.name)
+        name = next((one for one in self.run.flow.sources if scope.has_source(one)), None)
         return material_name(self.run.flow.name if name is None else scope.source(name).picture)
 
     def _shows(self, file: str, reference: Reference) -> bool:

@@ -40,6 +40,8 @@ class Delivery:
     """side of a pixel, m"""
     color_space: str = REC709
     """of linear colour in EXR and tx"""
+    name: str | None = None
+    """of a material, which its files begin with; without one it is called like its pictures"""
     udim: tuple[int, int] | None = None
     """rows and columns of the tiles that maps of a layout are cut into"""
 
@@ -94,7 +96,7 @@ def parse_delivery(options: Mapping[str, str], fail: Fail = of_option) -> Delive
 
     Parameters
     ----------
-    options : ``layout``, ``texel_size`` as ``0.5mm``, ``color_space`` and ``udim`` as ``3x2`` (columns x rows),
+    options : ``layout``, ``name``, ``texel_size`` as ``0.5mm``, ``color_space`` and ``udim`` as ``3x2`` (columns x rows),
         those that are given.
     """
     layout, color_space = options.get("layout"), options.get("color_space", "rec709")
@@ -107,8 +109,13 @@ def parse_delivery(options: Mapping[str, str], fail: Fail = of_option) -> Delive
         raise fail("udim", "not with the layout same, which has the exemplar's tiles")
     if udim is not None and layout is None:
         raise fail("udim", "needs a layout, whose maps are cut into tiles")
+    name = options.get("name")
+    if name is not None and layout in (None, SAME):
+        raise fail("name", "needs a layout whose files begin with a material's name, such as unreal")
+    if name is not None and not re.search(r"\w", name):
+        raise fail("name", f"must have a letter or a digit, got {shown(name)}")
     texel_size = _length(options["texel_size"], fail) if "texel_size" in options else None
-    return Delivery(layout, texel_size, COLOR_SPACES[color_space], udim)
+    return Delivery(layout, texel_size, COLOR_SPACES[color_space], name, udim)
 
 
 def _length(text: str, fail: Fail) -> float:
