@@ -132,7 +132,7 @@ class Exporter:
         return dataclasses.replace(delivery, texel_size=next(filter(None, known), None))
 
     def _material(self, like: str | None, scope: Scope) -> str:
-        """The name of a material: that which is asked for, of the picture which it is like, or of the first ones."""
+        """The name of a material: that asked for, or that of the picture which it is like, or of the first ones."""
         from texloom.pipelines.media.writers.layouts import material_name
 
         if self.run.flow.delivery.name:

@@ -96,8 +96,8 @@ def parse_delivery(options: Mapping[str, str], fail: Fail = of_option) -> Delive
 
     Parameters
     ----------
-    options : ``layout``, ``name``, ``texel_size`` as ``0.5mm``, ``color_space`` and ``udim`` as ``3x2`` (columns x rows),
-        those that are given.
+    options : ``layout``, ``name`` of a material, ``texel_size`` as ``0.5mm``, ``color_space`` and ``udim`` as
+        ``3x2`` (columns x rows), those that are given.
     """
     layout, color_space = options.get("layout"), options.get("color_space", "rec709")
     if layout is not None and layout not in LAYOUTS:
