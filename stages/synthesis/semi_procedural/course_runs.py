@@ -123,6 +123,6 @@ def _joints_of(edges: CourseEdges, height: float) -> list[list[float]]:
     return joints
 
 
-def _middle(weights: Float64[np.ndarray, " n"]) -> float:
+def _middle(weights: np.ndarray) -> float:
     places = np.arange(len(weights)) - len(weights) // 2
     return float((weights * places).sum() / weights.sum())

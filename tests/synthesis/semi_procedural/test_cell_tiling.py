@@ -196,6 +196,6 @@ def test_few_cells_are_told_and_what_has_none_is_refused(caplog: pytest.LogCaptu
         cell_texture(image, GENERATORS[:1], steps, vertices, params)
     with pytest.raises(InputError, match=r"whole cells, fewer than 4; the flow wang_tiles"):
         cell_texture(image.cropped(slice(0, 60), slice(0, 60)), GENERATORS, steps, vertices, params)
+    small = np.float32([[5, 0], [0, 5]])
     with pytest.raises(InputError, match="less than 64 px are too small"):
-        small = np.float32([[5, 0], [0, 5]])
         cell_texture(image, small, *lattice(small), params)
