@@ -38,14 +38,16 @@ NOT_OF = {
     "texloom.plan": {
         "pictures": "sources name them",
         **dict.fromkeys(
-            ("exports", "out", "force", "layout", "texel_size", "color_space", "udim"), "writes nothing"
+            ("exports", "out", "force", "layout", "name", "texel_size", "color_space", "udim"), "writes nothing"
         ),
         **dict.fromkeys(("runner", "workers", "address"), "computes nothing"),
     },
     "texloom.synthesize": {
         "flow": "is called method",
         **dict.fromkeys(("pictures", "sources", "seeds", "item"), ONE_PICTURE),
-        **dict.fromkeys(("exports", "out", "force", "layout", "texel_size", "color_space", "udim"), ONE_PICTURE),
+        **dict.fromkeys(
+            ("exports", "out", "force", "layout", "name", "texel_size", "color_space", "udim"), ONE_PICTURE
+        ),
         **dict.fromkeys(("runner", "workers", "address"), IN_ONE_PROCESS),
     },
     "Prefect": {"pictures": "source names them"},
@@ -53,7 +55,7 @@ NOT_OF = {
         **dict.fromkeys(("pictures", "seeds", "item"), "the page makes one result at a time"),
         **dict.fromkeys(("store", "out", "force", "exports"), "the page keeps its results in its store"),
         **dict.fromkeys(
-            ("crop", "reduce", "texel_size", "color_space"), "the page has no such form; the flow file has"
+            ("crop", "reduce", "name", "texel_size", "color_space"), "the page has no such form; the flow file has"
         ),
         **dict.fromkeys(("runner", "workers", "address"), IN_ONE_PROCESS),
     },

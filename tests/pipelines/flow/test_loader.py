@@ -629,6 +629,8 @@ def test_a_flow_states_what_is_taken_of_its_exemplar(write: Any, tmp_path: Path)
     ("stated", "problem"),
     [
         ("{layout: unrael}", "delivery.layout: no layout 'unrael'; did you mean 'unreal'?"),
+        ("{name: moss}", "delivery.name: needs a layout whose files begin with a material's name, such as unreal"),
+        ("{layout: unity, name: '-'}", "delivery.name: must have a letter or a digit, got '-'"),
         ("{udim: 2x2}", "delivery.udim: needs a layout, whose maps are cut into tiles"),
         ("{size: 4}", "delivery.size: unknown"),
         ("{texel_size: 4}", "delivery.texel_size: must be a text, got 4"),
