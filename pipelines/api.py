@@ -165,8 +165,8 @@ def run(
     Parameters
     ----------
     flow : the name of a flow that ships with texloom, or a YAML file.
-    sources : name to an array, a path, a pattern as ``library/*.png``, a dict of maps, see `synthesize`, or a list of
-        several, as ``{"exemplars": [grass, "gravel.png"]}``.
+    sources : name to an array, a path, a pattern as ``library/*.png``, a dict of maps, see `synthesize`, or a list
+        of several, as ``{"exemplars": [grass, "gravel.png"]}``.
     params : of the flow, or of a step: ``{"STEP.PARAM": value}``.
     size, tileable, preset : the parameters that most flows have; see `synthesize`.
     seed : of the random numbers; the default is the flow's.
@@ -319,7 +319,7 @@ _OPTIONS = {"set": "params", "source": "sources"}
 def _references(
     sources: Mapping[str, Any], folder: Path, store: Store | None = None
 ) -> Iterator[dict[str, str | tuple[str, ...]]]:
-    """The files of sources, several of a list, with arrays written below ``folder``, the root of ``store`` if it is given.
+    """The files of sources, several of a list, with arrays below ``folder``, the root of ``store`` if it is given.
 
     Errors of the ``with`` block speak of arguments and arrays, not of options and the files of arrays.
     """
