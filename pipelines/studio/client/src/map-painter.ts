@@ -53,7 +53,7 @@ export class MapPainter extends Element {
         @act=${(event: CustomEvent<Act>) => this.act(event.detail)}></picture-view>
       ${choice("Tool", TOOLS, this.tool, (tool) => this.use(tool))}
       ${this.tool === "way"
-        ? html`<p class="hint">Draw from ${this.ends[0]} to ${this.ends[1]}, or click corner after corner.</p>
+        ? html`<p class="hint">Draw a way, or click its corners: black, ${this.ends[0]}, where it begins; white, ${this.ends[1]}, where it ends.</p>
             <button ?disabled=${!this.way.length} @click=${() => this.use("way")}>Another way</button>`
         : html`${slider("Paint", this.percent, 100, (percent) => (this.percent = percent))}
             <span class="ends"><span>${this.ends[0]}</span><span>${this.ends[1]}</span></span>
