@@ -40,10 +40,10 @@ class Delivery:
     """side of a pixel, m"""
     color_space: str = REC709
     """of linear colour in EXR and tx"""
-    name: str | None = None
-    """of a material, which its files begin with; without one it is called like its pictures"""
     udim: tuple[int, int] | None = None
     """rows and columns of the tiles that maps of a layout are cut into"""
+    name: str | None = None
+    """of a material, which its files begin with; without one it is called like its pictures"""
 
     def encoded(self, image: Image) -> Image:
         """An image with its colours in `color_space`; grey ones as they are."""
@@ -115,7 +115,7 @@ def parse_delivery(options: Mapping[str, str], fail: Fail = of_option) -> Delive
     if name is not None and not re.search(r"\w", name):
         raise fail("name", f"must have a letter or a digit, got {shown(name)}")
     texel_size = _length(options["texel_size"], fail) if "texel_size" in options else None
-    return Delivery(layout, texel_size, COLOR_SPACES[color_space], name, udim)
+    return Delivery(layout, texel_size, COLOR_SPACES[color_space], udim, name)
 
 
 def _length(text: str, fail: Fail) -> float:
