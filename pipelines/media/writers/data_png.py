@@ -1,4 +1,4 @@
-"""PNG of data with 16 bits, DDS with 8: 0..1 as they are, not sRGB; one to four planes as grey, RGB, or with alpha."""
+"""PNG of data with 16 bits, DDS with 8: 0..1 as they are, not sRGB; one to four planes, grey, RGB or with alpha."""
 
 from __future__ import annotations
 
