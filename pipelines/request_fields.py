@@ -84,7 +84,7 @@ OPTIONS = {
         "Cut the maps of a layout into tiles, such as 3x2, with 1001 at the lower left.", metavar="COLUMNSxROWS"
     ),
     "material": Option(
-        "Name of the material, with which files of a layout begin.  [default: that of the exemplar]",
+        "Name of the material, with which files of a layout begin.  [default: that of its pictures]",
         metavar="NAME",
     ),
     "out": Option(

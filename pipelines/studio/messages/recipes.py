@@ -15,7 +15,9 @@ MOST_PICTURES = 16
 Number = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Grid = Annotated[str, Field(pattern=r"^[1-9]\d?x[1-9]\d?$")]
 """``COLUMNSxROWS`` of tiles"""
-Params = dict[str, float | int | bool | Literal["labels", "values", "noise", "cells"] | Grid | tuple[int, int]]
+Params = dict[
+    str, float | int | bool | Literal["labels", "values", "noise", "cells", "corners"] | Grid | tuple[int, int]
+]
 """``STEP.PARAM`` to its value"""
 Lists = Annotated[
     dict[str, Annotated[tuple[Number, ...], Field(min_length=1, max_length=64)]], Field(max_length=16)

@@ -45,7 +45,7 @@ export interface Control {
 
 export interface Setting {
   name: string;
-  params: Record<string, number | boolean | "labels" | "values" | "noise" | "cells" | string | [number, number]>;
+  params: Record<string, number | boolean | "labels" | "values" | "noise" | "cells" | "corners" | string | [number, number]>;
   lists: Record<string, (number)[]>;
   udim: string;
 }
@@ -102,7 +102,7 @@ export interface Recipe {
   tileable?: "off" | "x" | "y" | "both" | null;
   seed?: number;
   preset?: string | null;
-  params?: Record<string, number | boolean | "labels" | "values" | "noise" | "cells" | string | [number, number]>;
+  params?: Record<string, number | boolean | "labels" | "values" | "noise" | "cells" | "corners" | string | [number, number]>;
   lists?: Record<string, (number)[]>;
   files?: Record<string, string>;
   layout?: string | null;

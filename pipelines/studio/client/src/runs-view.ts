@@ -41,7 +41,7 @@ export class RunsView extends Element {
   override render(): TemplateResult {
     const jobs = [...this.studio.jobs.values()].reverse();
     return html`
-      <aside class="left" aria-label="Runs of this studio">
+      <aside class="left" aria-label="Runs of this studio" tabindex="0">
         <h2>Running, or opened</h2>
         ${jobs.length ? nothing : html`<p class="hint">Runs at full size appear here, with their progress.</p>`}
         ${jobs.map((job) => html`<p class="name" title=${job.name}>${job.name}</p>
