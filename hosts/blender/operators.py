@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 from bpy.props import StringProperty
 
-from . import images, materials, pixels, requests, surfaces
+from . import images, material_requests, materials, pixels, requests, surfaces
 from .running import Running, Task
 from .session import JOBS
 from .settings import properties
@@ -192,7 +192,7 @@ class Material(Running, bpy.types.Operator):
 
     def task(self, context: bpy.types.Context) -> Task:
         path = bpy.path.abspath(self.path) if self.path else ""
-        asked = requests.material(path, self.size, self.tileable, self.texel_size, self.preset, self.seed)
+        asked = material_requests.material(path, self.size, self.tileable, self.texel_size, self.preset, self.seed)
         active = context.view_layer.objects.active
         target = active.name if active is not None and active.type == "MESH" else ""
         return Task(asked, partial(_add_material, Path(path.rstrip("/\\")).stem, target, self.texel_size))
@@ -234,7 +234,7 @@ class OnMesh(Running, bpy.types.Operator):
         mesh = Path(kept.name, "mesh.glb")
         mesh.write_bytes(surface.content)
         try:
-            asked = requests.on_mesh(
+            asked = material_requests.on_mesh(
                 exemplar, str(mesh), self.size, self.texel_size, self.turn, self.seed,
                 control=images.sent(images.named(self.control, "control")) if self.control else None,
                 has_control=bool(self.paint), has_maps=bool(folder),

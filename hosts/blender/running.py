@@ -8,7 +8,7 @@ from typing import Any, ClassVar, NamedTuple
 import bpy
 
 from .controller import Job, Request, step
-from .session import JOBS, client
+from .session import JOBS
 from .texloom_client import CancelledError, Result, TexloomError
 
 _SECONDS = 0.2  # between looks
@@ -67,7 +67,7 @@ class Running:
     def _begin(self, context: bpy.types.Context) -> bool:
         try:
             self._task: Task = self.task(context)
-            self._job: Job = JOBS.begin(Job(client(), self.bl_label, self._task.requests))
+            self._job: Job = JOBS.begin(self.bl_label, self._task.requests)
         except TexloomError as error:
             self.report({"ERROR"}, f"{self.bl_label}: {error}")
             return False

@@ -1,4 +1,4 @@
-"""The one client of this Blender, and where its texloom is."""
+"""The jobs of this Blender, and where its texloom is."""
 
 from __future__ import annotations
 
@@ -7,19 +7,9 @@ import bpy
 from .controller import Jobs
 from .texloom_client import Client
 
-JOBS = Jobs()
-_CLIENTS: list[Client] = []
-
-
-def close() -> None:
-    """End the server; the next run starts one."""
-    JOBS.cancel_all()
-    while _CLIENTS:
-        _CLIENTS.pop().close()
-
 
 def _changed(_: Preferences, __: bpy.types.Context) -> None:
-    close()
+    JOBS.close()
 
 
 class Preferences(bpy.types.AddonPreferences):
@@ -46,14 +36,14 @@ def _preferences() -> Preferences | None:
     return addon.preferences if addon else None
 
 
-def client() -> Client:
-    """The connection, which starts texloom when a run needs it."""
-    if not _CLIENTS:
-        chosen = _preferences()
-        command = bpy.path.abspath(chosen.command) if chosen and chosen.command else None
-        store = bpy.path.abspath(chosen.store) if chosen and chosen.store else None
-        _CLIENTS.append(Client(command, store=store))
-    return _CLIENTS[0]
+def _connected() -> Client:
+    chosen = _preferences()
+    command = bpy.path.abspath(chosen.command) if chosen and chosen.command else None
+    store = bpy.path.abspath(chosen.store) if chosen and chosen.store else None
+    return Client(command, store=store)
+
+
+JOBS = Jobs(_connected)
 
 
 def register() -> None:
@@ -61,5 +51,5 @@ def register() -> None:
 
 
 def unregister() -> None:
-    close()
+    JOBS.close()
     bpy.utils.unregister_class(Preferences)

@@ -136,12 +136,17 @@ def step(job: Job, apply: Callable[[list[Result]], str]) -> Step:
 
 
 class Jobs:
-    """The jobs that go on, for the panels."""
+    """The jobs that go on in a program, and its one client, which starts texloom when a job needs it."""
 
-    def __init__(self) -> None:
+    def __init__(self, connect: Callable[[], Client]) -> None:
         self.running: list[Job] = []
+        self._connect = connect
+        self._client: Client | None = None
 
-    def begin(self, job: Job) -> Job:
+    def begin(self, title: str, requests: Sequence[Request]) -> Job:
+        if self._client is None:
+            self._client = self._connect()
+        job = Job(self._client, title, requests)
         self.running.append(job)
         return job
 
@@ -154,3 +159,10 @@ class Jobs:
     def cancel_all(self) -> None:
         for job in self.running:
             job.cancel()
+
+    def close(self) -> None:
+        """Cancel all, and end the server; the next job starts one, with the settings of then."""
+        self.cancel_all()
+        if self._client is not None:
+            self._client.close()
+            self._client = None

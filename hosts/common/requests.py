@@ -1,8 +1,7 @@
-"""What each operator asks of texloom."""
+"""What the plug-ins ask of texloom for one picture."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from .controller import Request
@@ -11,20 +10,19 @@ from .texloom_client import TexloomError
 METHODS = ("self_tuning", "auto", "near_regular", "quilting", "graph_cut", "patch_based")
 PRESETS = ("default", "fast")
 _WITH_PRESETS = ("self_tuning", "auto")  # among the methods; others have one speed
-MAPS = "maps/*"
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr", ".webp", ".bmp", ".heic", ".dng")
 _MOST_VARIATIONS = 64
 
 
-def _options(seed: int, preset: str, **others: Any) -> dict[str, Any]:
-    options = {"seed": seed, **others}
-    return options if preset == "default" else {**options, "preset": preset}
+def run_options(seed: int, preset: str, **others: Any) -> dict[str, Any]:
+    """How a run is made; the default preset is not named."""
+    chosen = {"seed": seed, **others}
+    return chosen if preset == "default" else {**chosen, "preset": preset}
 
 
 def make_tileable(picture: Any, axes: str, keep_size: bool, preset: str, seed: int) -> list[Request]:
     """A picture that repeats; only its borders change."""
     params = {"keep_size": keep_size}
-    return [Request("make_tileable", {"picture": picture}, params, _options(seed, preset, tileable=axes))]
+    return [Request("make_tileable", {"picture": picture}, params, run_options(seed, preset, tileable=axes))]
 
 
 def larger(
@@ -36,60 +34,17 @@ def larger(
     sizes = {"size": f"{width}x{height}", "tileable": tileable}
     preset = preset if method in _WITH_PRESETS else "default"
     return [
-        Request(method, {"exemplar": picture}, {}, _options(seed + number, preset, **sizes))
+        Request(method, {"exemplar": picture}, {}, run_options(seed + number, preset, **sizes))
         for number in range(count)
     ]
 
 
 def fill(picture: Any, holes: Any, preset: str, seed: int) -> list[Request]:
     """Holes of a picture, filled from the rest of it."""
-    return [Request("fill", {"picture": picture, "holes": holes}, {}, _options(seed, preset))]
+    return [Request("fill", {"picture": picture, "holes": holes}, {}, run_options(seed, preset))]
 
 
 def revise(texture: Any, exemplar: Any, region: Any, tileable: str, preset: str, seed: int) -> list[Request]:
     """A region of a texture, made again like the exemplar."""
     sources = {"texture": texture, "exemplar": exemplar, "region": region}
-    return [Request("revise", sources, {}, _options(seed, preset, tileable=tileable))]
-
-
-def material(path: str, size: int, tileable: str, texel_size: float, preset: str, seed: int) -> list[Request]:
-    """All maps of a material, from a folder of maps, or estimated from a photograph; ``texel_size`` in mm."""
-    place = Path(path).expanduser()
-    sizes = {"size": str(size), "tileable": tileable, "texel_size": _mm(texel_size)}
-    options = _options(seed, preset, layout="blender", **sizes)
-    if path and place.is_dir():
-        return [Request("materials", {"exemplar": str(place)}, {}, options, (MAPS,))]
-    if not place.is_file():
-        raise TexloomError(f"path: {path or 'nothing'}: no such folder or picture")
-    if place.suffix.lower() in (".yaml", ".yml"):
-        return [Request("materials", {"exemplar": str(place)}, {}, options, (MAPS,))]
-    if place.suffix.lower() not in PICTURES:
-        raise TexloomError(f"path: {place.name} is neither a folder of maps nor one of {', '.join(PICTURES)}")
-    return [Request("photo_material", {"photo": str(place)}, {}, options, (MAPS,))]
-
-
-def on_mesh(
-    exemplar: Any, mesh: str, size: int, texel_size: float, turn: float, seed: int, *, control: Any = None,
-    has_control: bool = False, has_maps: bool = False,
-) -> list[Request]:  # fmt: skip
-    """A texture on a mesh that has texture coordinates; a ``texel_size`` of 0 mm is chosen by texloom."""
-    if has_control and control is None:
-        raise TexloomError("control: vertex paint controls it; choose the control picture of the exemplar, too")
-    sources = {"exemplar": exemplar, "mesh": mesh, **({} if control is None else {"control": control})}
-    params: dict[str, Any] = {"size": size, "charts": "own", "turn": turn}
-    if has_control:
-        params["geometry"] = "vertices"
-    elif control is not None:
-        raise TexloomError("control: a picture is given without vertex paint; choose the colours that control it")
-    options: dict[str, Any] = {"seed": seed}
-    if has_maps:
-        options["layout"] = "blender"
-    if texel_size:
-        options["texel_size"] = _mm(texel_size)
-    return [Request("on_mesh", sources, params, options, (MAPS,) if has_maps else ())]
-
-
-def _mm(texel_size: float) -> str:
-    if not texel_size > 0:
-        raise TexloomError(f"texel_size: {texel_size:g} mm is not above 0")
-    return f"{texel_size:.9g}mm"
+    return [Request("revise", sources, {}, run_options(seed, preset, tileable=tileable))]

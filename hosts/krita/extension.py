@@ -78,7 +78,7 @@ class Texloom(Extension):
     """What Krita calls."""
 
     def setup(self) -> None:
-        QApplication.instance().aboutToQuit.connect(session.close)
+        QApplication.instance().aboutToQuit.connect(session.JOBS.close)
 
     def createActions(self, window: Window) -> None:  # noqa: N802
         for name, (label, _, _) in ACTIONS.items():

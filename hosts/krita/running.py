@@ -9,7 +9,7 @@ from PyQt5.QtWidgets import QDialog, QDialogButtonBox, QLabel, QProgressBar, QVB
 from krita import Krita
 
 from .controller import Job, Step, step
-from .session import JOBS, client
+from .session import JOBS
 from .tasks import Task
 from .texloom_client import Pixels
 
@@ -29,7 +29,7 @@ class Progress(QDialog):
         self.setWindowTitle(f"Texloom: {task.title}")
         self.setAttribute(Qt.WA_DeleteOnClose)
         self._task, self._seen = task, None
-        self.job: Job = JOBS.begin(Job(client(), task.title, task.requests))
+        self.job: Job = JOBS.begin(task.title, task.requests)
         self.ended: Step | None = None
         self._text, self._bar, self._preview = QLabel(self.job.progress.text), QProgressBar(), QLabel()
         self._text.setWordWrap(True)

@@ -7,6 +7,7 @@ import importlib
 import importlib.util
 import sys
 import types
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -50,8 +51,26 @@ def builder() -> Any:
     return module
 
 
+@pytest.fixture(scope="module")
+def archive(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The archive of the plug-in for the program that the module of tests names in ``PROGRAM``."""
+    return builder().build(request.module.PROGRAM, tmp_path_factory.mktemp("dist"))
+
+
+@pytest.fixture(scope="module")
+def plugin(
+    request: pytest.FixtureRequest, archive: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[[str], Any]]:
+    """Its modules by their names, from the archive."""
+    folder = tmp_path_factory.mktemp("plugin")
+    zipfile.ZipFile(archive).extractall(folder)
+    (controller,) = folder.rglob("controller.py")
+    with _modules(f"{request.module.PROGRAM}_texloom", controller.parent) as modules:
+        yield modules
+
+
 @contextlib.contextmanager
-def modules_of(package: str, folder: Path) -> Iterator[Callable[[str], Any]]:
+def _modules(package: str, folder: Path) -> Iterator[Callable[[str], Any]]:
     """The modules of a plug-in by their names, without its ``__init__``, which imports the program."""
     made = types.ModuleType(package)
     made.__path__ = [str(folder)]

@@ -4,34 +4,19 @@ from __future__ import annotations
 
 import tomllib
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.bridge.conftest import COMMAND, builder, modules_of
+from tests.bridge.conftest import COMMAND, builder
 from tests.conftest import ROOT
 from texloom.pipelines.media import meshes
 from texloom.pipelines.media.conventions import LAYOUTS
 
-PACKAGE = "blender_texloom"
+PROGRAM = "blender"
 FOLDER = ROOT / "hosts" / "blender"
-
-
-@pytest.fixture(scope="module")
-def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return builder().build("blender", tmp_path_factory.mktemp("dist"))
-
-
-@pytest.fixture(scope="module")
-def extension(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    """Its modules by their names, from the archive."""
-    folder = tmp_path_factory.mktemp("extension")
-    zipfile.ZipFile(archive).extractall(folder)
-    with modules_of(PACKAGE, folder) as modules:
-        yield modules
 
 
 # -- the archive
@@ -50,7 +35,7 @@ def test_the_archive(archive: Path, tmp_path: Path) -> None:
     assert manifest["version"] == project["version"]
     assert manifest["license"] == [f"SPDX:{project['license']}"]
     assert set(manifest["permissions"]) == {"files", "network"}
-    assert builder().build("blender", tmp_path).read_bytes() == archive.read_bytes()
+    assert builder().build(PROGRAM, tmp_path).read_bytes() == archive.read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -72,9 +57,9 @@ def test_a_manifest_that_blender_would_refuse(field: str, value: Any) -> None:
 # -- jobs
 
 
-def test_a_job_of_several_runs(extension: Any, store: str, picture: np.ndarray) -> None:
-    controller, requests = extension("controller"), extension("requests")
-    with extension("texloom_client").Client(COMMAND, store=store) as client:
+def test_a_job_of_several_runs(plugin: Any, store: str, picture: np.ndarray) -> None:
+    controller, requests = plugin("controller"), plugin("requests")
+    with plugin("texloom_client").Client(COMMAND, store=store) as client:
         asked = requests.larger(picture, 48, 40, "off", "quilting", "default", 3, 2)
         job = controller.Job(client, "Variations", asked)
         applied: list[Any] = []
@@ -92,7 +77,7 @@ def test_a_job_of_several_runs(extension: Any, store: str, picture: np.ndarray) 
         assert job.progress.share == 1
 
         def refuse(_: list[Any]) -> str:
-            raise extension("texloom_client").TexloomError("the mesh is gone")
+            raise plugin("texloom_client").TexloomError("the mesh is gone")
 
         again = controller.Job(client, "On Mesh", asked[:1])
         again.wait()
@@ -103,42 +88,54 @@ def test_a_job_of_several_runs(extension: Any, store: str, picture: np.ndarray) 
         assert wrong.tick().state == "failed"
 
 
-def test_a_job_is_cancelled(extension: Any, store: str, picture: np.ndarray) -> None:
-    controller, requests = extension("controller"), extension("requests")
-    jobs = controller.Jobs()
-    with extension("texloom_client").Client(COMMAND, store=store) as client:
-        asked = requests.larger(picture, 800, 800, "both", "self_tuning", "default", 3, 3)
-        job = jobs.begin(controller.Job(client, "Variations", asked))
-        while job.tick().share == 0:
-            pass
-        jobs.cancel_all()
-        assert job.tick().text.endswith("is being cancelled") or job.has_ended
-        with pytest.raises(controller.CancelledError, match=r"^Variations: cancelled$"):
-            job.wait()
-        assert controller.step(job, lambda _: "made").state == "cancelled"
-        assert job.results == []
-        jobs.end(job)
-        assert jobs.running == []
+def test_a_job_is_cancelled(plugin: Any, store: str, picture: np.ndarray) -> None:
+    controller, requests = plugin("controller"), plugin("requests")
+    clients: list[Any] = []
+
+    def connected() -> Any:
+        clients.append(plugin("texloom_client").Client(COMMAND, store=store))
+        return clients[-1]
+
+    jobs = controller.Jobs(connected)
+    jobs.close()  # nothing has begun
+    job = jobs.begin("Variations", requests.larger(picture, 800, 800, "both", "self_tuning", "default", 3, 3))
+    while job.tick().share == 0:
+        pass
+    jobs.cancel_all()
+    assert job.tick().text.endswith("is being cancelled") or job.has_ended
+    with pytest.raises(controller.CancelledError, match=r"^Variations: cancelled$"):
+        job.wait()
+    assert controller.step(job, lambda _: "made").state == "cancelled"
+    assert job.results == []
+    jobs.end(job)
+    assert jobs.running == []
+    quick = requests.larger(picture, 48, 40, "off", "quilting", "default", 3)
+    jobs.begin("Larger", quick).wait()
+    assert len(clients) == 1
+    jobs.close()
+    jobs.begin("Larger", quick).wait()
+    assert len(clients) == 2
+    jobs.close()
 
 
 @pytest.mark.parametrize(
     ("make", "problem"),
     [
-        (lambda r: r.larger(None, 8, 8, "off", "quilting", "default", 3, 0), "count: 0 variations; 1 to 64"),
-        (lambda r: r.material("", 64, "both", 1.0, "default", 3), "path: nothing: no such folder or picture"),
-        (lambda r: r.material(".", 64, "both", 0.0, "default", 3), "texel_size: 0 mm is not above 0"),
-        (lambda r: r.material(__file__, 64, "both", 1.0, "default", 3), "path: test_blender.py is neither"),
-        (lambda r: r.on_mesh(0, "", 64, 0, 0, 3, has_control=True), "control: vertex paint controls it"),
-        (lambda r: r.on_mesh(0, "", 64, 0, 0, 3, control=0), "control: a picture is given without vertex paint"),
+        (lambda r, m: r.larger(None, 8, 8, "off", "quilting", "default", 3, 0), "count: 0 variations; 1 to 64"),
+        (lambda r, m: m.material("", 64, "both", 1.0, "default", 3), "path: nothing: no such folder or picture"),
+        (lambda r, m: m.material(".", 64, "both", 0.0, "default", 3), "texel_size: 0 mm is not above 0"),
+        (lambda r, m: m.material(__file__, 64, "both", 1.0, "default", 3), "path: test_blender.py is neither"),
+        (lambda r, m: m.on_mesh(0, "", 64, 0, 0, 3, has_control=True), "control: vertex paint controls it"),
+        (lambda r, m: m.on_mesh(0, "", 64, 0, 0, 3, control=0), "control: a picture is given without vertex paint"),
     ],
 )
-def test_requests_that_are_refused(extension: Any, make: Any, problem: str) -> None:
-    with pytest.raises(extension("texloom_client").TexloomError, match=problem):
-        make(extension("requests"))
+def test_requests_that_are_refused(plugin: Any, make: Any, problem: str) -> None:
+    with pytest.raises(plugin("texloom_client").TexloomError, match=problem):
+        make(plugin("requests"), plugin("material_requests"))
 
 
-def test_folders_and_photographs(extension: Any, tmp_path: Path) -> None:
-    requests = extension("requests")
+def test_folders_and_photographs(plugin: Any, tmp_path: Path) -> None:
+    requests = plugin("material_requests")
     photo = tmp_path / "wall.JPG"
     photo.touch()
     made = [requests.material(str(one), 256, "both", 0.5, "fast", 3)[0] for one in (tmp_path, photo)]
@@ -151,16 +148,16 @@ def test_folders_and_photographs(extension: Any, tmp_path: Path) -> None:
 # -- nodes
 
 
-def test_the_roles_are_those_of_the_layout(extension: Any) -> None:
-    node_plan = extension("node_plan")
+def test_the_roles_are_those_of_the_layout(plugin: Any) -> None:
+    node_plan = plugin("node_plan")
     suffixes = [part.suffix for part in LAYOUTS["blender"].written]
     assert sorted(suffixes) == sorted(node_plan.ROLES)
     assert [node_plan.role_of(f"maps/wall_height_{one}.png") for one in suffixes] == suffixes
     assert node_plan.role_of("maps/wall.usda") == ""
 
 
-def test_a_plan_of_all_maps(extension: Any) -> None:
-    node_plan = extension("node_plan")
+def test_a_plan_of_all_maps(plugin: Any) -> None:
+    node_plan = plugin("node_plan")
     made = node_plan.plan(set(node_plan.ROLES), node_plan.Relief(0.02, -0.005), "charts")
     into = {(target, socket): source for source, _, target, socket in made.links}
     assert {socket: source for (target, socket), source in into.items() if target == "surface"} == {
@@ -177,15 +174,15 @@ def test_a_plan_of_all_maps(extension: Any) -> None:
     assert made.displacement == "DISPLACEMENT"
     assert node_plan.plan({"base_color", "height"}, node_plan.Relief(1)).displacement == "BOTH"
     assert "displacement" not in node_plan.plan({"base_color", "height"}, None).nodes
-    with pytest.raises(extension("texloom_client").TexloomError, match="fuzz: no map of a Principled material"):
+    with pytest.raises(plugin("texloom_client").TexloomError, match="fuzz: no map of a Principled material"):
         node_plan.plan({"base_color", "fuzz"}, None)
 
 
 # -- pixels
 
 
-def test_pixels_there_and_back(extension: Any) -> None:
-    pixels, client = extension("pixels"), extension("texloom_client")
+def test_pixels_there_and_back(plugin: Any) -> None:
+    pixels, client = plugin("pixels"), plugin("texloom_client")
     random = np.random.default_rng(1)
     for values in (
         random.integers(0, 256, (5, 7, 4), np.uint8),
@@ -200,18 +197,18 @@ def test_pixels_there_and_back(extension: Any) -> None:
     np.testing.assert_allclose(flat * 255, [4, 5, 6, 255, 1, 2, 3, 255], rtol=1e-6)  # from the bottom row on
 
 
-def test_floats_are_multiplied_by_alpha_but_data_are_not(extension: Any) -> None:
-    pixels = extension("pixels")
+def test_floats_are_multiplied_by_alpha_but_data_are_not(plugin: Any) -> None:
+    pixels = plugin("pixels")
     flat = np.array([0.2, 0.1, 0.0, 0.5, 0.3, 0.3, 0.3, 0.0], np.float32)
     plain = pixels.to_array(flat, 2, 1, 4, True, is_data=False)
     np.testing.assert_allclose(plain[0], [[0.4, 0.2, 0, 0.5], [0.3, 0.3, 0.3, 0]])
     np.testing.assert_array_equal(pixels.to_array(flat, 2, 1, 4, True, is_data=True).ravel(), flat)
-    with pytest.raises(extension("texloom_client").TexloomError, match="not finite"):
+    with pytest.raises(plugin("texloom_client").TexloomError, match="not finite"):
         pixels.to_array(flat * np.float32("nan"), 2, 1, 4, True, is_data=True)
 
 
-def test_masks(extension: Any) -> None:
-    pixels, error = extension("pixels"), extension("texloom_client").TexloomError
+def test_masks(plugin: Any) -> None:
+    pixels, error = plugin("pixels"), plugin("texloom_client").TexloomError
     values = np.zeros((2, 2, 4), np.uint8)
     values[0] = [[255, 255, 255, 255], [255, 255, 255, 100]]
     values[1, 1] = [0, 0, 0, 255]
@@ -229,7 +226,7 @@ def test_masks(extension: Any) -> None:
 # -- meshes
 
 
-def test_texloom_reads_the_mesh(extension: Any, tmp_path: Path) -> None:
+def test_texloom_reads_the_mesh(plugin: Any, tmp_path: Path) -> None:
     """A triangle on the floor: z is up in Blender, y in glTF, texture coordinates from the bottom in both."""
     pytest.importorskip("trimesh")
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0.5]], np.float32)
@@ -237,7 +234,7 @@ def test_texloom_reads_the_mesh(extension: Any, tmp_path: Path) -> None:
     normals = np.array([[0, 0, 1]] * 3, np.float32)
     direction = np.array([[0, 1, 0], [0, 0, 0], [0, 1, 0]], np.float32)
     path = tmp_path / "mesh.glb"
-    path.write_bytes(extension("glb").glb(points, texture, normals, direction, np.array([0, 0.5, 1], np.float32)))
+    path.write_bytes(plugin("glb").glb(points, texture, normals, direction, np.array([0, 0.5, 1], np.float32)))
     corners = meshes.read(str(path), meshes.inspect(str(path)))
     np.testing.assert_allclose(corners[:, :3], points[:, [0, 2, 1]] * (1, 1, -1))
     np.testing.assert_allclose(corners[:, 3:6], [[0, 1, 0]] * 3)

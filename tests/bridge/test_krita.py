@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import configparser
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -12,25 +11,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from tests.bridge.conftest import builder, modules_of
+from tests.bridge.conftest import builder
 from tests.conftest import ROOT
 
-PACKAGE = "krita_texloom"
+PROGRAM = "krita"
 SRGB, LINEAR = "sRGB-elle-V2-srgbtrc.icc", "sRGB-elle-V2-g10.icc"
 DTYPES = {"U8": np.uint8, "U16": np.uint16, "F16": np.float16, "F32": np.float32}
-
-
-@pytest.fixture(scope="module")
-def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return builder().build("krita", tmp_path_factory.mktemp("dist"))
-
-
-@pytest.fixture(scope="module")
-def plugin(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
-    folder = tmp_path_factory.mktemp("plugin")
-    zipfile.ZipFile(archive).extractall(folder)
-    with modules_of(PACKAGE, folder / "texloom") as modules:
-        yield modules
 
 
 def test_the_archive_is_as_krita_imports_it(archive: Path, tmp_path: Path) -> None:
@@ -48,7 +34,7 @@ def test_the_archive_is_as_krita_imports_it(archive: Path, tmp_path: Path) -> No
     assert not any(name.startswith("/") or ".." in name for name in names)
     named = [one.get("name") for one in actions.iter("Action")]
     assert named == [f"texloom_{one}" for one in ("make_tileable", "larger", "fill", "revise", "settings")]
-    assert builder().build("krita", tmp_path).read_bytes() == archive.read_bytes()
+    assert builder().build(PROGRAM, tmp_path).read_bytes() == archive.read_bytes()
 
 
 def stored(form: Any, rgba: np.ndarray) -> bytes:

@@ -323,7 +323,7 @@ class Scenario(Extension):
                 status = 0
             except BaseException:
                 traceback.print_exc(file=told)
-        plugin("session").close()
+        plugin("session").JOBS.close()
         os._exit(status)  # Krita would ask whether to keep what has changed
 
 
