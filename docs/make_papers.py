@@ -1,8 +1,8 @@
 """Write docs/papers.md, the papers and where the code follows them: ``python docs/make_papers.py``.
 
 Read from the citations in docstrings and comments of `stages` and in the comments of flow files, the sections and
-figures named after them, the steps of flows, and stages/references.bib; and from docs/figures.yaml, what shows the figures
-of five papers.
+figures named after them, the steps of flows, and stages/references.bib; and from docs/figures.yaml, what shows the
+figures of five papers.
 """
 
 from __future__ import annotations
@@ -40,9 +40,10 @@ figures that they name, the stage that a file declares (a file without one helps
 that stage. What a file does otherwise is in its docstring, which `texloom stages NAME` prints. `python
 docs/make_papers.py` writes this page from docstrings, flow files, `stages/references.bib` and `docs/figures.yaml`.
 
-For five papers a second table has every figure and table, the command that shows it with pictures that ship with texloom
-or scikit-image, and what differs: [Kaspar2015](#kaspar2015), [Wei2008](#wei2008), [Eisenacher2008](#eisenacher2008),
-[Lin2004](#lin2004) and [Ding2014](#ding2014). Tests run these commands at small size:\nthe quick ones always, all with `TEXLOOM_FIGURES=1`.
+For five papers a second table has every figure and table, the command that shows it with pictures that ship with
+texloom or scikit-image, and what differs: [Kaspar2015](#kaspar2015), [Wei2008](#wei2008),
+[Eisenacher2008](#eisenacher2008), [Lin2004](#lin2004) and [Ding2014](#ding2014). Tests run these commands at small
+size: the quick ones always, all with `TEXLOOM_FIGURES=1`.
 """
 
 Row = tuple[str, str, str, str]
