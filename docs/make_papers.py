@@ -1,14 +1,18 @@
 """Write docs/papers.md, the papers and where the code follows them: ``python docs/make_papers.py``.
 
 Read from the citations in docstrings and comments of `stages` and in the comments of flow files, the sections and
-figures named after them, the steps of flows, and stages/references.bib.
+figures named after them, the steps of flows, and stages/references.bib; and from docs/figures.yaml, what shows the
+figures of five papers.
 """
 
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
+
+import yaml
 
 from texloom.pipelines.cli import describe
 from texloom.pipelines.flow.shipped import flow_catalogue, flow_head, shipped_flows
@@ -17,6 +21,7 @@ from texloom.stages.lookup.registry import find_stage
 ROOT = Path(__file__).parents[1]
 FILE = ROOT / "docs" / "papers.md"
 BIBLIOGRAPHY = ROOT / "stages" / "references.bib"
+FIGURES = ROOT / "docs" / "figures.yaml"
 FIELD = re.compile(r"(\w+)\s*=\s*\{((?:[^{}]|\{[^{}]*\})*)\}")
 ACCENTS = {"'": "\u0301", '"': "\u0308", "`": "\u0300", "v": "\u030c", "~": "\u0303", "^": "\u0302", "c": "\u0327"}
 CITATION = re.compile(r"\[([A-Za-z]+\d{4}[a-z]?)(?:\]_?|(?=, ))")
@@ -33,7 +38,12 @@ HEAD = """# Papers and where the code follows them
 For each paper that docstrings cite by its key: the files that follow it, with the sections, equations and
 figures that they name, the stage that a file declares (a file without one helps stages), and the flows with
 that stage. What a file does otherwise is in its docstring, which `texloom stages NAME` prints. `python
-docs/make_papers.py` writes this page from docstrings, flow files and `stages/references.bib`.
+docs/make_papers.py` writes this page from docstrings, flow files, `stages/references.bib` and `docs/figures.yaml`.
+
+For five papers a second table has every figure and table, the command that shows it with pictures that ship with
+texloom or scikit-image, and what differs: [Kaspar2015](#kaspar2015), [Wei2008](#wei2008),
+[Eisenacher2008](#eisenacher2008), [Lin2004](#lin2004) and [Ding2014](#ding2014). Tests run these commands at small
+size: the quick ones always, all with `TEXLOOM_FIGURES=1`.
 """
 
 Row = tuple[str, str, str, str]
@@ -44,13 +54,43 @@ def page() -> str:
     rows: dict[str, list[Row]] = {}
     for key, row in cited():
         rows.setdefault(key, []).append(row)
-    parts = [HEAD]
+    parts, shown = [HEAD], figures()
     for key, paper in bibliography().items():
         parts += [f"## {key}\n", f"{paper}\n"]
         if key in rows:
             parts += ["| section or figure | file | stage | flows |", "|---|---|---|---|"]
             parts += [f"| {' | '.join(row)} |" for row in rows[key]] + [""]
+        if key in shown:
+            parts += ["| figure or table | shows | command | what differs |", "|---|---|---|---|"]
+            parts += [f"| {' | '.join(figure_row(one))} |" for one in shown[key]] + [""]
     return "\n".join(parts)
+
+
+def figures() -> dict[str, list[dict[str, str]]]:
+    """What shows each figure and table, by paper; see docs/figures.yaml."""
+    found: dict[str, list[dict[str, str]]] = yaml.safe_load(FIGURES.read_text(encoding="utf-8"))
+    return found
+
+
+def figure_row(one: dict[str, str]) -> Row:
+    """The cells of a figure."""
+    return one["figure"], one["shows"], f"`texloom run {one['run']}`" if "run" in one else "", one["differs"]
+
+
+def smaller(one: dict[str, str]) -> list[str]:
+    """What ``texloom run`` is given for a figure at small size: options replace those of the same name."""
+    words, small = shlex.split(one["run"]), shlex.split(one["small"])
+    named = [tuple(small[at : at + 2]) for at in range(0, len(small), 2)]
+    keys = {(option, value.partition("=")[0] if option == "--set" else "") for option, value in named}
+    kept = [words[0]]
+    at = 1
+    while at < len(words):
+        width = 2 if words[at].startswith("--") else 1
+        option, value = (words[at], words[at + 1]) if width == 2 else (words[at], "")
+        if (option, value.partition("=")[0] if option == "--set" else "") not in keys:
+            kept += words[at : at + width]
+        at += width
+    return kept + small
 
 
 def cited() -> Iterator[tuple[str, Row]]:

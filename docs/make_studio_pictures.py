@@ -39,9 +39,24 @@ def make(page: Page, shoot: Callable[[str], None]) -> None:
     """The preview of a tileable texture."""
     page.get_by_title("stones").first.click()
     page.get_by_label("Tileable").select_option("both")
-    page.wait_for_function("() => document.querySelector('make-view').done === 1")
+    page.wait_for_function("() => document.querySelector('make-view').previews.done === 1")
     page.wait_for_timeout(1000)
     shoot("make")
+
+
+def several(page: Page, shoot: Callable[[str], None]) -> None:
+    """Two pictures in their order, and a way from the first to the second."""
+    page.get_by_title("moss").first.click()
+    page.get_by_label("Method").select_option("mix")
+    page.get_by_title("stones").first.click()
+    settings = page.get_by_label("Settings")
+    settings.get_by_role("button", name="Paint map").click()
+    settings.get_by_role("radio", name="Way").click()
+    drag(settings.locator("map-painter"), 0, (0.1, 0.9), (0.2, 0.3), (0.5, 0.15), (0.8, 0.3), (0.9, 0.9))
+    page.wait_for_timeout(1500)  # until the map has been sent
+    page.wait_for_function("() => document.querySelector('make-view').done === 1")
+    page.wait_for_timeout(1000)
+    shoot("several")
 
 
 def correct(page: Page, shoot: Callable[[str], None]) -> None:
@@ -211,6 +226,7 @@ def runs(page: Page, shoot: Callable[[str], None]) -> None:
 
 VIEWS = {
     "make": (make, "light"),
+    "several": (several, "dark"),
     "correct": (correct, "dark"),
     "direct": (direct, "light"),
     "collage": (collage, "dark"),
@@ -226,7 +242,7 @@ VIEWS = {
 def save(name: str, shot: bytes) -> None:
     """Keep a picture as soon as it is taken: all of them take several minutes."""
     with PIL.Image.open(io.BytesIO(shot)) as picture:
-        picture.convert("RGB").save(PICTURES / f"studio_{name}.webp", quality=50, method=6)
+        picture.convert("RGB").save(PICTURES / f"studio_{name}.webp", quality=36, method=6)
     print(f"studio_{name}.webp", flush=True)
 
 

@@ -124,7 +124,10 @@ def synthesize(
         source = _only_source(flow, method)
         flow, made = for_texture(flow, method)
     with _references({source: given}, opened_store.root, opened_store) as references:
-        files = {source: absolute(references[source], Path.cwd())}
+        file = references[source]
+        if not isinstance(file, str):
+            raise InputError(f"image: {len(file)} pictures, of which it takes one; texloom.run takes several")
+        files = {source: absolute(file, Path.cwd())}
         opened = Run(dataclasses.replace(flow, sources=files, missing=()), opened_store)
         result = _run(opened, opened_store.root, progress, _masked_notes({source: given}, flow))
         return Texture(result, made, opened.shared.source(source), image, str(method))
@@ -132,7 +135,7 @@ def synthesize(
 
 def run(
     flow: str | os.PathLike[str],
-    sources: Mapping[str, Picture] | None = None,
+    sources: Mapping[str, Picture | Sequence[Picture]] | None = None,
     params: Mapping[str, Any] | None = None,
     *,
     size: Size | None = None,
@@ -154,6 +157,7 @@ def run(
     texel_size: str | None = None,
     color_space: str | None = None,
     udim: str | None = None,
+    material: str | None = None,
     progress: Progress = None,
 ) -> Result:
     """Run a flow as ``texloom run`` does, with arrays in and out.
@@ -161,7 +165,8 @@ def run(
     Parameters
     ----------
     flow : the name of a flow that ships with texloom, or a YAML file.
-    sources : name to an array, a path, a pattern as ``library/*.png``, or a dict of maps, see `synthesize`.
+    sources : name to an array, a path, a pattern as ``library/*.png``, a dict of maps, see `synthesize`, or a list
+        of several, as ``{"exemplars": [grass, "gravel.png"]}``.
     params : of the flow, or of a step: ``{"STEP.PARAM": value}``.
     size, tileable, preset : the parameters that most flows have; see `synthesize`.
     seed : of the random numbers; the default is the flow's.
@@ -176,7 +181,7 @@ def run(
         folder PICTURE_FLOW in the working folder, named after the first source, or of a set after its folder.
     force : whether files there that texloom did not write, or that were changed since, may be replaced.
     runner, workers, address : what computes the steps, see ``texloom run --help``.
-    layout, texel_size, color_space, udim : how exports are written, see ``texloom run --help``.
+    layout, texel_size, color_space, udim, material : how exports are written, see ``texloom run --help``.
     progress : true shows progress on standard error; a function receives every `Event`.
 
     Raises
@@ -205,7 +210,7 @@ def run(
             exports=exports or {}, item=item, crop=crop, reduce=_text(reduce), store=store,
             out=None if out is None else Path(out).expanduser(),
             force=force, runner=runner, workers=workers, address=address, layout=layout, texel_size=texel_size,
-            color_space=color_space, udim=udim,
+            color_space=color_space, udim=udim, material=material,
         )  # fmt: skip
         opened, folder = open_request(asked)
         return _run(opened, folder, progress, _masked_notes(sources or {}, opened.flow), force)
@@ -213,7 +218,7 @@ def run(
 
 def plan(
     flow: str | os.PathLike[str],
-    sources: Mapping[str, Picture] | None = None,
+    sources: Mapping[str, Picture | Sequence[Picture]] | None = None,
     params: Mapping[str, Any] | None = None,
     *,
     size: Size | None = None,
@@ -268,7 +273,7 @@ def plan(
 
 
 def _request(
-    flow: str | os.PathLike[str], sources: Mapping[str, str], params: Mapping[str, Any] | None, *,
+    flow: str | os.PathLike[str], sources: Mapping[str, str | tuple[str, ...]], params: Mapping[str, Any] | None, *,
     size: Size | None, seeds: int | range | None = None, **fields: Any,
 ) -> RunRequest:  # fmt: skip
     """What the arguments of a function ask for."""
@@ -311,34 +316,44 @@ _OPTIONS = {"set": "params", "source": "sources"}
 
 
 @contextlib.contextmanager
-def _references(sources: Mapping[str, Any], folder: Path, store: Store | None = None) -> Iterator[dict[str, str]]:
-    """The files of sources, with arrays written below ``folder``, the root of ``store`` if it is given.
+def _references(
+    sources: Mapping[str, Any], folder: Path, store: Store | None = None
+) -> Iterator[dict[str, str | tuple[str, ...]]]:
+    """The files of sources, several of a list, with arrays below ``folder``, the root of ``store`` if it is given.
 
     Errors of the ``with`` block speak of arguments and arrays, not of options and the files of arrays.
     """
-    references: dict[str, str] = {}
+    references: dict[str, str | tuple[str, ...]] = {}
+    written: list[tuple[str, Any]] = []
+
+    def filed(place: str, given: Any) -> str:
+        try:
+            if store is not None and not isinstance(given, str | os.PathLike):
+                store.ready("sources")
+            reference = file_source(given, folder / "sources")
+        except InputError as error:
+            raise InputError(f"sources.{place}: {error}") from None
+        except OSError as error:
+            raise InputError(f"--store {folder}: cannot be written: {error.strerror}") from None
+        if not isinstance(given, str | os.PathLike):
+            written.append((reference, given))
+        return reference
+
     try:
         for name, given in sources.items():
-            try:
-                if store is not None and not isinstance(given, str | os.PathLike):
-                    store.ready("sources")
-                references[name] = file_source(given, folder / "sources")
-            except InputError as error:
-                raise InputError(f"sources.{name}: {error}") from None
-            except OSError as error:
-                raise InputError(f"--store {folder}: cannot be written: {error.strerror}") from None
+            several = isinstance(given, list | tuple)
+            references[name] = (
+                tuple(filed(f"{name}.{number}", one) for number, one in enumerate(given))
+                if several
+                else filed(name, given)
+            )
         yield references
     except InputError as error:
         text = re.sub(r"^--(\w+)", lambda option: _OPTIONS.get(option[1], option[1]), str(error))
         text = text.replace(", or --force", ", or force=True")
-        written = {
-            name: reference
-            for name, reference in references.items()
-            if not isinstance(sources[name], str | os.PathLike)
-        }
-        for name, reference in written.items():
-            text = text.replace(reference, _described(sources[name]))
-        for reference in written.values():  # after all of them, as they may have one folder
+        for reference, given in written:
+            text = text.replace(reference, _described(given))
+        for reference, _ in written:  # after all of them, as they may have one folder
             text = text.replace(f"{Path(reference).parent}/", "")
         # an argument in place of the command
         text = re.sub(r"(sources\.(\w+): required), as in: .*", r"\1, as in sources={'\2': 'picture.png'}", text)

@@ -46,6 +46,7 @@ class RunRequest(pydantic.BaseModel):
     texel_size: str | None = None
     color_space: str | None = None
     udim: str | None = None
+    material: str | None = None
 
     @property
     def overrides(self) -> Overrides:

@@ -83,6 +83,10 @@ OPTIONS = {
     "udim": Option(
         "Cut the maps of a layout into tiles, such as 3x2, with 1001 at the lower left.", metavar="COLUMNSxROWS"
     ),
+    "material": Option(
+        "Name of the material, with which files of a layout begin.  [default: that of its pictures]",
+        metavar="NAME",
+    ),
     "out": Option(
         "Folder of the exports, or a picture, as result.png, for the main result alone.  [default: ./PICTURE_FLOW]",
         kind=Path,
@@ -114,7 +118,7 @@ OPTIONS = {
 """the fields of `texloom.pipelines.request.RunRequest`, in the order of ``--help``"""
 
 PART = ("crop", "reduce")
-DELIVERY = ("layout", "texel_size", "color_space", "udim")
+DELIVERY = ("layout", "texel_size", "color_space", "udim", "material")
 RUNNER = ("runner", "workers", "address")
 SHORT = ("size", "tileable", "preset")
 """the fields that stand for params of that name"""

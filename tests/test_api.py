@@ -227,6 +227,7 @@ def test_textures_are_shown_in_notebooks(rgb: np.ndarray) -> None:
         ({"mask": np.zeros((4, 4), bool)}, "maps albedo, mask: mask.png has 4 x 4 px, albedo.png 40 x 40 px"),
         ({"mask": np.zeros((40, 40), bool)}, "excludes every pixel"),
         ({"seed": -1}, "^seed: must be a whole number"),
+        ({"image": [np.zeros((40, 40), np.uint8)] * 2}, "^image: 2 pictures, of which it takes one"),
     ],
 )
 def test_wrong_requests_are_told(arguments: dict[str, Any], problem: str) -> None:
@@ -280,6 +281,16 @@ def test_run_shares_keys_and_store_with_the_command_line(rgb: np.ndarray, tmp_pa
     report = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
     assert [step["state"] for step in report["steps"]] == ["cached", "cached"]
     assert [step["key"] for step in report["steps"]] == [one.key for one in done.reports]
+
+
+def test_several_pictures_are_one_source_in_their_order(rgb: np.ndarray, tmp_path: Path) -> None:
+    """Arrays and paths; a wrong one is named by its number."""
+    pictures = [rgb, rgb[::-1] // 2, tmp_path / "third.png"]
+    PIL.Image.fromarray(255 - rgb).save(pictures[2])
+    planned = texloom.plan("mix", {"exemplars": pictures}, size=48)
+    assert len({step.item for step in planned if step.item}) == 3
+    with pytest.raises(texloom.InputError, match=r"^sources\.exemplars\.1: a value of type int is not a picture"):
+        texloom.plan("mix", {"exemplars": [rgb, 3]})
 
 
 def test_an_image_with_maps_is_a_source(rgb: np.ndarray) -> None:

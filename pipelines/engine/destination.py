@@ -9,6 +9,7 @@ from pathlib import Path
 
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.errors import refused
+from texloom.pipelines.flow.items import own_names
 from texloom.pipelines.flow.model import Each, Flow, Reference
 from texloom.pipelines.flow.source_files import is_pattern
 from texloom.pipelines.media.writers.registry import writer_of
@@ -17,6 +18,7 @@ from texloom.stages.vocabulary.arrays import Image
 
 _MAIN = "texture."
 _PICTURES = ("array", "picture", "image")
+_MOST_NAMES = 3  # of pictures, in the name of what is made of several
 
 
 def placed(run: Run, out: Path | None) -> tuple[Run, Path]:
@@ -74,6 +76,18 @@ def default_name(run: Run) -> str:
     elif run.shared.has_source(name):
         picture = run.shared.source(name).picture
     return re.sub(r"[^\w.-]+", "_", f"{picture}_{run.flow.name}").strip("_.")
+
+
+def name_of_pictures(run: Run) -> str:
+    """The name of the exemplar, or else of the first source, nothing without one; of several the first three."""
+    sources = run.flow.sources
+    source = "exemplar" if "exemplar" in sources else next(iter(sources), "")
+    if isinstance(sources.get(source), Each):
+        paths = dict.fromkeys(item.sources[source] for item in run.items)
+        names = list(own_names([*paths]).values())
+        rest = len(names) - _MOST_NAMES
+        return "_".join(names[:_MOST_NAMES]) + (f"_and_{rest}" if rest > 0 else "")
+    return run.shared.source(source).picture if run.shared.has_source(source) else ""
 
 
 def _folder_of(given: Each) -> Path:

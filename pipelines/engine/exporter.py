@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from texloom.pipelines.engine.chosen_steps import present
+from texloom.pipelines.engine.destination import name_of_pictures
 from texloom.pipelines.engine.exports import Export, States
 from texloom.pipelines.engine.run import Run, found
 from texloom.pipelines.engine.scope import Scope, ScopeInputs
@@ -63,9 +64,9 @@ class Exporter:
             ):
                 continue
             like = self.run.flow.likes.get(file)
-            source = None if like is None else scope.source(like)
+            source = scope.source(like) if like is not None and scope.has_source(like) else None
             check_same(self.run, scope, file)
-            if file in self.run.flow.of_maps and (source is None or not source.holds_maps):
+            if file in self.run.flow.of_maps and not self._is_of_maps(like, scope):
                 continue
             surface = self.run.flow.surfaces.get(file)
             delivery = self._delivery(scope)
@@ -132,15 +133,25 @@ class Exporter:
         known = [scope.source(one).texel_size for one in _OF_ONE_SCALE if scope.has_source(one)]
         return dataclasses.replace(delivery, texel_size=next(filter(None, known), None))
 
+    def _is_of_maps(self, like: str | None, scope: Scope) -> bool:
+        """Whether the sources that an export is like hold maps, all of a set; a layout is written without."""
+        if self.run.flow.delivery.layout:
+            return True
+        scopes = [scope] if like is None or scope.has_source(like) else self.run.known_scopes
+        opened = [one.source(like) for one in scopes if like is not None and one.has_source(like)]
+        return bool(opened) and all(one.holds_maps for one in opened)
+
     def _material(self, like: str | None, scope: Scope) -> str:
-        """The name of a material: that of the picture which it is like, or of the first one."""
+        """The name of a material: that asked for, or that of the picture which it is like, or of the first ones."""
         from texloom.pipelines.media.writers.layouts import material_name
 
-        name = (
-            like
-            if like is not None
-            else next((one for one in self.run.flow.sources if scope.has_source(one)), None)
-        )
+        if self.run.flow.delivery.material is not None:
+            return material_name(self.run.flow.delivery.material)
+        if like is not None and scope.has_source(like):
+            return material_name(scope.source(like).picture)
+        if scope.name is None:
+            return material_name(name_of_pictures(self.run) or self.run.flow.name)
+        name = next((one for one in self.run.flow.sources if scope.has_source(one)), None)
         return material_name(self.run.flow.name if name is None else scope.source(name).picture)
 
     def _shows(self, file: str, reference: Reference) -> bool:

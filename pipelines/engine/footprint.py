@@ -23,7 +23,7 @@ LARGE = 4096**2
 _DISK, _DISK_OF_CHANNEL = 63, 22  # bytes a pixel
 _SELF_TUNING = 2  # steps of synthesis, which these hold
 _DISK_OF_IMAGE = 12  # bytes a pixel and channel: read, made and stored
-_BYTES, _FEWEST_BYTES = (60, 50), 6 * 10**8
+_BYTES, _FEWEST_BYTES = (40, 50), 6 * 10**8
 """that self-tuning takes for a pixel of a large exemplar and of the result, and besides"""
 _BASE = 16 * 10**8  # bytes of a step that works in bands
 _MINUTE, _HOUR = 60, 3600  # s

@@ -51,6 +51,8 @@ class Preflight:
                 if problem is not None:
                     raise InputError(one_line(f"--out {out}: {problem}"))
         self._check_tiles()
+        if self.run.flow.delivery.material is not None and len(self.run.items) > 1:
+            raise InputError("--material: names one material, and the flow runs over a set; leave it out")
         for scope in self.run.sample_scopes():
             for file, reference in self.run.flow.exports.items():
                 if (self.run.scope_of(reference) == "item") == (scope.name is not None):

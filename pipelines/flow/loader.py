@@ -181,14 +181,14 @@ class _Checker:
         delivery = self.delivery
         exports, likes, surfaces = self._exports(there)
         self._add_layout(draft.name, delivery, exports, likes, connections, steps)
-        self._check_likes(likes, exports, steps)
+        folders = {file: one.value for file, one in draft.exports.items() if isinstance(one.value, FolderPart)}
+        of_maps = tuple(file for file, part in folders.items() if file in exports and part.if_maps)
+        if_made = tuple(file for file, part in folders.items() if file in exports and part.if_made)
+        self._check_likes(likes, exports, steps, of_maps)
         declared = None if draft.runner is None else draft.runner.value
         runner = choose_runner(declared, self.overrides.runner, self.fail)
         chosen = self.choice.chosen()
         own = tuple(name for name in self.sources if chosen and name not in chosen and name not in missing)
-        folders = {file: one.value for file, one in draft.exports.items() if isinstance(one.value, FolderPart)}
-        of_maps = tuple(file for file, part in folders.items() if file in exports and part.if_maps)
-        if_made = tuple(file for file, part in folders.items() if file in exports and part.if_made)
         skipped = {
             name: Skipped(self.stages[name], params[name], there.lacking.get(name, ()), reason)
             for name, reason in reasons.items()
@@ -343,12 +343,16 @@ class _Checker:
         return exports, likes, of_models | surfaces
 
     def _check_likes(
-        self, likes: Mapping[str, str], exports: Mapping[str, Reference], steps: Mapping[str, Step]
+        self,
+        likes: Mapping[str, str],
+        exports: Mapping[str, Reference],
+        steps: Mapping[str, Step],
+        of_maps: Sequence[str],
     ) -> None:
-        """What is written like each file of a set must be of its items."""
+        """What is written like each file of a set must be of its items, or only ask whether all have maps."""
         for file, like in likes.items():
             reference = exports[file]
-            if not self._is_one_each(like, reference, steps):
+            if file not in of_maps and not self._is_one_each(like, reference, steps):
                 raise self.fail(f"exports.{file}.like", f"'{like}' is a set, but {reference} exists only once")
 
     def _is_one_each(self, like: str, reference: Reference, steps: Mapping[str, Step]) -> bool:
@@ -377,8 +381,10 @@ class _Checker:
         for file, reference in exports.items():
             if file.startswith("texture.") and connections.type_of(reference).plain is Image:
                 exports[_MAPS] = reference
+                first = next(iter(self.sources), None)  # of a set that is gathered, it is like none of the others
                 fitting = (one for one in self.sources if self._is_one_each(one, reference, steps))
-                if (like := likes.get("texture.png") or next(fitting, None)) is not None:
+                is_gathered = first is not None and not self._is_one_each(first, reference, steps)
+                if (like := likes.get("texture.png") or (None if is_gathered else next(fitting, None))) is not None:
                     likes[_MAPS] = like
                 return
         raise refused(f"--layout: {name} exports no picture as texture.* and no folder of maps")

@@ -237,6 +237,7 @@ class DeliveryPart(_Part):
     texel_size: _Text = None
     color_space: _Text = None
     udim: _Text = None
+    material: _Text = None
 
 
 class TakenPart(_Part):
@@ -254,7 +255,9 @@ class FlowPart(VariantPart):
     listed: Annotated[bool, _expect(bool, "must be true or false")] = True
     seed: Annotated[list[int], BeforeValidator(_seeds)] | None = None
     runner: Any = None
-    delivery: Annotated[DeliveryPart, _mapping_of("'layout', 'texel_size', 'color_space' and 'udim'")] | None = None
+    delivery: (
+        Annotated[DeliveryPart, _mapping_of("'layout', 'texel_size', 'color_space', 'udim' and 'material'")] | None
+    ) = None
     part: Annotated[TakenPart, _mapping_of("'crop' and 'reduce'")] | None = None
     params: Annotated[dict[_Name, _Targets], _optional] = {}
     for_: Annotated[dict[_Name, _Variants], _optional] = Field({}, alias="for")

@@ -42,6 +42,8 @@ class Delivery:
     """of linear colour in EXR and tx"""
     udim: tuple[int, int] | None = None
     """rows and columns of the tiles that maps of a layout are cut into"""
+    material: str | None = None
+    """the name with which files of a layout begin; without one, that of the exemplar"""
 
     def encoded(self, image: Image) -> Image:
         """An image with its colours in `color_space`; grey ones as they are."""
@@ -94,8 +96,8 @@ def parse_delivery(options: Mapping[str, str], fail: Fail = of_option) -> Delive
 
     Parameters
     ----------
-    options : ``layout``, ``texel_size`` as ``0.5mm``, ``color_space`` and ``udim`` as ``3x2`` (columns x rows),
-        those that are given.
+    options : ``layout``, ``texel_size`` as ``0.5mm``, ``color_space``, ``udim`` as ``3x2`` (columns x rows) and
+        ``material``, those that are given.
     """
     layout, color_space = options.get("layout"), options.get("color_space", "rec709")
     if layout is not None and layout not in LAYOUTS:
@@ -107,8 +109,13 @@ def parse_delivery(options: Mapping[str, str], fail: Fail = of_option) -> Delive
         raise fail("udim", "not with the layout same, which has the exemplar's tiles")
     if udim is not None and layout is None:
         raise fail("udim", "needs a layout, whose maps are cut into tiles")
+    material = options.get("material")
+    if material is not None and layout in (None, SAME):
+        raise fail("material", "needs a layout, whose files begin with it")
+    if material is not None and not re.search(r"\w", material):
+        raise fail("material", f"must have a letter or digit, got {shown(material)}")
     texel_size = _length(options["texel_size"], fail) if "texel_size" in options else None
-    return Delivery(layout, texel_size, COLOR_SPACES[color_space], udim)
+    return Delivery(layout, texel_size, COLOR_SPACES[color_space], udim, material)
 
 
 def _length(text: str, fail: Fail) -> float:

@@ -9,17 +9,29 @@ from pathlib import Path
 from texloom.pipelines.store import run_log
 from texloom.pipelines.store.result_files import BrokenArtifactError, read_manifest
 from texloom.pipelines.store.run_log import LoggedRun
-from texloom.pipelines.studio.messages.runs import PastRun, PastStep
+from texloom.pipelines.studio.messages.runs import PastRun, PastRuns, PastStep
 from texloom.stages.vocabulary.declare import InputError
 
 _MOST = 200  # runs that are listed
+_CORRECTION = "revise"
 _MAIN = ("texture", "result", "revised", "refined", "filled")  # what makes the picture, the likeliest first
 _PICTURES = ("image", "texture")  # outputs likewise
 
 
-def past_runs(store: Path) -> list[PastRun]:
-    """The runs of a store, the last one first."""
-    return [_described(store, run) for run in run_log.read(store)[:_MOST]]
+def past_runs(store: Path) -> PastRuns:
+    """The runs of a store, the last one first; corrections of results of the page belong to their materials."""
+    logged = run_log.read(store)
+    listed = [run for run in logged if not _corrects(store, run)]
+    return PastRuns(
+        runs=tuple(_described(store, run) for run in listed[:_MOST]),
+        found=len(listed),
+        corrections=len(logged) - len(listed),
+    )
+
+
+def _corrects(store: Path, run: LoggedRun) -> bool:
+    """Whether a run has corrected a result of the page, or was one of the versions to choose from."""
+    return run.flow == _CORRECTION and Path(run.sources.get("texture", "")).is_relative_to(store / "runs")
 
 
 def _described(store: Path, run: LoggedRun) -> PastRun:

@@ -15,6 +15,7 @@ from texloom.pipelines.studio.run_queue import RunQueue
 from texloom.pipelines.studio.work import Places, Ran, Running, RunWork
 
 Listener = Callable[[bytes], None]
+Watcher = Callable[[Job, Path | None], None]
 
 
 class Jobs(RunQueue[Job]):
@@ -25,10 +26,28 @@ class Jobs(RunQueue[Job]):
         self.listeners: set[Listener] = set()
         self.folders: dict[str, Path] = {}
         """job to the folder of its exports"""
+        self.watch: Watcher = lambda _job, _folder: None
+        """is told of each change, with the folder of the exports where it is known"""
 
-    def add(self, name: str, recipe: Recipe) -> Job:
+    @staticmethod
+    def new(name: str, recipe: Recipe) -> Job:
+        """A run that is to be queued."""
+        return Job(id=secrets.token_hex(8), name=name, recipe=recipe, state="waiting")
+
+    def queue(self, job: Job) -> Job:
         """Queue a run."""
-        return self._queue(Job(id=secrets.token_hex(8), name=name, recipe=recipe, state="waiting"))
+        return self._queue(job)
+
+    def restore(self, job: Job, folder: Path | None) -> None:
+        """Know a run of an earlier server, and the folder of its exports."""
+        self.jobs[job.id] = job
+        if folder is not None:
+            self.folders[job.id] = folder
+
+    def rename(self, job: str, name: str) -> None:
+        """Call the files of a run otherwise."""
+        if job in self.jobs and self.jobs[job].name != name:
+            self._change(job, name=name)
 
     def again(self, job: str) -> Job:
         """Queue a run again that has failed or was cancelled; its finished steps are kept."""
@@ -56,11 +75,13 @@ class Jobs(RunQueue[Job]):
         self._change(job, step=running.step, text=running.text, done=running.done)
         if running.height:
             picture = JobPicture(job=job, height=running.height, width=running.width)
-            self._broadcast(packed(picture, bytes(payload)))
+            self.broadcast(packed(picture, bytes(payload)))
 
     def _tell(self, job: Job) -> None:
-        self._broadcast(packed(JobChanged(job=job)))
+        self.watch(job, self.folders.get(job.id))
+        self.broadcast(packed(JobChanged(job=job)))
 
-    def _broadcast(self, frame: bytes) -> None:
+    def broadcast(self, frame: bytes) -> None:
+        """Send a message to all pages."""
         for listener in list(self.listeners):
             listener(frame)

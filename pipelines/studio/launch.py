@@ -25,6 +25,7 @@ from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.hosts import host_application
 from texloom.pipelines.studio.messages.hosts import PROTOCOL
 from texloom.pipelines.studio.page import check_page
+from texloom.pipelines.studio.projects.files import ProjectFiles
 from texloom.pipelines.studio.security import Codes, Guard, leading_to
 from texloom.pipelines.studio.server import application
 from texloom.pipelines.studio.work import Places
@@ -84,10 +85,11 @@ def launch(folder: Path, store: Path, port: int, browser: bool) -> None:
     check_page()
     if not folder.is_dir():
         raise refused(f"{folder}: is not a folder")
-    with _listening(port) as listener, _places(folder.resolve(), store) as places:
+    files = ProjectFiles(folder.resolve())
+    with files.locked(), _listening(port) as listener, _places(files.folder, store) as places:
         port = listener.getsockname()[1]
         entrance = _Entrance(port, Path(places.scratch, "open.html") if browser else None)
-        _run(application(places, entrance.codes, port), entrance.tell, listener)
+        _run(application(places, entrance.codes, port, files), entrance.tell, listener)
 
 
 def serve(store: Path, port: int, attached: bool) -> None:

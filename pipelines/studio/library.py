@@ -15,19 +15,22 @@ from pathlib import Path
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.media.formats import SUFFIXES as PICTURES
 from texloom.pipelines.media.locate import shipped_pictures
-from texloom.pipelines.media.material_set import is_map_set
 from texloom.pipelines.media.meshes import SUFFIXES
 from texloom.pipelines.media.shapes import SHAPES
 from texloom.pipelines.media.sources import Source, open_mesh, open_source
 from texloom.pipelines.store.atomic import file_digest, write_atomically
 from texloom.pipelines.store.store import Store
-from texloom.pipelines.studio.messages.catalogue import Picture
+from texloom.pipelines.studio.listing import DROPPED, Listed, PictureSorting, chosen, folders_of, scan
+from texloom.pipelines.studio.messages.catalogue import Picture, PicturePage
 from texloom.stages.vocabulary.declare import InputError
 
 MOST_BYTES = 2**29
 """of a dropped file"""
-_MOST_PICTURES = 200  # listed of a folder
-_DEPTH = 1  # of folders that are looked into
+_MOST_PICTURES = 200  # listed at a time
+PAGE = 60
+"""pictures that are listed at a time where nobody says otherwise"""
+PROJECT = "texloom_project"
+"""the folder of a project's own files, which are no pictures to start from"""
 _MOST_LOOKED_AT = 5000  # entries of a folder
 _MATERIAL = "maps"
 _PAINTED = "painted_"
@@ -69,15 +72,38 @@ class Library:
         source = open_source("picture", self.reference(picture))
         return _described(picture, source)
 
-    def pictures(self) -> list[Picture]:
-        """The pictures of the folder and those that were dropped; what cannot be read is left out."""
-        root = self.roots["folder"]
-        listed = [f"folder:{path.relative_to(root)}" for path in _candidates(root, _DEPTH)]
+    def name_of(self, picture: str) -> str:
+        """What a picture is called, without reading it; `InputError` where there is none of that id."""
+        self.reference(picture)
+        name = picture.rpartition("/")[2].rpartition(":")[2]
+        return Path(name).stem if Path(name).suffix.lower() in PICTURES else name
+
+    def pictures(
+        self,
+        search: str = "",
+        folder: str = "",
+        sorting: PictureSorting = "name",
+        first: int = 0,
+        count: int = PAGE,
+    ) -> PicturePage:
+        """Some of the pictures of the folder and of those that were dropped, and what is not shown of them."""
+        made = scan(self.roots["folder"], without=(self._store.root, self.roots["folder"] / PROJECT))
+        every = [*made.found, *self._listed_dropped()]
+        found = chosen(every, search, folder, sorting)
+        asked = [one.id for one in found[max(0, first) :][: min(max(1, count), _MOST_PICTURES)]]
+        shown = tuple(self._readable(asked))
+        unread = len(asked) - len(shown)
+        notes = (f"{unread} of these cannot be read",) if unread else ()
+        return PicturePage(
+            pictures=shown, asked=len(asked), found=len(found), total=len(every), folders=folders_of(every),
+            notes=(*notes, *made.notes),
+        )  # fmt: skip
+
+    def _listed_dropped(self) -> Iterator[Listed]:
         for own in self._dropped():
-            listed += [
-                f"dropped:{own.name}/{path.name}" for path in _entries(own) if not path.name.startswith(_PAINTED)
-            ]
-        return list(self._readable(listed))
+            for path in _entries(own):
+                if not path.name.startswith(_PAINTED) and path.suffix.lower() not in SUFFIXES:
+                    yield Listed(f"dropped:{own.name}/{path.name}", DROPPED, path.lstat().st_mtime)
 
     def examples(self) -> list[Picture]:
         """Some of the pictures that ship."""
@@ -168,6 +194,11 @@ def safe_name(name: str) -> str:
     return re.sub(r"[^\w. -]", "_", last).lstrip(".")[-100:].strip()
 
 
+def is_painted(picture: str) -> bool:
+    """Whether the page has painted a picture, by its id."""
+    return picture.rpartition("/")[2].startswith(_PAINTED)
+
+
 @contextlib.contextmanager
 def _received(folder: Path) -> Iterator[list[Path]]:
     """The files of a folder, which is removed afterwards; errors do not name it."""
@@ -190,22 +221,6 @@ def _described(picture: str, source: Source) -> Picture:
         width=source.width,
         is_material=bool(source.maps),
     )
-
-
-def _candidates(folder: Path, depth: int) -> Iterator[Path]:
-    """Pictures, and folders of maps, in a folder and those inside of it."""
-    for path in _entries(folder):
-        if path.name.startswith("."):
-            continue
-        is_picture = path.suffix.lower() in PICTURES and path.is_file()
-        if is_picture or (path.is_dir() and is_map_set(str(path)) and _has_pictures(path)):
-            yield path
-        elif depth and path.is_dir():
-            yield from _candidates(path, depth - 1)
-
-
-def _has_pictures(folder: Path) -> bool:
-    return sum(path.suffix.lower() in PICTURES for path in _entries(folder)) > 1
 
 
 def _entries(folder: Path) -> list[Path]:

@@ -212,6 +212,7 @@ OFFERS = {
                     _set("4 of each", variants="2x2"),
                 ),
             ),
+            Choice(label="Sets", settings=(_set("corners and paths"), _set("corners, sooner", sets="corners"))),
         ),
         controls=(_number("match_tone", "Match tones", 0, 1, 0.0, ("as they are", "all alike")),),
         views=(

@@ -29,6 +29,7 @@ from texloom.stages.vocabulary.sizes import format_size
 
 FLOW = "per_pixel_control"
 _RESULT = "result"  # the step of the flow that the canvas stands for
+_ANALYSIS = "appearance"  # and that of which it is made, without the coarse colours that only a whole target has
 
 
 class Painter:
@@ -48,7 +49,7 @@ class Painter:
         recipe = Recipe(flow=FLOW, sources=sources, size=work.size, seed=work.seed)
         run = open_recipe(recipe, self.library, self.store)
         result = run.flow.steps[_RESULT]
-        run = steps_alone(run, upstream_of(run.flow, _RESULT) - {_RESULT})
+        run = steps_alone(run, upstream_of(run.flow, _ANALYSIS))
 
         def listen(event: Event) -> None:
             check()
@@ -58,7 +59,7 @@ class Painter:
 
         execute(run, listen, self.store.root / "runs")
         chosen = {name: getattr(result.params, name) for name in ArrangementParams.model_fields}
-        stack = {name: output_of(run, "appearance", name) for name in _STACK}
+        stack = {name: output_of(run, _ANALYSIS, name) for name in _STACK}
         send(PaintProgress(number=work.number, step="canvas", done=0.0))
         self.canvas = Canvas(
             output_of(run, "compact", "image"),

@@ -63,20 +63,21 @@ class Previewer:
         self._keep(work.attached, payload)
         offer = OFFERS.get(recipe.flow, _UNOFFERED)
         export = offer.views[0].file if offer.views else None
+        run = open_recipe(recipe, self.library, self.store)
         if offer.ways:
-            way = self._way(recipe, check)
+            way = self._way(run, check)
             recipe = recipe.model_copy(update={"params": {**recipe.params, WAY[1]: way}})
             export = offer.ways[way]
-        run, made = open_texture(recipe, self.library, self.store, export)
         exemplar = min(self._exemplars(recipe, run), key=lambda one: min(one.height, one.width))
         scale = scale_of((exemplar.height, exemplar.width), _size(recipe, run, exemplar, offer))
-        run, made = open_texture(self._smaller(recipe, run, scale, offer), self.library, self.store, export)
+        smaller, made = open_texture(self._smaller(recipe, run, scale, offer), self.library, self.store, export)
         sources = {
             name: self.reducer.reference(run.shared.source(name), exemplar, scale)
             for name, given in recipe.sources.items()
             if isinstance(given, str)
         }
-        run = Run(dataclasses.replace(run.flow, sources={**run.flow.sources, **sources}), self.store)
+        flow = dataclasses.replace(smaller.flow, sources={**smaller.flow.sources, **sources})
+        run = Run(flow, self.store)
         last = 0.0
 
         def tell(image: Image, done: float, is_final: bool) -> None:
@@ -134,9 +135,8 @@ class Previewer:
         """The id of one of several pictures, reduced."""
         return f"reduced:{self.reducer.named(open_source(name, self.library.reference(picture)), scale)}"
 
-    def _way(self, recipe: Recipe, check: Callable[[], None]) -> str:
+    def _way(self, run: Run, check: Callable[[], None]) -> str:
         """What `WAY` chooses at full size, which may be another way than for smaller pictures, or a refusal."""
-        run = open_recipe(recipe, self.library, self.store)
         run = steps_alone(run, upstream_of(run.flow, WAY[0]))
         execute(run, lambda _: check(), self.store.root / "out")
         return str(output_of(run, WAY[0], "table")["chosen"][0])

@@ -13,6 +13,7 @@ from typing import Any
 import yaml
 
 from texloom.pipelines.api import for_texture
+from texloom.pipelines.engine.destination import name_of_pictures
 from texloom.pipelines.engine.opening import open_run
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.errors import one_line
@@ -34,7 +35,6 @@ from texloom.stages.vocabulary.sizes import size_value
 
 _SHARED = (RunRequest.model_fields.keys() & Recipe.model_fields.keys()) - {"sources", "params"}
 """what a recipe gives as a request does; its pictures and documents have ids, not paths"""
-_MOST_NAMES = 3  # of pictures, in the name of a result
 
 
 def overrides_of(recipe: Recipe, library: Library) -> Overrides:
@@ -160,13 +160,7 @@ def described(recipe: Recipe, run: Run, library: Library) -> Described:
 
 def file_name(run: Run) -> str:
     """A name for the files of a result: that of the exemplar, or else of the first source, and the flow's."""
-    source = "exemplar" if "exemplar" in run.flow.sources else next(iter(run.flow.sources))
-    if isinstance(run.flow.sources[source], Each):
-        names = [item.name for item in run.items]
-        picture = "_".join(names[:_MOST_NAMES]) + (f"_and_{rest}" if (rest := len(names) - _MOST_NAMES) > 0 else "")
-    else:
-        picture = run.shared.source(source).picture
-    return re.sub(r"[^A-Za-z0-9_-]+", "_", f"{picture}_{run.flow.name}").strip("_")
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", f"{name_of_pictures(run)}_{run.flow.name}").strip("_")
 
 
 def _in_file(name: str, value: Any) -> Any:
@@ -189,7 +183,7 @@ def flow_file(recipe: Recipe, flow: Flow, file: str, library: Library) -> str:
             step, _, param = target.partition(".")
             steps.setdefault(step, {"params": {}})["params"][param] = _in_file(name, value)
     document: dict[str, Any] = {"flow": flow.name, "seed": recipe.seed, "include": recipe.flow}
-    delivery = {"layout": recipe.layout, "udim": recipe.udim}
+    delivery = {"layout": recipe.layout, "udim": recipe.udim, "material": recipe.material}
     if any(delivery.values()):
         document["delivery"] = {name: value for name, value in delivery.items() if value}
     document["sources"] = {name: _source_in_file(flow.sources[name]) for name in recipe.sources}

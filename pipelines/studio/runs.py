@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from texloom.pipelines.engine.destination import default_name
 from texloom.pipelines.engine.events import Event, StepProgress, StepStarted, describe_progress
 from texloom.pipelines.engine.preflight import Preflight
 from texloom.pipelines.engine.run_scores import main_scores
@@ -14,7 +13,7 @@ from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.media.map_names import read_names
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.pixels import rgba, small
-from texloom.pipelines.studio.recipes import file_name, open_recipe
+from texloom.pipelines.studio.recipes import open_recipe
 from texloom.pipelines.studio.work import Places, Ran, Running, RunWork, Saved, SaveWork, library_of
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -77,14 +76,14 @@ def run(work: RunWork, places: Places, check: Callable[[], None], send: Callable
 
 
 def save(work: SaveWork, places: Places, check: Callable[[], None], send: Callable[..., None]) -> None:
-    """Write the exports where ``texloom run`` in the studio's folder would.
+    """Write the exports into a folder beside the pictures.
 
     Raises
     ------
     InputError : there are files that texloom did not write.
     """
     opened = open_recipe(work.recipe, library_of(places), Store(Path(places.store)))
-    out = Path(places.folder) / (file_name(opened) if opened.items else default_name(opened))
+    out = Path(places.folder) / work.name
     try:
         Preflight(opened).check(out)
     except InputError as error:

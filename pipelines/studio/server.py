@@ -23,19 +23,18 @@ from fastapi.staticfiles import StaticFiles
 from texloom.pipelines.flow.shipped import flow_catalogue
 from texloom.pipelines.media.delivery import LAYOUTS
 from texloom.pipelines.media.meshes import SUFFIXES
-from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio import history, methods, recipes, work
-from texloom.pipelines.studio.jobs import Jobs
-from texloom.pipelines.studio.library import MOST_BYTES, safe_name
-from texloom.pipelines.studio.messages.catalogue import Picture, Problem, Start
+from texloom.pipelines.studio.library import MOST_BYTES, PAGE, safe_name
+from texloom.pipelines.studio.listing import PictureSorting
+from texloom.pipelines.studio.messages.catalogue import Picture, PicturePage, Problem, Start
 from texloom.pipelines.studio.messages.message import unpacked
 from texloom.pipelines.studio.messages.recipes import KeptPhoto, PhotoRecipe, Recipe
-from texloom.pipelines.studio.messages.requests import PreviewRequest
-from texloom.pipelines.studio.messages.runs import Described, FlowEntry, Job, Layers, PastRun, PastStep
+from texloom.pipelines.studio.messages.runs import Described, FlowEntry, Job, Layers, PastRuns, PastStep
 from texloom.pipelines.studio.page import BUILT
-from texloom.pipelines.studio.processes import Spares, WorkerProcess
+from texloom.pipelines.studio.projects.files import ProjectFiles
+from texloom.pipelines.studio.projects.routes import add_project
 from texloom.pipelines.studio.security import Codes, Guard
-from texloom.pipelines.studio.sessions import Sessions
+from texloom.pipelines.studio.state import Studio
 from texloom.pipelines.studio.work import (
     EndlessWork,
     InsightWork,
@@ -48,7 +47,6 @@ from texloom.pipelines.studio.work import (
     Places,
     SaveWork,
     TileWork,
-    library_of,
 )
 from texloom.stages.vocabulary.declare import InputError
 
@@ -57,42 +55,22 @@ _MOST_FILES = 32  # that are dropped together
 _THUMBNAIL = 2048  # px, the largest
 
 
-class Studio:
-    """What the requests share."""
-
-    def __init__(self, places: Places):
-        self.places = places
-        self.library = library_of(places)
-        self.store = Store(Path(places.store))
-        self.jobs = Jobs(places)
-        self.reader = WorkerProcess(places)
-        """decodes pictures"""
-        practice = Recipe(
-            flow="self_tuning", sources={"exemplar": "texloom:bricks"}, size=(512, 512), tileable="both"
-        )
-        self.spares = Spares(places, PreviewRequest(number=0, recipe=practice))
-        self.tiler = WorkerProcess(places)
-        """makes tiles, and texture coordinates of meshes"""
-        self.keeper = WorkerProcess(places)
-        """takes files, writes them, and reads results, so that thumbnails need not wait for these"""
-        self.sessions = Sessions(self.jobs, self.spares, places)
-        self.opened: dict[str, Path] = {}
-        """the EXR files that are looked at, by the key of `Layers`"""
-        self.receiving: dict[str, Path] = {}
-
-
-def application(places: Places, codes: Codes, port: int) -> Guard:
-    """The whole server, for `uvicorn`."""
-    studio = Studio(places)
+def application(places: Places, codes: Codes, port: int, files: ProjectFiles) -> Guard:
+    """The whole server, for `uvicorn`; `InputError` where the project cannot be read."""
+    studio = Studio(places, files)
 
     @contextlib.asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        jobs = asyncio.create_task(studio.jobs.work())
+        tasks = [asyncio.create_task(one) for one in (studio.jobs.work(), studio.saver.work())]
+        studio.begin()
         studio.reader.start()
         studio.spares.prepare()
         yield
-        jobs.cancel()
-        await asyncio.gather(jobs, return_exceptions=True)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        studio.project.pause()
+        studio.saver.flush()
         studio.reader.kill()
         studio.tiler.kill()
         studio.keeper.kill()
@@ -101,6 +79,7 @@ def application(places: Places, codes: Codes, port: int) -> Guard:
 
     app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
     add_errors(app, files="/api/received")
+    add_project(app, studio)
     _add_library(app, studio)
     _add_recipes(app, studio)
     _add_jobs(app, studio)
@@ -154,7 +133,7 @@ def _add_library(app: FastAPI, studio: Studio) -> None:
             folder=studio.places.folder,
             store=studio.places.store,
             version=importlib.metadata.version("texloom"),
-            pictures=tuple(studio.library.pictures()),
+            listed=studio.library.pictures(),
             examples=tuple(studio.library.examples()),
             meshes=tuple(studio.library.meshes()),
             mesh_suffixes=SUFFIXES,
@@ -167,6 +146,12 @@ def _add_library(app: FastAPI, studio: Studio) -> None:
         wanted = PictureWork(picture=id, side=min(max(side, 16), _THUMBNAIL))
         _, payload = unpacked(await studio.reader.answer(wanted))
         return Response(bytes(payload), media_type="image/png")
+
+    @app.get("/api/library")
+    def pictures(
+        search: str = "", folder: str = "", sorting: PictureSorting = "name", first: int = 0, count: int = PAGE
+    ) -> PicturePage:
+        return studio.library.pictures(search, folder, sorting, first, count)
 
     @app.post("/api/receiving")
     def begin() -> str:
@@ -233,35 +218,36 @@ def _add_recipes(app: FastAPI, studio: Studio) -> None:
 
 def _add_jobs(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/jobs")
-    async def add(recipe: Recipe) -> Job:
+    async def add(recipe: Recipe, material: str = "", parent: str = "", delivers: str = "") -> Job:
         open_recipe = recipes.open_recipe
-        run = await anyio.to_thread.run_sync(open_recipe, recipe, studio.library, studio.store)
-        return studio.jobs.add(recipes.file_name(run), recipe)
+        await anyio.to_thread.run_sync(open_recipe, recipe, studio.library, studio.store)
+        if delivers:
+            _known(studio, delivers)
+            return studio.deliver(recipe, delivers)
+        return studio.make(recipe, material, parent)
 
     @app.delete("/api/jobs/{job}")
     async def cancel(job: str) -> None:
-        if job not in studio.jobs.jobs:
-            raise HTTPException(404)
+        _known(studio, job)
         studio.jobs.cancel(job)
 
     @app.post("/api/jobs/{job}/again")
     async def again(job: str) -> Job:
-        if job not in studio.jobs.jobs:
-            raise HTTPException(404)
+        _known(studio, job)
         return studio.jobs.again(job)
 
     @app.post("/api/jobs/{job}/saved")
     async def save(job: str) -> Job:
-        if job not in studio.jobs.jobs or studio.jobs.jobs[job].state != "done":
+        if (found := _known(studio, job)).state != "done":
             raise HTTPException(404)
-        header, _ = unpacked(await studio.keeper.answer(SaveWork(recipe=studio.jobs.jobs[job].recipe)))
+        studio.project.check_folder(job, found.name)
+        header, _ = unpacked(await studio.keeper.answer(SaveWork(recipe=found.recipe, name=found.name)))
+        studio.project.saved_in(job, found.name)
         return studio.jobs.saved(job, work.Saved.model_validate_json(header).out)
 
     @app.get("/api/jobs/{job}/insight")
     async def insight(job: str) -> Response:
-        if job not in studio.jobs.jobs:
-            raise HTTPException(404)
-        frame = await studio.keeper.answer(InsightWork(recipe=studio.jobs.jobs[job].recipe))
+        frame = await studio.keeper.answer(InsightWork(recipe=_known(studio, job).recipe))
         return Response(frame, media_type="application/octet-stream")
 
     @app.get("/api/jobs/{job}/files/{name:path}")
@@ -275,7 +261,7 @@ def _add_jobs(app: FastAPI, studio: Studio) -> None:
 
     @app.get("/api/jobs/{job}/all")
     def all_files(job: str) -> Response:
-        files = studio.jobs.jobs[job].files if job in studio.jobs.jobs else ()
+        files = _known(studio, job).files
         if not files:
             raise HTTPException(404)
         folder = _exports(studio, job, files[0])
@@ -287,7 +273,7 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
     root = studio.store.root
 
     @app.get("/api/runs")
-    def runs() -> list[PastRun]:
+    def runs() -> PastRuns:
         return history.past_runs(root)
 
     @app.get("/api/runs/{run}")
@@ -328,9 +314,7 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
 
     @app.get("/api/endless/{job}/{level}/{row}/{column}")
     async def endless(job: str, level: int, row: int, column: int) -> Response:
-        if job not in studio.jobs.jobs:
-            raise HTTPException(404)
-        recipe = studio.jobs.jobs[job].recipe
+        recipe = _known(studio, job).recipe
         wanted = EndlessWork.model_validate({"recipe": recipe, "level": level, "row": row, "column": column})
         _, payload = unpacked(await studio.tiler.answer(wanted))
         return Response(bytes(payload), media_type="image/png")
@@ -347,11 +331,22 @@ def _exr(studio: Studio, item: str) -> Path:
     return Path(studio.library.reference(item))
 
 
+def _known(studio: Studio, job: str) -> Job:
+    """A run of this server or an earlier one."""
+    found = studio.job(job)
+    if found is None:
+        raise HTTPException(404)
+    return found
+
+
 def _exports(studio: Studio, job: str, name: str) -> Path:
-    """The folder of a run that has exported ``name``."""
+    """The folder of a run that has exported ``name``, which is in it whatever the files of the project say."""
+    found = _known(studio, job)
     folder = studio.jobs.folders.get(job)
-    known = {*studio.jobs.jobs[job].files, *studio.jobs.jobs[job].maps.values()} if folder is not None else set()
-    if folder is None or name not in known or not (folder / name).exists():
+    if folder is None or name not in {*found.files, *found.maps.values()}:
+        raise HTTPException(404)
+    path = (folder / name).resolve()
+    if not path.exists() or not path.is_relative_to(folder.resolve()) or path == folder.resolve():
         raise HTTPException(404)
     return folder
 

@@ -74,6 +74,15 @@ class SaveWork(Message):
 
     kind: Literal["save"] = "save"
     recipe: Recipe
+    name: str
+    """of the folder"""
+
+
+class ThumbnailWork(Message):
+    """Make a small picture of the exports of a run; `Encoded` comes back with a PNG."""
+
+    kind: Literal["thumbnail"] = "thumbnail"
+    folder: str
 
 
 class PictureWork(Message):
@@ -159,6 +168,7 @@ Work = (
     | RunWork
     | HostWork
     | SaveWork
+    | ThumbnailWork
     | PictureWork
     | KeepWork
 )

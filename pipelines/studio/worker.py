@@ -41,6 +41,7 @@ from texloom.pipelines.studio.work import (
     Places,
     RunWork,
     SaveWork,
+    ThumbnailWork,
     TileWork,
 )
 from texloom.stages.vocabulary.declare import InputError
@@ -112,7 +113,16 @@ class Worker:
         return Ended()
 
     def _work(self, header: bytes, payload: bytes) -> None:
-        from texloom.pipelines.studio import corrections, decoding, host_runs, layers, photographs, runs, surfaces
+        from texloom.pipelines.studio import (
+            corrections,
+            decoding,
+            host_runs,
+            layers,
+            photographs,
+            runs,
+            surfaces,
+            thumbnails,
+        )
 
         self.check()
         match WORK.validate_json(header):
@@ -138,6 +148,8 @@ class Worker:
                 corrections.alternatives(work, self.places, self.check, self._send)
             case InsightWork() as work:
                 corrections.insight(work, self.places, self._send)
+            case ThumbnailWork() as work:
+                thumbnails.send(work, self._send)
             case PictureWork() as work:
                 decoding.encode(work, self.places, self._send)
             case LayersWork() as work:

@@ -38,14 +38,16 @@ NOT_OF = {
     "texloom.plan": {
         "pictures": "sources name them",
         **dict.fromkeys(
-            ("exports", "out", "force", "layout", "texel_size", "color_space", "udim"), "writes nothing"
+            ("exports", "out", "force", "layout", "texel_size", "color_space", "udim", "material"), "writes nothing"
         ),
         **dict.fromkeys(("runner", "workers", "address"), "computes nothing"),
     },
     "texloom.synthesize": {
         "flow": "is called method",
         **dict.fromkeys(("pictures", "sources", "seeds", "item"), ONE_PICTURE),
-        **dict.fromkeys(("exports", "out", "force", "layout", "texel_size", "color_space", "udim"), ONE_PICTURE),
+        **dict.fromkeys(
+            ("exports", "out", "force", "layout", "texel_size", "color_space", "udim", "material"), ONE_PICTURE
+        ),
         **dict.fromkeys(("runner", "workers", "address"), IN_ONE_PROCESS),
     },
     "Prefect": {"pictures": "source names them"},

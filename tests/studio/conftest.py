@@ -128,6 +128,7 @@ class Watched:
         page.on("websocket", lambda socket: self.requests.append(socket.url))
         page.set_default_timeout(300_000)  # kernels compile at first use
         served.let_in(page.context)
+        served.json("/api/project/view", {"view": "make", "material": ""})  # not where an earlier page was
         page.goto(served.base)
 
     def check(self) -> None:
@@ -160,7 +161,7 @@ def run_again(arguments: list[str], folder: Path) -> Path:
 def repeated(panel: Any, folder: Path, finish: str = "Finish at full size") -> str:
     """Finish what a panel shows, and compare the result with those of flow file and command; the flow file."""
     page = panel.page
-    with page.expect_response(lambda answer: answer.url.endswith("/api/jobs")):
+    with page.expect_response(lambda answer: "/api/jobs?" in answer.url):
         panel.get_by_role("button", name=finish).click()
     panel.get_by_text("Done in").wait_for()
     with page.expect_download() as picture:

@@ -87,6 +87,29 @@ def test_a_finger_drags_a_corner_and_two_zoom(touched: Watched) -> None:
     assert page.evaluate(corners) == after
 
 
+def test_a_finger_orders_pictures_and_draws_a_way(touched: Watched) -> None:
+    page = touched.page
+    page.get_by_role("button", name="blotches").first.tap()
+    page.get_by_label("Method").select_option("mix")
+    page.get_by_role("button", name="bricks").first.tap()
+    listed = page.locator("several-pictures li")
+    listed.nth(1).wait_for()
+    page.get_by_role("button", name="Move bricks up").tap()
+    page.get_by_text("bricks is number 1 of 2").wait_for(state="attached")
+    assert listed.first.inner_text().split()[0] == "bricks"
+    settings = page.get_by_label("Settings")
+    settings.get_by_role("button", name="Paint map").tap()
+    settings.get_by_role("radio", name="Way").tap()
+    canvas = settings.locator("map-painter canvas")
+    canvas.scroll_into_view_if_needed()
+    box = canvas.bounding_box()
+    x, y, side = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, min(box["width"], box["height"])
+    touch(page, [(x, y - 0.4 * side)], [(x, y)], [(x, y + 0.4 * side)])
+    settings.get_by_label("Map", exact=True).locator("option", has_text="painted").wait_for(state="attached")
+    first, last = page.evaluate("() => [0, -1].map((at) => document.querySelector('map-painter').map.codes.at(at))")
+    assert first < 40 < 200 < last
+
+
 def test_keys_paint(watched: Watched) -> None:
     shown, page = masks(watched), watched.page
     shown.locator("picture-view canvas").first.focus()
@@ -101,6 +124,23 @@ def test_keys_paint(watched: Watched) -> None:
     assert undo.is_enabled()
     page.keyboard.press("Control+z")
     assert undo.is_disabled()
+
+
+def test_controls_of_methods_have_names_and_fit(watched: Watched) -> None:
+    page = watched.page
+    page.get_by_role("button", name="blotches").first.click()
+    settings = page.get_by_label("Settings")
+    for method in ("remix", "mix", "grow", "restyle", "vary", "transition_tiles", "endless"):
+        page.get_by_label("Method").select_option(method)
+        page.wait_for_function(
+            "flow => document.querySelector('make-view method-controls')?.method.flow === flow", arg=method
+        )
+        for more in settings.locator("details:not([open]) > summary").all():
+            more.click()
+        for painted in settings.get_by_role("button", name="Paint ").all():
+            painted.click()
+        assert page.evaluate(NAMELESS) == [], method
+        assert page.evaluate(TOO_WIDE) == [], method
 
 
 def test_everything_has_a_name_and_fits(watched: Watched) -> None:

@@ -131,7 +131,7 @@ def test_the_geometry_file_has_patches_and_areas_and_is_the_same_again(asked: As
     assert content["patches"] == [{"name": "wall", "corners": [list(map(float, one)) for one in CORNERS]}]
     assert all((file.parent / name).is_file() for name in (content["hole"], content["features"]["joints"]))
     assert asked.keep(recipe(areas=areas)) == file
-    assert not asked.photographer.library.pictures()  # what was painted is no exemplar
+    assert not asked.photographer.library.pictures().pictures  # what was painted is no exemplar
 
 
 @pytest.mark.parametrize("flow", ["photo_flattening", "photo_to_texture", "photo_completion", "photo_to_photo"])

@@ -214,7 +214,7 @@ def test_a_dropped_folder_is_a_material(served: Served) -> None:
     maps = {"moss_albedo.png": png(exemplar()), "moss_height.png": png(exemplar()[..., 0])}
     status, picture = served.upload(maps, "moss")
     assert (status, picture["name"], picture["is_material"]) == (200, "moss", True)
-    assert picture in served.json("/api/start")["pictures"]
+    assert picture in served.json("/api/start")["listed"]["pictures"]
 
 
 @pytest.mark.parametrize(
@@ -244,7 +244,7 @@ def test_nonsense_on_the_socket_closes_it(served: Served, frame: bytes) -> None:
 
 def test_only_results_can_be_read(served: Served) -> None:
     finished(served, RECIPE)
-    run = served.json("/api/runs")[0]
+    run = served.json("/api/runs")["runs"][0]
     step = next(one for one in served.json(f"/api/runs/{run['id']}") if one["name"] == "texture")
     assert served.request(f"/api/results/{step['key']}/image.png")[1].startswith(b"\x89PNG")
     for address in (

@@ -211,3 +211,72 @@ def test_two_dropped_pictures_are_mixed_as_in_a_terminal(watched: Watched, tmp_p
     assert watched.served.request("/api/jobs/none/all")[0] == 404
     page.get_by_label("Method").select_option("quilting")
     assert settings.locator("several-pictures").count() == 0
+
+
+DROP = """pictures => {
+  const data = new DataTransfer();
+  for (const [name, codes] of pictures) data.items.add(new File([Uint8Array.from(codes)], name));
+  return data;
+}"""
+
+
+def test_two_loose_files_on_an_empty_page_are_two_pictures(watched: Watched, tmp_path: Path) -> None:
+    """Nothing is chosen yet: both are there, the first one is used, and a method of several takes both."""
+    page = watched.page
+    dropped = []
+    for name, picture in (("lava", waves()), ("frost", exemplar()[::-1])):
+        PIL.Image.fromarray(picture).save(tmp_path / f"{name}.png")
+        dropped.append([f"{name}.png", list((tmp_path / f"{name}.png").read_bytes())])
+    data = page.evaluate_handle(DROP, dropped)
+    page.locator("section.stage").locator("visible=true").first.dispatch_event("drop", {"dataTransfer": data})
+    page.get_by_role("button", name="lava", pressed=True).wait_for()
+    assert page.get_by_role("button", name="frost", pressed=False).count() == 1
+    # asked first whether they are the maps of one material, which the browser reports itself
+    watched.problems = [one for one in watched.problems if "422" not in one]
+    page.get_by_label("Method").select_option("remix")
+    page.get_by_role("button", name="frost").first.click()
+    listed = page.locator("several-pictures li")
+    listed.nth(1).wait_for()
+    assert [one.split()[0] for one in listed.all_inner_texts()] == ["lava", "frost"]
+
+
+def test_a_way_that_is_drawn_or_clicked_becomes_the_map(watched: Watched) -> None:
+    page = watched.page
+    page.get_by_role("button", name="blotches").first.click()
+    page.get_by_label("Method").select_option("grow")
+    settings = page.get_by_label("Settings")
+    settings.get_by_role("button", name="Paint trend of the result").click()
+    settings.get_by_role("radio", name="Way").click()
+    canvas = settings.locator("map-painter canvas")
+    box = canvas.bounding_box()
+    codes = "() => Array.from(document.querySelector('map-painter').map.codes)"
+    sides = page.evaluate(
+        "() => [document.querySelector('map-painter').map.height, document.querySelector('map-painter').map.width]"
+    )
+    side = min(box["width"], box["height"])
+    left, top = box["x"] + (box["width"] - side) / 2, box["y"] + (box["height"] - side) / 2
+    across = [(left + share * side, top + side / 2) for share in (0.9, 0.5, 0.1)]
+    page.mouse.move(*across[0])
+    page.mouse.down()
+    for place in across[1:]:
+        page.mouse.move(*place, steps=10)
+    page.mouse.up()
+    settings.get_by_label("Trend of the result", exact=True).locator("option", has_text="painted").wait_for(
+        state="attached"
+    )
+    drawn = np.array(page.evaluate(codes)).reshape(sides)
+    assert (drawn[:, 0] > 230).all()
+    assert (drawn[:, -1] < 25).all()  # from right to left
+    assert (np.diff(drawn, axis=1) <= 0).all()
+    settings.get_by_role("button", name="Another way").click()
+    canvas.focus()
+    for keys in ("Shift+ArrowUp", "Shift+ArrowDown"):
+        for _ in range(12):
+            page.keyboard.press(keys)
+        page.keyboard.press("Space")
+    page.wait_for_function(
+        f"before => JSON.stringify(({codes})()) !== before", arg=str(drawn.ravel().tolist()).replace(" ", "")
+    )
+    clicked = np.array(page.evaluate(codes)).reshape(sides)
+    assert (np.diff(clicked.astype(int), axis=0) >= 0).all()
+    assert clicked[0, 0] < 25

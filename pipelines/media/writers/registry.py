@@ -89,6 +89,7 @@ MODELS = (".glb", ".usda", ".mtlx")
 WRITERS = (
     Writer(".exr", "array", "plain"),
     Writer(".data.png", "data", "data_png"),
+    Writer(".data.dds", "data", "data_png"),
     Writer(".png", "picture", "plain"),
     Writer(".json", "value", "plain"),
     Writer(".html", "html", "plain"),

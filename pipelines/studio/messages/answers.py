@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from texloom.pipelines.studio.messages.message import Message, Share
+from texloom.pipelines.studio.messages.projects import MaterialChanged, ProjectSaved
 from texloom.pipelines.studio.messages.recipes import Spots
 from texloom.pipelines.studio.messages.requests import Lattice
 from texloom.pipelines.studio.messages.runs import Job
@@ -170,6 +171,8 @@ class JobPicture(Message):
 
 ToPage = (
     AlternativePicture
+    | MaterialChanged
+    | ProjectSaved
     | Connected
     | LatticePicture
     | PaintOpened

@@ -21,6 +21,21 @@ class Picture(Message):
     """whether it is a set of maps"""
 
 
+class PicturePage(Message):
+    """Some of the pictures that there are, and what is not shown."""
+
+    pictures: tuple[Picture, ...]
+    asked: int
+    """how many were looked at for these; others of them cannot be read"""
+    found: int
+    """that the search finds"""
+    total: int
+    folders: dict[str, int]
+    """that hold pictures, ``:dropped`` for those that were dropped, and how many"""
+    notes: tuple[str, ...]
+    """what is not shown, a line each"""
+
+
 class OtherPicture(Message):
     """A picture that a flow takes besides the exemplar."""
 
@@ -115,7 +130,8 @@ class Start(Message):
     folder: str
     store: str
     version: str
-    pictures: tuple[Picture, ...]
+    listed: PicturePage
+    """the first pictures of the folder"""
     examples: tuple[Picture, ...]
     meshes: tuple[str, ...]
     """ids: ``folder:PATH``, ``dropped:PATH`` or ``texloom:NAME``"""

@@ -15,7 +15,9 @@ MOST_PICTURES = 16
 Number = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Grid = Annotated[str, Field(pattern=r"^[1-9]\d?x[1-9]\d?$")]
 """``COLUMNSxROWS`` of tiles"""
-Params = dict[str, float | int | bool | Literal["labels", "values", "noise", "cells"] | Grid | tuple[int, int]]
+Params = dict[
+    str, float | int | bool | Literal["labels", "values", "noise", "cells", "corners"] | Grid | tuple[int, int]
+]
 """``STEP.PARAM`` to its value"""
 Lists = Annotated[
     dict[str, Annotated[tuple[Number, ...], Field(min_length=1, max_length=64)]], Field(max_length=16)
@@ -45,6 +47,8 @@ class Recipe(Message):
     """the program that the maps are written for, one of `Start`"""
     udim: Grid | None = None
     """tiles into which these are cut"""
+    material: str | None = Field(None, max_length=64)
+    """the name with which the files of a layout begin"""
 
 
 # -- surfaces in photographs

@@ -92,6 +92,17 @@ class PastRun(Message):
     """``KEY/OUTPUT`` of its picture; empty where there is none"""
 
 
+class PastRuns(Message):
+    """The runs that the store knows."""
+
+    runs: tuple[PastRun, ...]
+    """the last ones first"""
+    found: int
+    """how many there are of these"""
+    corrections: int
+    """versions of spots of results, which are not among them"""
+
+
 class FlowEntry(Message):
     """A flow that ships."""
 

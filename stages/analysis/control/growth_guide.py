@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
+import pydantic
 from jaxtyping import Float32
 from pydantic import Field
 
@@ -13,10 +14,11 @@ from texloom.stages.common.features.control import painted_mean
 from texloom.stages.common.features.slow_features import pictured
 from texloom.stages.common.geometry.orientation import doubled
 from texloom.stages.common.grids.gradient import linear_gradient
+from texloom.stages.common.grids.path_trend import path_trend
 from texloom.stages.common.grids.pyramid import resize, resized_mask
 from texloom.stages.numerics.filters import gaussian_blur, interpolated
 from texloom.stages.vocabulary.arrays import Image, ScalarMap
-from texloom.stages.vocabulary.declare import Outline, Params, stage
+from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 from texloom.stages.vocabulary.masks import valid_pixels
 from texloom.stages.vocabulary.sizes import Size
@@ -26,6 +28,7 @@ _STRENGTH = 0.3  # of that of values, which would repeat the few parts that fit 
 _GROWTH = 2  # times the exemplar's sides, where no size is given
 _WINDOW = 1 / 24  # of the exemplar's shorter side, deviation within which orientations are smoothed
 
+_Place = Annotated[float, Field(ge=-1, le=2)]
 _Share = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -37,6 +40,10 @@ class GrowthGuideParams(Params):
     angle: float | None = Field(None, ge=-360, le=360)
     """without a target: direction of a straight trend from 0 to 1, degrees from along a row towards growing rows;
     null: the exemplar's own, stretched over the result"""
+    path: list[tuple[_Place, _Place]] | None = Field(None, min_length=2, max_length=1024)
+    """without a target: corners of a path, [row, column] as shares of the result's sides, along which the trend
+    runs from 0 to 1: `[[0.9, 0.1], [0.2, 0.5], [0.8, 0.9]]` rises and falls; each place is as far as the path's
+    nearest point"""
     curve: list[_Share] = Field([0.0, 1.0], min_length=2, max_length=64)
     """what the progression becomes, 0..1, at equal steps of it from 0 to 1: `[1, 0]` reverses the trend, `[0.5, 1]`
     begins with what is half way, `[0, 1, 1]` ends it half way, `[0, 1, 0]` goes there and back"""
@@ -46,7 +53,16 @@ class GrowthGuideParams(Params):
     """factor on the strength that is chosen by the exemplar's contrast: 0.3 guides weakly, 3 enforces"""
     direction: float = Field(1.0, ge=0, le=10)
     """weight of the direction of the texture, of that of its progression; 0 leaves directions free. Directions are
-    those of the exemplar, stretched, or those of strokes; a target or ``angle`` without strokes leaves them free"""
+    those of the exemplar, stretched, or those of strokes; a target, ``angle`` or ``path`` without strokes leaves
+    them free"""
+
+    @pydantic.model_validator(mode="after")
+    def _is_one_trend(self) -> "GrowthGuideParams":
+        if self.path is not None and self.angle is not None:
+            raise ValueError("path and angle both say where the trend runs; give one of them")
+        if self.path is not None and len(set(self.path)) < 2:
+            raise ValueError("path: all its corners are the same place")
+        return self
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,16 +109,25 @@ def growth_guide(
         anything may lie. None stretches that of the exemplar.
     target_angle : orientation of the result, radians, of any size.
 
+    Raises
+    ------
+    InputError
+        there are a target and a path.
+
     References
     ----------
     [Zhou2023]_: maps of progression and orientation of exemplar and result guide the correspondence; they are made
-    here where they are given there. Stretching the slow part, and the strengths, are ours.
+    here where they are given there. Stretching the slow part, paths, and the strengths are ours.
     """
     size = _size(params, image, target)
-    stretched = target is None and params.angle is None
+    if target is not None and params.path is not None:
+        raise InputError("path: a painted target says where the trend runs; leave one of them out")
+    stretched = target is None and params.angle is None and params.path is None
     wraps = (params.tileable or NOWHERE) if target is None else NOWHERE
     if target is not None:
         wanted = _painted(target, size)
+    elif params.path is not None:
+        wanted = path_trend(size, params.path, wraps)
     elif params.angle is not None:
         wanted = linear_gradient(size, params.angle, wraps)
     else:

@@ -26,6 +26,9 @@ _RIDGE = 0.01
 _SHEARED, _SQUEEZED = 0.05, 0.05  # trends of directions by perspective
 _MIN_ERRORS, _EACH = 5.0, 2.0  # both by their noise, and either
 _DARKER, _FINER, _DARKER_ERRORS = 0.05, 0.1, 2.5  # from the middle to both sides
+_DIM, _PLAIN = 0.01, 0.003  # added to light and its contrast: less is noise
+_FOLDS, _LIKE_SHADE, _PER_LIGHT = 0.35, 0.75, 0.5  # deviation of light, correlation and slope of contrast by it
+_ALONG, _ACROSS = 0.45, 0.1  # correlation of light two cells further, along folds and across
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,8 @@ class Flatness:
     falling: float
     """by how much the logarithm of lightness falls from the middle to two opposite sides, to which the texture is
     squeezed too; 0: not clearly"""
+    folding: float
+    """deviation of the logarithm of light that changes as in folds; 0: not clearly"""
 
     @property
     def is_curved(self) -> bool:
@@ -52,6 +57,8 @@ class Flatness:
             return "its lines turn around a point, as in a dome"
         if self.falling:
             return "it becomes darker and finer to both sides, as a column does"
+        if self.folding:
+            return "light and the contrast of its texture change together in bands, as in folds of cloth"
         return "directions in it change from side to side, as in perspective" if self.keystone else ""
 
 
@@ -62,7 +69,8 @@ def flatness(image: Image, usable: Mask) -> Flatness:
     fourfold angles are the same for lines and for what is at right angles to them, as rows and columns of coffers.
     Around a point they turn four times; perspective shears and squeezes what is seen, so that doubled angles change
     linearly to the sides [Witkin1981]_. A trend counts where it is larger than what the polynomials of the next
-    degrees find.
+    degrees find. Shade multiplies light and contrast of a texture alike, which other materials and joints do not:
+    where both change together, far along one direction and soon along another, they are folds.
 
     Parameters
     ----------
@@ -74,7 +82,7 @@ def flatness(image: Image, usable: Mask) -> Flatness:
     [Witkin1981]_ shape from the directions of texture; the measures are ours.
     """
     lab, shown = reduced_surface(image, usable, _SIDE)
-    none = Flatness(0.0, 0.0, 0.0)
+    none = Flatness(0.0, 0.0, 0.0, 0.0)
     cell = max(shown.shape) // _CELLS
     if min(shown.shape) < 4 * max(cell, 4):
         return none
@@ -102,7 +110,16 @@ def flatness(image: Image, usable: Mask) -> Flatness:
     two = averaged(double) / (averaged(square) + _NOISE**2)[..., None]
     light = log(np.maximum(averaged(lightness.astype(np.float64)), 0) + _BLACK)
     trends, noise = _trends(np.concatenate([two, light[..., None]], axis=2), weight)
-    return Flatness(_turning(around, weight), _keystone(trends, noise), _falling(trends, noise))
+    linear = _luminance(lightness).astype(np.float64)
+    detail = linear - gaussian_blur(linear, cell / 2)
+    shade = log(np.maximum(averaged(linear), 0) + _DIM)
+    contrast = log(np.sqrt(np.maximum(averaged(detail * detail), 0)) + _PLAIN)
+    return Flatness(
+        _turning(around, weight),
+        _keystone(trends, noise),
+        _falling(trends, noise),
+        _folding(shade, contrast, weight > 0),
+    )
 
 
 def _inner(shown: Mask) -> Mask:
@@ -188,3 +205,33 @@ def _falling(trends: dict[tuple[int, int], np.ndarray], noise: np.ndarray) -> fl
         if darker >= max(_DARKER, _DARKER_ERRORS * float(noise[2])) and finer >= _FINER:
             best = max(best, darker)
     return best
+
+
+def _luminance(lightness: np.ndarray) -> np.ndarray:
+    """Linear light of CIELAB lightness."""
+    above = (lightness + 16) / 116
+    return np.asarray(np.where(lightness > 8, above * above * above, lightness * np.float32(27 / 24389)))
+
+
+def _folding(shade: Float64[np.ndarray, "m n"], contrast: Float64[np.ndarray, "m n"], shown: Mask) -> float:
+    """Deviation of ``shade``, the logarithm of light, if that of the contrast and its directions fit folds."""
+    light, texture = (np.where(shown, plane - plane[shown].mean(), 0) for plane in (shade, contrast))
+    power = float(np.square(light).sum())
+    deviation = float(np.sqrt(power / np.count_nonzero(shown)))
+    if deviation < _FOLDS:
+        return 0.0
+    both = float((light * texture).sum())
+    like = both / float(np.sqrt(power * np.square(texture).sum()) + 1e-12)
+    if like < _LIKE_SHADE or both < _PER_LIGHT * power:
+        return 0.0
+    kept = [_correlation(light, shown, *step) / deviation**2 for step in ((0, 2), (2, 2), (2, 0), (2, -2))]
+    return deviation if max(kept) >= _ALONG and min(kept) <= _ACROSS else 0.0
+
+
+def _correlation(plane: Float64[np.ndarray, "m n"], shown: Mask, down: int, across: int) -> float:
+    """Mean product of the values of pixels and those of others so many rows and columns further."""
+    rows, columns = plane.shape
+    before = np.s_[: rows - down, max(0, -across) : columns - max(0, across)]
+    after = np.s_[down:, max(0, across) : columns - max(0, -across)]
+    pairs = shown[before] & shown[after]
+    return float((plane[before] * plane[after])[pairs].mean()) if pairs.any() else 0.0

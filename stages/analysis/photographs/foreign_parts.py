@@ -153,7 +153,7 @@ def foreign_parts(
         flat = flatness(image, usable)
         if judged and even < _HARDLY_EVEN:
             doubt = _doubt(even)
-        elif flat.is_curved or flat.falling or flat.turning or (flat.keystone and frontal):
+        elif flat.reason and (flat.turning or flat.falling or flat.folding or frontal):
             doubt = _not_flat(flat)
         elif frontal and by == "looks" and masked >= _OTHERS and not doubt:
             doubt = _SEVERAL.format(masked)

@@ -150,7 +150,10 @@ def _tracked(image: Image, generators: np.ndarray, reach: float) -> tuple[Vertic
         best = track_by(lattice_cells.normalised(lattice_cells.cut(tone, places, offsets)).mean(axis=0))
     peaks, track = best
     if int(track.detected.sum()) < _MIN_VERTICES or track.fitted() is None:
-        raise InputError("image: the lattice's cells are not detected in the exemplar; give its vertices in a file")
+        raise InputError(
+            "image: the lattice's cells are not detected in the exemplar; give its vertices in a file, or use "
+            "self_tuning, or wang_tiles for a plane without end"
+        )
     likeness = peaks.likeness[tuple(np.rint(track.places[track.detected]).astype(int).T)]
     # Pixel centres are at integers, so that a reduced pixel lies over the middle of those it averages.
     places = (track.places[track.detected] + 0.5) * scale - 0.5
@@ -330,7 +333,7 @@ def deformed_lattice(
         raise InputError(
             "generators: the exemplar shows neither a lattice nor courses. If it does repeat, give vertices in a "
             "file, param 'vertices', or set a lower significance or stripes=true at the step that detects its "
-            "lattice (analysis.lattice_selection); if not, use self_tuning"
+            "lattice (analysis.lattice_selection); if not, use self_tuning, or wang_tiles for a plane without end"
         )
     return lattice_through(image, known, params.stiffness, weights, courses)
 

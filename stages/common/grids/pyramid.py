@@ -49,8 +49,10 @@ def resize(
     if planes.shape[2] == 0:
         return np.zeros((height, width, 0), np.float32)
     kernel = Pillow.Resampling.BILINEAR if bilinear else Pillow.Resampling.LANCZOS
-    images = (Pillow.fromarray(np.ascontiguousarray(plane)) for plane in np.moveaxis(planes, 2, 0))
-    return np.stack([np.asarray(plane.resize((width, height), kernel)) for plane in images], axis=2)
+    result = np.empty((height, width, planes.shape[2]), np.float32)
+    for number, plane in enumerate(np.moveaxis(planes, 2, 0)):
+        result[..., number] = Pillow.fromarray(np.ascontiguousarray(plane)).resize((width, height), kernel)
+    return result
 
 
 def resized_mask(mask: Bool[np.ndarray, "h w"], height: int, width: int) -> Bool[np.ndarray, "H W"]:

@@ -10,6 +10,7 @@ from jaxtyping import Float32
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.masks import EXCLUSION_CHANNELS, HALF, valid_pixels
+from texloom.stages.vocabulary.scratch import release
 
 MOST_PIXELS = 3 << 19
 """pixels of an exemplar up to which it is analysed as it is"""
@@ -75,7 +76,9 @@ class Halvings:
             level += 1
             if level == len(self._levels):
                 self._levels.append(square_means(self._levels[-1], 2))
-        return resize(self._levels[level], height, width)
+        made = resize(self._levels[level], height, width)
+        release(self._levels[0])
+        return made
 
 
 def in_full(plane: Float32[np.ndarray, "p q"], step: int, height: int, width: int) -> Float32[np.ndarray, "h w"]:

@@ -48,9 +48,9 @@ class Patches:
         self.shape = (height - reach + 1, width - reach + 1)
         lines = np.zeros((channels, step, height, -(-width // step)), np.float32)
         for number, of_channel in enumerate(lines):  # one after the other, as each needs copies
-            plane = np.ascontiguousarray(lab[..., number])
+            plane = lab[..., number]
             if mean is not None:
-                plane = smoothed(plane - mean[number], step)
+                plane = smoothed(np.ascontiguousarray(plane - mean[number]), step)
             for of_phase, phase in zip(of_channel, range(step), strict=True):
                 part = plane[:, phase::step]
                 of_phase[:, : part.shape[1]] = part

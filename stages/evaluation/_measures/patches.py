@@ -247,33 +247,36 @@ def coherence_and_completeness(task: Task) -> tuple[Figures, Figures | str]:
     steps = [step for step in (1, 4) if min(task.exemplar.shorter, task.result.shorter) >= 4 * SIDE * step]
     variance = float(task.exemplar.variances.sum())
     mean = task.exemplar.colors.mean(axis=0)[: task.exemplar.compared.shape[2]]
-    counted = task.exemplar.counted
-    rows = []
-    for step in steps:
-        wholes = [whole_patches(picture, step) for picture in (task.exemplar, task.result)]
-        pictures = (task.exemplar, task.result, task.shuffled)
-        patches = [Patches(picture.compared, step, mean) for picture in pictures]
-        directions = principal_directions(patches[0], wholes[0])
-        exemplar, result = (
-            index_patches(one, directions, whole=whole) for one, whole in zip(patches, wholes, strict=False)
-        )
-        shuffled = index_patches(patches[2], directions, 8192)
-        copies = None
-        if task.match is not None:
-            copies = functools.partial(copied_patches, task.match, task.source_shape[1], step, wholes[1])
-        rows.append(
-            [
-                nearest_distance(result, exemplar),
-                nearest_distance(exemplar, result, copies=copies),
-                nearest_distance(shuffled, exemplar, 128),
-                _between_halves(exemplar),
-                # a plain picture's distance
-                _variance(patches[0], len(mean), counted),
-            ]
-        )
+    rows = [_distances(task, step, mean) for step in steps]
     levels = np.array(rows) / variance
     coherence, completeness, of_shuffled, floor, of_plain = (float(mean) for mean in levels.mean(axis=0))
     of_result = Figures(coherence, floor, of_shuffled, {"levels": levels[:, 0].tolist()})
     if task.result.made is not None:
         return of_result, GIVEN
     return of_result, Figures(completeness, floor, of_plain, {"levels": levels[:, 1].tolist()})
+
+
+def _distances(task: Task, step: int, mean: np.ndarray) -> list[float]:
+    """Distances of patches of samples ``step`` px apart; each step has copies of the pictures.
+
+    Of the result to the exemplar, the reverse, of shuffled squares to the exemplar, between the exemplar's halves,
+    and of a plain picture.
+    """
+    wholes = [whole_patches(picture, step) for picture in (task.exemplar, task.result)]
+    pictures = (task.exemplar, task.result, task.shuffled)
+    patches = [Patches(picture.compared, step, mean) for picture in pictures]
+    directions = principal_directions(patches[0], wholes[0])
+    exemplar, result = (
+        index_patches(one, directions, whole=whole) for one, whole in zip(patches, wholes, strict=False)
+    )
+    shuffled = index_patches(patches[2], directions, 8192)
+    copies = None
+    if task.match is not None:
+        copies = functools.partial(copied_patches, task.match, task.source_shape[1], step, wholes[1])
+    return [
+        nearest_distance(result, exemplar),
+        nearest_distance(exemplar, result, copies=copies),
+        nearest_distance(shuffled, exemplar, 128),
+        _between_halves(exemplar),
+        _variance(patches[0], len(mean), task.exemplar.counted),
+    ]

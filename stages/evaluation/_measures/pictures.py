@@ -107,7 +107,7 @@ def prepare(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[Pi
 def _lab(image: Image) -> ColorField:
     """CIELAB of light that is clipped to `_MAX_LIGHT`; in bands, as color spaces need copies."""
     lab = np.empty((image.height, image.width, 3), np.float32)
-    for band in bands(image.height):
+    for band in bands(image.height, image.pixels):
         lab[band] = lab_from_linear(np.minimum(image.elsewhere(image.pixels[band]).color, _MAX_LIGHT))
     return lab
 

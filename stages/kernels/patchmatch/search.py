@@ -13,6 +13,7 @@ from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.core.row_distance import row_distance, two_row_distance
 
 _DRAWS = 5  # positions drawn for one random try until one passes the limit on the occurrence penalty
+_RUN = 64  # places that are skipped at once where nothing is used near them
 _OPEN, _FORWARD, _BACKWARD = 1, 2, 4  # of `Target.active`
 ALL_ACTIVE = _OPEN | _FORWARD | _BACKWARD
 """the flags of a target patch of which nothing is known"""
@@ -99,7 +100,7 @@ def random_bits(key, position, counter):
 
 @compiled
 def count_matches(row, column, counts):
-    """Add to ``counts``, int64, how often each exemplar patch is a match, by ``row`` and ``column``, int32."""
+    """Add to ``counts``, integers, how often each exemplar patch is a match, by ``row`` and ``column``, int32."""
     for y in range(row.shape[0]):
         for x in range(row.shape[1]):
             counts[row[y, x], column[y, x]] += 1
@@ -123,14 +124,14 @@ def occurrence_penalty(counts, patch_size, penalty_per_use, penalty):
 
     Parameters
     ----------
-    counts : (h, w) int64, see `count_matches`, h and w the exemplar's patches down and across.
+    counts : (h, w) int32, see `count_matches`, h and w the exemplar's patches down and across.
     penalty_per_use : float64, penalty of one use of every pixel of a patch.
     penalty : (h, w) float32, output, whole numbers.
     """
     height, width = counts.shape
-    sums = np.empty(width, np.int64)
+    nothing = np.zeros(width, np.int32)
     total = np.zeros(width, np.int64)
-    above, below = np.zeros(width, np.int64), np.zeros(width, np.int64)
+    above, below = np.zeros(width, np.int32), np.zeros(width, np.int32)
     # A patch at distance (dy, dx) shares (patch_size - |dy|) * (patch_size - |dx|) pixels: two tents, one an axis.
     for y in range(min(patch_size, height)):
         for x in range(width):
@@ -138,20 +139,14 @@ def occurrence_penalty(counts, patch_size, penalty_per_use, penalty):
             below[x] += counts[y, x]
     scale = penalty_per_use / patch_size**2
     for y in range(height):
-        _tents_across(total, sums, patch_size)
-        for x in range(width):
-            penalty[y, x] = np.float32(np.rint(sums[x] * scale))
+        _tents_across(total, patch_size, scale, penalty[y])
         # From row to row each value above counts once less, each below once more.
+        here = counts[y]
+        gone = counts[y - patch_size] if y >= patch_size else nothing
+        next_below = counts[y + patch_size] if y + patch_size < height else nothing
         for x in range(width):
-            above[x] += counts[y, x]
-            below[x] -= counts[y, x]
-        if y >= patch_size:
-            for x in range(width):
-                above[x] -= counts[y - patch_size, x]
-        if y + patch_size < height:
-            for x in range(width):
-                below[x] += counts[y + patch_size, x]
-        for x in range(width):
+            above[x] += here[x] - gone[x]
+            below[x] += next_below[x] - here[x]
             total[x] += below[x] - above[x]
 
 
@@ -167,18 +162,39 @@ def match_energy(row, column, distance, penalty, first, last):
 
 
 @inner
-def _tents_across(values, sums, side):
-    """Fill ``sums`` with the sums of ``values`` under tents of half width and height ``side``."""
+def _any(values, first, last):
+    """Whether any of these values is not 0; those beyond the ends are."""
+    bits = np.int64(0)
+    for x in range(max(first, 0), min(last, values.size)):
+        bits |= values[x]
+    return bits != 0
+
+
+@inner
+def _tents_across(values, side, scale, penalty):
+    """Fill ``penalty`` with the sums of ``values`` under tents of half width and height ``side``, times ``scale``.
+
+    Where nothing is near, as at most places of a large exemplar, nothing is summed.
+    """
     width = values.size
     total, above, below = np.int64(0), np.int64(0), np.int64(0)
     for x in range(min(side, width)):
         total += (side - x) * values[x]
         below += values[x]
-    for x in range(width):
-        sums[x] = total
-        above += values[x] - (values[x - side] if x >= side else 0)
-        below += (values[x + side] if x + side < width else 0) - values[x]
-        total += below - above
+    here = _any(values, 0, _RUN)
+    before = False
+    for first in range(0, width, _RUN):
+        last = min(first + _RUN, width)
+        after = _any(values, last, last + _RUN)
+        if here or before or after or side > _RUN:
+            for x in range(first, last):
+                penalty[x] = np.float32(np.rint(total * scale))
+                above += values[x] - (values[x - side] if x >= side else 0)
+                below += (values[x + side] if x + side < width else 0) - values[x]
+                total += below - above
+        else:
+            penalty[first:last] = 0
+        before, here = here, after
 
 
 @inner(forceinline=True)

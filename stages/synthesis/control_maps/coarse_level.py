@@ -80,6 +80,19 @@ def coarse_level(texture: Image, params: CoarseLevelParams, control: Image | Non
     return CoarseLevel(small, along_control(lab_from_linear(small.color), wanted))
 
 
+def guides_of(
+    shape: tuple[int, int], exemplar: Guide | None, target: TargetGuide | None
+) -> tuple[Guide, TargetGuide] | None:
+    """Both colours of an exemplar of ``shape``, or none; `ValueError` where they do not belong together."""
+    if exemplar is None or target is None:
+        if exemplar is not target:
+            raise ValueError("exemplar_guide and target_guide go together")
+        return None
+    if exemplar.shape[:2] != shape:
+        raise ValueError(f"exemplar_guide of shape {exemplar.shape} for an exemplar of {shape}")
+    return exemplar, target
+
+
 def _colour(texture: Any) -> tuple[str, ...]:
     return ("Y",) if texture.channels[0] == "Y" else ("R", "G", "B")
 

@@ -86,7 +86,8 @@ def endless_suitability(image: Image, params: EndlessSuitabilityParams) -> Endle
     if params.way == "cells":
         return EndlessSuitability({"chosen": ["cells"], "because": "they were asked for", **table})
     if params.way == "auto" and table["periods"] != "none" and _has_cells(image):
-        return EndlessSuitability({"chosen": ["cells"], "because": reasons, **table})
+        because = f"{_repeats(table)} that blending would destroy"
+        return EndlessSuitability({"chosen": ["cells"], "because": because, **table})
     if table["verdict"] == "structured" and not params.accept and params.way == "auto":
         raise InputError(
             f"image: blending would destroy its structure: {reasons}; the flow wang_tiles keeps it, --set "
@@ -94,7 +95,8 @@ def endless_suitability(image: Image, params: EndlessSuitabilityParams) -> Endle
         )
     if table["verdict"] != "stochastic":
         _LOG.warning("blending may destroy its structure: %s; the flow wang_tiles keeps it", reasons)
-    return EndlessSuitability({"chosen": ["noise"], "because": reasons or "it is stochastic", **table})
+    because = f"though {reasons}" if reasons else "it is stochastic"
+    return EndlessSuitability({"chosen": ["noise"], "because": because, **table})
 
 
 def _has_cells(image: Image) -> bool:
@@ -130,8 +132,12 @@ def why_not(table: Mapping[str, Any]) -> str:
         if table[name] > limits[0]
     ]
     if table["periods"] != "none":
-        reasons.append("it has courses" if table["periods"] == "courses" else "it has a lattice")
+        reasons.append(_repeats(table))
     return " and ".join(reasons)
+
+
+def _repeats(table: Mapping[str, Any]) -> str:
+    return "it has courses" if table["periods"] == "courses" else "it has a lattice"
 
 
 def _differences(texture: GaussianTexture) -> list[float]:

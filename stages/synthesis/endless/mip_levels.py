@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 from jaxtyping import Float32
@@ -10,13 +10,18 @@ from jaxtyping import Float32
 _BAND = 2**18  # points that are computed at once
 
 
+def bands_of(rows: Float32[np.ndarray, "H W"], columns: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Places, some rows of them at once, so that what is computed of them needs little memory."""
+    step = max(1, _BAND // rows.shape[1])
+    for top in range(0, len(rows), step):
+        yield rows[top : top + step], columns[top : top + step]
+
+
 def in_bands(
     part: Callable[[np.ndarray, np.ndarray], np.ndarray], rows: Float32[np.ndarray, "H W"], columns: np.ndarray
 ) -> np.ndarray:
-    """The values of ``part`` at places, some rows of them at once, so that they need little memory."""
-    step = max(1, _BAND // rows.shape[1])
-    starts = range(0, len(rows), step)
-    return np.concatenate([part(rows[top : top + step], columns[top : top + step]) for top in starts])
+    """The values of ``part`` at places, by `bands_of` them."""
+    return np.concatenate([part(*band) for band in bands_of(rows, columns)])
 
 
 def pyramid_of(planes: Float32[np.ndarray, "h w n"]) -> list[Float32[np.ndarray, "_ _ n"]]:

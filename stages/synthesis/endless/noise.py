@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.stages.synthesis.endless.decorrelation import MapBasis
-from texloom.stages.synthesis.endless.mip_levels import pyramid_of, texels
+from texloom.stages.synthesis.endless.mip_levels import bands_of, pyramid_of, texels
 from texloom.stages.synthesis.endless.triangle_grid import sharpened, shifts_of, tiles_at
 from texloom.stages.vocabulary.arrays import Channels
 
@@ -21,8 +21,6 @@ Components = Annotated[Float32[np.ndarray, "h w 4"], Channels(("R", "G", "B", "A
 """four components of a Gaussian texture"""
 Tables = Annotated[Float32[np.ndarray, "rows entries 4"], Channels(("R", "G", "B", "A"))]
 """one row a level of detail, for four components; then the rows of the next four"""
-
-_BAND = 2**18  # points that are computed at once
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,9 +48,7 @@ class Noise:
         rows, columns : px of the texture; whole numbers are centres of pixels.
         level : of detail, 0 and more; between two whole ones their mean, as trilinear filtering has it.
         """
-        step = max(1, _BAND // rows.shape[1])
-        bands = [slice(top, top + step) for top in range(0, len(rows), step)]
-        parts = [self._band(rows[band], columns[band], level) for band in bands]
+        parts = [self._band(*band, level) for band in bands_of(rows, columns)]
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
     def _band(self, rows: np.ndarray, columns: np.ndarray, level: float) -> dict[str, np.ndarray]:

@@ -38,6 +38,18 @@ class CourseCells:
         return np.asarray(np.cumsum(drawn)[number] % 1.0)
 
 
+@dataclass(frozen=True)
+class CourseEdges:
+    """Changes of the mean colour of courses along them, which joints have."""
+
+    rows: list[int]
+    """steps of the courses that are seen"""
+    first: list[float]
+    """where along them they begin, px"""
+    changes: list[Float64[np.ndarray, " length"]]
+    """at each px from there"""
+
+
 def course_cells(
     features: Float32[np.ndarray, "h w c"],
     valid: Bool[np.ndarray, "h w"],
@@ -59,16 +71,19 @@ def course_cells(
     upright, along = outline.side, outline.base
     unit = along / np.hypot(*along)
     height = float(np.hypot(*upright))
-    rows, first, edges = _joints(features, valid, vertex, outline, unit)
+    edges = course_edges(features, valid, vertex, outline)
+    rows = edges.rows
     if len(rows) < _MIN_COURSES:
         return None
-    length = _common_length(edges, _MIN_LENGTH * height)
+    length = _common_length(edges.changes, _MIN_LENGTH * height)
     if length is None:
         return None
     begins, shares = [], []
     frame = np.array([upright, length * unit])
     phase = outline.phase or (0.0, 0.0)
-    for row, start, line, joint in zip(rows, first, edges, _phases(edges, length, height), strict=True):
+    for row, start, line, joint in zip(
+        rows, edges.first, edges.changes, _phases(edges.changes, length, height), strict=True
+    ):
         count = int((len(line) - joint) // length) + 1
         along_course = start + joint + length * np.arange(-1, count + 1)
         begins.append(vertex + row * upright + along_course[:, None] * unit)
@@ -77,10 +92,22 @@ def course_cells(
     return CourseCells(CellOutline.rectangle(frame, (phase[0], 0.0)), np.concatenate(begins), shifts)
 
 
-def _joints(
-    features: np.ndarray, valid: np.ndarray, vertex: np.ndarray, outline: CellOutline, unit: np.ndarray
-) -> tuple[list[int], list[float], list[np.ndarray]]:
-    """Steps of the courses that are seen, where along them they begin, px, and the changes of colour from there."""
+def course_edges(
+    features: Float32[np.ndarray, "h w c"],
+    valid: Bool[np.ndarray, "h w"],
+    vertex: Float64[np.ndarray, "2"],
+    outline: CellOutline,
+) -> CourseEdges:
+    """The changes of colour along the courses that are seen.
+
+    Parameters
+    ----------
+    features : of the straightened exemplar.
+    valid : which of its pixels may be used.
+    vertex : of its courses, px.
+    outline : a rectangle along courses, see `course_outline`.
+    """
+    unit = outline.base / np.hypot(*outline.base)
     upright, phase = outline.side, (outline.phase or (0.0, 0.0))[0]
     corners = (np.array([(0, 0), (0, 1), (1, 0), (1, 1)]) * valid.shape) - vertex
     ends = matrix_product(corners, inverse_of(np.array([upright, unit])))
@@ -103,7 +130,7 @@ def _joints(
         rows.append(row)
         first.append(float(low[1] + seen[0]))
         edges.append(change)
-    return rows, first, edges
+    return CourseEdges(rows, first, edges)
 
 
 def _phases(edges: list[np.ndarray], length: float, height: float) -> list[float]:

@@ -27,7 +27,15 @@ class Border:
     def around(self, planes: np.ndarray) -> np.ndarray:
         """One or more planes of the exemplar, with the border."""
         widths = (self.before, self.patch_size - 1 - self.before)
-        return np.pad(planes, [widths, widths] + [(0, 0)] * (planes.ndim - 2), mode="symmetric")
+        rows, columns = (np.pad(np.arange(side), widths, mode="symmetric") for side in planes.shape[:2])
+        inner = slice(self.before, self.before + planes.shape[1])
+        result = empty((rows.size, columns.size, *planes.shape[2:]), planes.dtype)
+        for band in bands(rows.size, result, planes):
+            own = planes[rows[band]]
+            result[band, inner] = own
+            result[band, : inner.start] = own[:, columns[: inner.start]]
+            result[band, inner.stop :] = own[:, columns[inner.stop :]]
+        return result
 
     def around_image(self, image: Image) -> Image:
         """The exemplar with the border; what is masked is masked in the border too."""

@@ -59,14 +59,18 @@ class PatchFeatures:
         patch_size: int,
         given: Image | None = None,
     ):
-        self.planes, image, usable = exemplar.lab, exemplar.image, exemplar.valid
-        colors = self.planes.reshape(-1, 3) if usable is None else self.planes[usable]
-        sampled = colors[:: reduction(*self.planes.shape[:2]) ** 2]  # double precision takes twice the memory
+        image, usable = exemplar.image, exemplar.valid
+        self.guided = guidance is not None
+        self.planes = _planes(image, guidance)
+        counted = np.arange(image.height * image.width) if usable is None else np.flatnonzero(usable)
+        counted = counted[:: reduction(image.height, image.width) ** 2]  # double precision takes twice the memory
+        sampled = np.ascontiguousarray(self.planes[counted // image.width, counted % image.width, :3])
         spread = float(np.sqrt(sampled.var(axis=0, dtype=np.float64).sum()))
-        if _is_grey(self.planes) and (given is None or _is_grey(lab_from_linear(given.color))):
-            self.planes = self.planes[..., :1]
-        self.colors = self.planes.shape[2]
+        self.colors = 3
         """planes of colour, which are the first"""
+        if _is_grey(self.planes) and (given is None or _is_grey(lab_from_linear(given.color))):
+            self.planes = np.delete(self.planes, (1, 2), axis=2)
+            self.colors = 1
         others = _OTHERS + (0 if guides is None else guides.exemplar.shape[2])
         components = min(_COMPONENTS, MAX_ROW_VALUES // patch_size - others)
         if given is None:
@@ -74,9 +78,7 @@ class PatchFeatures:
         else:
             self.maps, self.given_maps = _maps_of_both(image, given, spread, weights, usable, components)
         self.factors = np.ones(self.colors, np.float32)
-        self.guided = guidance is not None
-        if guidance is not None:
-            self.planes = np.concatenate([self.planes, guidance[..., None]], axis=2)
+        if self.guided:
             self.factors = np.append(self.factors, np.float32(weight))
         if self.maps.shape[2]:
             self.planes = np.concatenate([self.planes, self.maps], axis=2)
@@ -111,7 +113,7 @@ class PatchFeatures:
         count = (0 if here is None else here.shape[2]) + (0 if phase is None else 2 * len(phase.origin))
         height, width = scale.exemplar
         exemplar = np.empty((height, width * (planes.shape[2] + count)), np.int16)
-        for band in bands(height):  # all features of a large exemplar in single precision take twice the memory
+        for band in bands(height, planes):  # features of a large exemplar in single precision take twice the memory
             own = [planes[band] * self.factors]
             if self.guided:  # distance fills its range at every scale
                 own[0][..., self.colors] = (own[0][..., self.colors] - nearest) * (_FARTHEST * factor / span)
@@ -168,9 +170,20 @@ class PatchFeatures:
         return lows.astype(np.float32), highs.astype(np.float32)
 
 
-def _is_grey(lab: Float32[np.ndarray, "h w 3"]) -> bool:
+def _is_grey(lab: Float32[np.ndarray, "h w c"]) -> bool:
     """Whether a and b are 0 in fixed point."""
-    return bool(max(lab[..., 1:].max(), -lab[..., 1:].min()) * UNIT < 0.5)
+    return bool(max(lab[..., 1:3].max(), -lab[..., 1:3].min()) * UNIT < 0.5)
+
+
+def _planes(image: Image, guidance: ScalarMap | None) -> Float32[np.ndarray, "h w c"]:
+    """CIELAB of an image, and ``guidance`` behind it: plane by plane in memory, as they are resampled."""
+    count = 3 if guidance is None else 4
+    planes = np.moveaxis(np.empty((count, image.height, image.width), np.float32), 0, 2)
+    for band in bands(image.height, image.pixels):
+        planes[band, :, :3] = lab_from_linear(image.elsewhere(image.pixels[band]).color)
+        if guidance is not None:
+            planes[band, :, 3] = guidance[band]
+    return planes
 
 
 def _maps_of_both(

@@ -4,7 +4,7 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Int16, Int64, UInt8
+from jaxtyping import Float32, Int16, Int32, Int64, UInt8
 
 from texloom.stages.common.similarity.neighbourhoods import UNIT
 from texloom.stages.kernels.core.elementary_functions import exp, log
@@ -116,7 +116,7 @@ class Search:
         self.compared = 0
         """patch distances so far, whole or until they exceeded the best"""
         self.forbidden = None if allowed is None else ~allowed.places
-        self.counts: Int64[np.ndarray, "h w"] = np.empty(places, np.int64)
+        self.counts: Int32[np.ndarray, "h w"] = np.empty(places, np.int32)
         self.penalty: Float32[np.ndarray, "h w"] = np.empty(places, np.float32)
         self.distance: Int64[np.ndarray, "p q"] = empty(patches, np.int64)
         self.active: UInt8[np.ndarray, "p q"] = empty(patches, np.uint8)
@@ -231,7 +231,7 @@ def occurrence_map(
 
     steps = np.zeros((shape[0] + 1, shape[1] + 1), np.int64)
     places = (shape[0] - patch_size + 1, shape[1] - patch_size + 1)
-    uses = np.zeros(places, np.int64)
+    uses = np.zeros(places, np.int32)
     for band in bands(match.shape[1], match):
         count_matches(match[0, band], match[1, band], uses)
     for down in (0, patch_size):

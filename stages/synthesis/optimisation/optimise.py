@@ -207,7 +207,10 @@ class _Optimisation:
         """CIELAB of the exemplar."""
         if self.compared.colors == 3 and len(self.compared.planes):
             return np.ascontiguousarray(self.compared.planes[..., :3])
-        return lab_from_linear(self.image.color)
+        lab = np.empty((self.image.height, self.image.width, 3), np.float32)
+        for band in bands(self.image.height, self.image.pixels):
+            lab[band] = lab_from_linear(self.image.elsewhere(self.image.pixels[band]).color)
+        return lab
 
     def begun(
         self,

@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int32, Int64
+from jaxtyping import Float32, Float64, Int32
 
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
 from texloom.stages.kernels.core.elementary_functions import log
@@ -90,7 +90,7 @@ class Balance:
         self.penalties = np.zeros(len(wanted) + 1)
         """CIELAB units squared, of pixels between exemplars and of each exemplar"""
 
-    def adjust(self, counts: Int64[np.ndarray, "p q"], distance: float) -> None:
+    def adjust(self, counts: Int32[np.ndarray, "p q"], distance: float) -> None:
         """Adjust the penalties to how often each patch is a match.
 
         ``distance`` is how much patches differ from their matches on average, CIELAB units squared.

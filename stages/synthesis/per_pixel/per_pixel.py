@@ -26,8 +26,10 @@ from texloom.stages.common.per_pixel.tables import CONTROLS, Tables, make_tables
 from texloom.stages.common.regularity.phase_planes import phase_planes
 from texloom.stages.common.similarity.appearance import blurred_levels
 from texloom.stages.kernels.core.elementary_functions import log2
+from texloom.stages.synthesis.control_maps.coarse_level import Guide, TargetGuide, guides_of
 from texloom.stages.synthesis.control_maps.comparable_control import comparable
 from texloom.stages.synthesis.control_maps.known_control import notes_on_target
+from texloom.stages.synthesis.per_pixel.coarse_colours import with_coarse_colours
 from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, Jacobian, Vectors
 from texloom.stages.vocabulary.declare import InputError, Outline, Params, stage
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
@@ -214,6 +216,8 @@ def per_pixel(
     chart: Float32[np.ndarray, "h w 2"] | None = None,
     target_chart: Float32[np.ndarray, "H W 2"] | None = None,
     source: UInt32[np.ndarray, "h w 2"] | None = None,
+    exemplar_guide: Guide | None = None,
+    target_guide: TargetGuide | None = None,
 ) -> PerPixel:
     """Make a texture of exemplar coordinates, every pixel from the 3x3 pixels around it.
 
@@ -244,6 +248,8 @@ def per_pixel(
     chart : where in the flat texture pixels of a distorted exemplar are, see `unroll`; needed with ``generators``.
     target_chart : the same of the result's pixels, if that is distorted; without it pieces are not in step there.
     source : for a compaction, where its pixels come from in the texture that repeats by ``generators``.
+    exemplar_guide, target_guide : under control, colours of a coarse level at the exemplar's pixels, and in the
+        result, at any size; see `coarse_level`. Places are then also compared by them, as by planes of control.
 
     Raises
     ------
@@ -268,7 +274,8 @@ def per_pixel(
     size = _size(params, target, target_jacobian if fixed is None else fixed)
     if jacobian is None and target_jacobian is not None:
         jacobian = flat((image.height, image.width))
-    compared = _compared(image, control, target, toroidal, params, size)
+    guides = guides_of((image.height, image.width), exemplar_guide, target_guide)
+    compared = _compared(image, control, target, toroidal, params, size, guides)
     for note in compared.notes:
         _LOG.warning(note)
     stack = AppearanceStack(appearance, basis, candidates, toroidal)
@@ -325,14 +332,18 @@ def _compared(
     toroidal: bool,
     params: PerPixelParams,
     size: tuple[int, int],
+    guides: tuple[Guide, TargetGuide] | None,
 ) -> _Compared:
     """Control of the exemplar and of a result of ``size`` px, made comparable."""
     scale, own = _fitted(image, control)
     if target is None or scale is None or own is None:
         return _Compared(None, None, params.control_weight, [])
     wanted = scale.of_control(target, *(params.extent or size)) / np.float32(scale.strength)
-    own, _, wanted, rare = comparable(own, wanted, 1.0, toroidal)
-    return _Compared(own, wanted, params.control_weight, notes_on_target(scale.beyond(target), rare))
+    own, _, wanted, rare = comparable(own, wanted, 1.0, toroidal, guides is not None)
+    weight = params.control_weight
+    if guides is not None:
+        own, wanted, weight = with_coarse_colours(own, wanted, weight, image, guides)
+    return _Compared(own, wanted, weight, notes_on_target(scale.beyond(target), rare))
 
 
 class _ExemplarPeriod(NamedTuple):

@@ -20,7 +20,7 @@ from texloom.stages.common.features.control import (
 )
 from texloom.stages.common.grids.pyramid import MAX_ROW_VALUES, scale_sizes, scaled
 from texloom.stages.common.grids.size_checks import check_patch
-from texloom.stages.synthesis.control_maps.coarse_level import Guide, TargetGuide
+from texloom.stages.synthesis.control_maps.coarse_level import Guide, TargetGuide, guides_of
 from texloom.stages.synthesis.control_maps.correlation import correlation
 from texloom.stages.synthesis.control_maps.known_control import notes_on_target
 from texloom.stages.synthesis.optimisation.coarse_to_fine import ScaleMethod, coarse_to_fine, coarsest_side
@@ -278,7 +278,8 @@ def reconstruct(
             f"image and control: {planes} channels do not fit patches of {params.patch_size} px; "
             f"at most {MAX_ROW_VALUES // params.patch_size} do"
         )
-    guides = _guides(shape, exemplar_guide, target_guide)
+    pair = guides_of(shape, exemplar_guide, target_guide)
+    guides = None if pair is None else Guides(*pair)
     if use is not None and use.shape != shape:
         raise ValueError(f"use of shape {use.shape} for an exemplar of {shape}")
     inputs = Inputs.of(image, control, target, scale, size, use, image.wraps.both, repetition, guides)
@@ -377,16 +378,6 @@ def _solvers(
     if jacobian is not None:
         pixels = OrientedSolver(*shared, params.random_tries, scales, jacobian)
     return [pixels if scale.places == scale.exemplar else patches for scale in scales]
-
-
-def _guides(shape: tuple[int, int], exemplar: Guide | None, target: TargetGuide | None) -> Guides | None:
-    if exemplar is None or target is None:
-        if exemplar is not target:
-            raise ValueError("exemplar_guide and target_guide go together")
-        return None
-    if exemplar.shape[:2] != shape:
-        raise ValueError(f"exemplar_guide of shape {exemplar.shape} for an exemplar of {shape}")
-    return Guides(exemplar, target)
 
 
 def _size(params: ReconstructParams, target: Image | None, jacobian: np.ndarray | None) -> tuple[int, int]:

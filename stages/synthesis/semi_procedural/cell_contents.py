@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
 from texloom.stages.numerics.filters import gaussian_blur
+from texloom.stages.numerics.matrices import matrix_product
 from texloom.stages.synthesis.near_regular.lattice_tiles import Window
 from texloom.stages.synthesis.near_regular.tile_set import TileSource
 from texloom.stages.vocabulary.normals import NORMAL
@@ -17,8 +18,15 @@ _SPREAD = 1 / 8  # of the same, over which it is averaged
 _FADE = 0.3  # of the same: depth to which tone is changed
 _FAR = 2.5  # times the median difference from the other cells around joints: cells beyond are left out
 _ALIKE = 0.5  # of the variance between cells inside them, up to which cells are alike
+_END = 0.15  # of the same: around ends of runs, which are compared
 _LEAST = 0.05  # band, as a share of the shorter generator
 _NARROWEST = 1.5  # px
+
+
+def box_of(around: Window) -> tuple[Int64[np.ndarray, "2"], Int64[np.ndarray, "2"]]:
+    """Offset of the first pixel of a box around a window from its point of the lattice, and the box's shape."""
+    first = around.offsets.min(axis=0) - _MARGIN - 1
+    return first, around.offsets.max(axis=0) + _MARGIN + 2 - first
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,8 +46,7 @@ class CellContents:
     @staticmethod
     def of(source: TileSource, around: Window, corners: Int64[np.ndarray, "k 2"], short: float) -> "CellContents":
         """Of the cells with points at ``corners``; beyond the picture boxes show its border."""
-        first = around.offsets.min(axis=0) - _MARGIN - 1
-        shape = around.offsets.max(axis=0) + _MARGIN + 2 - first
+        first, shape = box_of(around)
         depth = np.full(shape, -around.band, np.float32)
         depth[tuple((around.offsets - first).T)] = around.depth
         places = corners[:, None, None] + np.moveaxis(np.indices(shape), 0, -1) + first
@@ -70,7 +77,18 @@ class CellContents:
     @property
     def alike(self) -> float:
         """Share of their variance that all cells have in common, 0 to 1; about 0 where the lattice is none."""
-        inside = self.features[:, self.depth > 0].astype(np.float64)
+        return self._alike(self.depth > 0)
+
+    def alike_at_ends(self, base: Float64[np.ndarray, "2"]) -> float:
+        """The same of their ends along ``base``, where joints of runs are, px."""
+        length = float(np.hypot(*base))
+        places = np.moveaxis(np.indices(self.depth.shape), 0, -1) + self.first
+        along = matrix_product(places.astype(np.float64), base / length)
+        end = np.minimum(np.abs(along), np.abs(along - length)) < _END * self.short
+        return self._alike(end & (self.depth > -_END * self.short))
+
+    def _alike(self, where: Bool[np.ndarray, "m n"]) -> float:
+        inside = self.features[:, where].astype(np.float64)
         own = float(inside.var(axis=0, ddof=1).sum(axis=1).mean())
         mean = float(inside.mean(axis=0).var(axis=0).sum())
         common = mean - own / len(inside)  # the mean of unlike cells varies too

@@ -10,7 +10,7 @@ from jaxtyping import Float64
 from pydantic import Field
 
 from texloom.stages.analysis.regularity.deformed_lattice import Points, Steps
-from texloom.stages.analysis.regularity.straighten import straighten
+from texloom.stages.analysis.regularity.straighten import Positions, straighten
 from texloom.stages.kernels.core.elementary_functions import cos, log, sin
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
 from texloom.stages.synthesis.near_regular.cell_outline import (
@@ -25,6 +25,7 @@ from texloom.stages.synthesis.near_regular.tile_set import TileSource
 from texloom.stages.synthesis.semi_procedural.cell_contents import CellContents
 from texloom.stages.synthesis.semi_procedural.cell_tiling import GROUPS, CellTiling
 from texloom.stages.synthesis.semi_procedural.cell_window import reach, window_of
+from texloom.stages.synthesis.semi_procedural.course_runs import STRETCH, course_runs
 from texloom.stages.synthesis.stitching.exemplar import Exemplar, lab_of
 from texloom.stages.vocabulary.arrays import Image, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import InputError, NoParams, Params, stage
@@ -82,11 +83,13 @@ def cell_texture(
 ) -> CellTexture:
     """Cut a near-regular exemplar into the cells of its lattice, from which shaders lay a plane without end.
 
-    The exemplar is straightened to a lattice of whole pixels. The outline of a cell runs where a joint of two cells
-    would show least: where they are alike, or beside contours, as of bricks. A plane has at each point of the
-    lattice one of the cells, drawn by a hash of its number, and blended with its neighbours across the outline.
-    Around joints all cells get the same slow tone. Courses whose elements are equally long have a phase of their
-    own in each, as in the exemplar.
+    The exemplar is straightened to a lattice of whole pixels, with the usual steps of its own. The outline of a
+    cell runs where a joint of two cells would show least: where they are alike, or beside contours, as of
+    bricks. A plane has at each point of the lattice one of the cells, drawn by a hash of its number, and
+    blended with its neighbours across the outline. Around joints all cells get the same slow tone. Courses
+    whose elements are equally long have a phase of their own in each, as in the exemplar. Where elements differ
+    in length, cells are runs of them from joint to joint, which are stretched to one length by 10 % at most, and
+    lie at any place of a course.
 
     Parameters
     ----------
@@ -97,7 +100,8 @@ def cell_texture(
     Raises
     ------
     InputError
-        fewer than four cells are shown whole; elements of courses are not equally long; or cells have less than
+        fewer than four cells are shown whole; elements of courses are not equally long, and have few clear joints;
+        or cells, of runs their ends, have less than
         0.15 of their variance in common, and ``accept`` is false.
 
     References
@@ -111,32 +115,49 @@ def cell_texture(
     """
     if len(generators) != 2:
         raise InputError(f"generators: the exemplar shows no lattice; {_ADVICE}")
-    agrees = found is not None and len(found) == 2 and bool((np.abs(found - generators) <= _AGREED).all())
-    frame = np.rint(found if found is not None and agrees else generators).astype(np.float64)
+    frame = _frame(generators, steps, vertices, found)
     if abs(determinant(frame)) < _SMALLEST:
         raise InputError(f"generators: cells of less than {_SMALLEST:g} px are too small; {_ADVICE}")
-    source, points = _straightened(image, steps, vertices.astype(np.float64), frame)
-    shift = [0, 0, 1]
+    straight, points = _straightened(image, steps, vertices.astype(np.float64), frame)
+    exemplar = Exemplar(image, lab_of, 100.0, {})
+    source = TileSource(exemplar, straight)
+    shift, runs = [0, 0, 1], None
     if courses:
-        found = course_outline(source.features, source.valid, points, frame)
-        elements = course_cells(source.features, source.valid, points[0], found)
-        if elements is None:
-            raise InputError(f"image: its courses have elements of different lengths; {_ADVICE}")
-        points, frame = elements.vertices, np.rint(elements.outline.generators)
-        outline = CellOutline.rectangle(frame, elements.outline.phase or (0.0, 0.0))
-        shift = _shift(elements.shifts, round(float(np.hypot(*frame[1]))))
+        strip = course_outline(source.features, source.valid, points, frame)
+        elements = course_cells(source.features, source.valid, points[0], strip)
+        runs = course_runs(source.features, source.valid, points[0], strip) if elements is None else None
+        if elements is not None:
+            points, frame = elements.vertices, np.rint(elements.outline.generators)
+            outline = CellOutline.rectangle(frame, elements.outline.phase or (0.0, 0.0))
+            shift = _shift(elements.shifts, round(float(np.hypot(*frame[1]))))
+        elif runs is not None:
+            outline, frame = runs.outline, runs.outline.generators
+            length = round(float(np.hypot(*frame[1])))
+            shift = [0, length, length]
+        else:
+            raise InputError(
+                "image: its courses have elements of different lengths, with too few clear joints between them; "
+                f"{_ADVICE}"
+            )
     else:
         cost = visibility(source.features, source.valid, points, frame)
         outline = cell_outline(source.features, source.valid, points, frame, 1.0, cost)
     short = float(np.hypot(*frame.T).min())
     around = Window.of(outline, _WIDEST * short)
+    if runs is not None:
+        positions, points = runs.laid_out(straight, around, _MOST_PIXELS)
+        source = TileSource(exemplar, positions)
+        _LOG.warning(
+            "its courses have blocks of different lengths: cells are runs of them, %d px long to %.0f %%",
+            length, 100 * STRETCH,
+        )  # fmt: skip
     points = np.rint(points)
     points = points[whole(around, points, np.eye(2), source.valid, 0)]
     if len(points) < _FEWEST:
         raise InputError(f"image: it shows {len(points)} whole cells, fewer than {_FEWEST}; {_ADVICE}")
     contents = CellContents.of(source, around, points.astype(np.int64), short)
     contents = contents.fitting(min(_MOST, max(_FEWEST, _MOST_PIXELS // contents.depth.size)))
-    alike = contents.alike
+    alike = contents.alike if runs is None else contents.alike_at_ends(frame[1])
     if alike < _ALIKE and not params.accept:
         raise InputError(
             f"image: cells of its lattice are not alike: they have {alike:.2f} of their variance in common, less "
@@ -186,14 +207,33 @@ def _gradient(tiling: CellTiling, pixels: np.ndarray) -> np.ndarray:
     return np.asarray(np.hypot(light[2:, 1:-1] - light[:-2, 1:-1], light[1:-1, 2:] - light[1:-1, :-2]))
 
 
+def _frame(
+    generators: Vectors, steps: Steps, vertices: Points, found: Vectors | None
+) -> Float64[np.ndarray, "2 2"]:
+    """The generators of the plane, whole px: those that were found, or else the usual steps between vertices.
+
+    The lattice that fits all vertices best is narrower where a few steps in the middle are.
+    """
+    if found is not None and len(found) == 2 and bool((np.abs(found - generators) <= _AGREED).all()):
+        return np.rint(found).astype(np.float64)
+    places = {tuple(step): place for step, place in zip(steps.tolist(), vertices.astype(np.float64), strict=True)}
+    usual = generators.astype(np.float64)
+    for axis, (down, across) in enumerate(((1, 0), (0, 1))):
+        pairs = [(place, places.get((i + down, j + across))) for (i, j), place in places.items()]
+        between = [other - place for place, other in pairs if other is not None]
+        if between:
+            usual[axis] = np.median(between, axis=0)
+    return np.asarray(np.rint(usual))
+
+
 def _straightened(
     image: Image, steps: Steps, vertices: Float64[np.ndarray, "vertices 2"], frame: Float64[np.ndarray, "2 2"]
-) -> tuple[TileSource, Float64[np.ndarray, "vertices 2"]]:
-    """The exemplar with its vertices on a lattice of generators ``frame``, and where these are."""
+) -> tuple[Positions, Float64[np.ndarray, "vertices 2"]]:
+    """Where in the exemplar pixels of one with vertices on a lattice of generators ``frame`` are, and vertices."""
     regular = matrix_product(steps, frame)
     regular = regular + np.rint(np.median(vertices - regular, axis=0))
     straight = straighten(image, vertices.astype(np.float32), regular.astype(np.float32), NoParams())
-    return TileSource(Exemplar(image, lab_of, 100.0, {}), straight.source), regular
+    return straight.source, regular
 
 
 def _shift(shifts: Float64[np.ndarray, "pairs"], length: int) -> list[int]:  # type: ignore[name-defined]

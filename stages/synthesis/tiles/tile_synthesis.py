@@ -9,6 +9,7 @@ from jaxtyping import Float32, Int64
 from pydantic import Field
 
 from texloom.stages.common.features.maps import MapWeights
+from texloom.stages.common.grids.wang import Kind
 from texloom.stages.synthesis.edits.gradient_domain import GradientDomainParams, gradient_domain
 from texloom.stages.synthesis.edits.revise import ReviseParams, Revision
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
@@ -73,7 +74,8 @@ class Synthesis:
     tile, border : side of a tile, and what fits on each side of its borders, px.
     materials : where there are several exemplars.
     guide : of the exemplar.
-    pixels : of a result, in which spatial uniformity counts less then, see `small_result`; None to let it count.
+    kind : of the tiles; between materials, those by edges let spatial uniformity count less, see `small_result`.
+    pixels : of the result.
     """
 
     def __init__(
@@ -87,13 +89,15 @@ class Synthesis:
         params: WangParams,
         materials: TileMaterials | None = None,
         guide: Float32[np.ndarray, "h w k"] | None = None,
-        pixels: int | None = None,
+        *,
+        kind: Kind,
+        pixels: int,
     ):
         self.image, self.tile, self.materials = image, tile, materials
         self.colors = lab_from_linear(fill_excluded(image).color)
         self.inputs = (guidance, weight, generators)
         self.chosen = {name: getattr(params, name) for name in WangParams.model_fields} | {"period": (tile, tile)}
-        if pixels is not None:
+        if materials is not None and kind == "edges":
             self.chosen["occurrence"] *= small_result(image, pixels)
         # What is fixed would not be continued if it were narrower than a patch at the first scale, nor if a
         # stronger penalty outweighed it there.

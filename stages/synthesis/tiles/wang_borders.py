@@ -198,8 +198,10 @@ def wang_borders(
     border = _border(tile, params)
     first, *randoms = rng.spawn(3)
     corners, numbers = layout.band
-    pixels = len(numbers) * tile**2 if materials is not None and layout.kind == "edges" else None
-    synthesis = Synthesis(image, guidance, weight, generators, tile, border, params, materials, pixels=pixels)
+    synthesis = Synthesis(
+        image, guidance, weight, generators, tile, border, params, materials,
+        kind=layout.kind, pixels=len(numbers) * tile**2,
+    )  # fmt: skip
     points = band_points(layout)
     with part(0.0, 0.3):
         start = synthesis.start(int(corners.max() + 1), structure, first)

@@ -108,10 +108,10 @@ def wang_tiles(
     shared = np.minimum(to_row[:, None], to_column) < core(border)
     known = Torus(borders, match)
     begun = (known, keep, shared, filled)
-    pixels = borders.height * borders.width if materials is not None and tiles.kind == "edges" else None
     synthesis = partial(
-        Synthesis, image, guidance, weight, generators, size, border, params, materials, pixels=pixels
-    )
+        Synthesis, image, guidance, weight, generators, size, border, params, materials,
+        kind=tiles.kind, pixels=borders.height * borders.width,
+    )  # fmt: skip
     if params.strength == 1 or tiles.variants == (1, 1):
         made = synthesis().completed(*begun, material_points(tiles), rng)
     elif materials is not None:

@@ -15,6 +15,7 @@ from texloom.stages.common.features.slow_features import progression_in
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
 from texloom.stages.synthesis.optimisation.optimise import Optimised, OptimiseParams, optimise
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import InputError
 
 SHAPE = (48, 64)
 RAMP = np.broadcast_to(((np.arange(SHAPE[1]) + 0.5) / SHAPE[1]).astype(np.float32), SHAPE)
@@ -87,6 +88,43 @@ def test_a_straight_trend_along_an_angle(exemplar: Image) -> None:
     down = growth_guide(exemplar, RAMP, RAMP, GrowthGuideParams(size=(96, 64), angle=90)).wanted
     np.testing.assert_allclose(down, np.broadcast_to((np.arange(96)[:, None] + 0.5) / 96, (96, 64)), atol=1e-5)
     np.testing.assert_allclose(wanted, RAMP[:1].repeat(96, axis=0), atol=1e-6)
+
+
+def test_a_trend_runs_along_a_path(exemplar: Image) -> None:
+    """An arch: its feet are where it begins and ends, its top half way, and beyond its begin nothing is less."""
+    arch = [(0.9, 0.1), (0.1, 0.1), (0.1, 0.9), (0.9, 0.9)]
+    found = guide(exemplar, size=(200, 300), path=arch, angle=0.5)
+    wanted = found.wanted
+    assert found.target.shape == (200, 300, 1)  # directions are free
+    lengths = np.array([160, 240, 160]) / 560
+    for (row, column), expected in zip(arch, np.concatenate([[0], np.cumsum(lengths)]), strict=True):
+        assert abs(wanted[int(200 * row), int(300 * column)] - expected) < 0.05
+    assert abs(wanted[20, 150] - 0.5) < 0.02
+    assert wanted[-1, 0] < 0.02
+    assert wanted[-1, -1] > 0.98
+    np.testing.assert_allclose(wanted, 1 - wanted[:, ::-1], atol=0.02)
+    straight = guide(exemplar, size=(48, 64), path=[(0.5, 0.0), (0.5, 1.0)]).wanted
+    np.testing.assert_allclose(straight[:, 4:-4], RAMP[:, 4:-4], atol=0.01)
+    bent = guide(exemplar, size=(200, 300), path=arch, curve=[1, 0]).wanted
+    np.testing.assert_allclose(bent, 1 - wanted, atol=1e-5)
+
+
+def test_a_tileable_path_continues_across_borders(exemplar: Image) -> None:
+    wanted = guide(exemplar, size=(64, 64), path=[(0.4, 0.2), (0.6, 0.8)], tileable="both").wanted
+    for axis in (0, 1):
+        jump = np.abs(wanted.take(0, axis) - wanted.take(-1, axis)).max()
+        assert jump < 1.5 * np.abs(np.diff(wanted, axis=axis)).max()
+
+
+def test_paths_that_say_nothing_are_refused(exemplar: Image) -> None:
+    with pytest.raises(ValueError, match="all its corners are the same place"):
+        guide(exemplar, path=[(0.5, 0.5), (0.5, 0.5)])
+    with pytest.raises(ValueError, match="path and angle both say"):
+        GrowthGuideParams(path=[(0, 0), (1, 1)], angle=90)
+    with pytest.raises(InputError, match="path: a painted target says where"):
+        guide(exemplar, target=painted(np.ones((8, 8))), path=[(0, 0), (1, 1)])
+    with pytest.raises(ValueError, match=r"path\.0\.1"):
+        guide(exemplar, path=[(0, 5), (1, 1)])
 
 
 def test_directions_are_those_of_strokes_where_there_are_any(exemplar: Image) -> None:

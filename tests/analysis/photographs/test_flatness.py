@@ -50,7 +50,7 @@ def judged(image: Image) -> Flatness:
 def test_flat_surfaces_show_no_sign(rng: np.random.Generator) -> None:
     grid, turned = coffers(rng, ROWS / 20, COLUMNS / 20), coffers(rng, (ROWS + COLUMNS) / 30, (ROWS - COLUMNS) / 30)
     for light in (noise_at(rng, ROWS, COLUMNS), grid, turned, np.full(SHAPE, 0.5)):
-        assert judged(colored(light)) == Flatness(0.0, 0.0, 0.0)
+        assert judged(colored(light)) == Flatness(0.0, 0.0, 0.0, 0.0)
 
 
 def test_lines_of_a_dome_turn_around_its_point(rng: np.random.Generator) -> None:
@@ -109,3 +109,27 @@ def test_several_surfaces_are_told_where_no_plane_is_evident(rng: np.random.Gene
     assert "no plane is evident" in told["doubt"]
     assert "--source mask=foreign.png" in told["doubt"]
     assert not foreign_parts(image, ForeignPartsParams()).table["doubt"]
+
+
+def rough(rng: np.random.Generator) -> np.ndarray:
+    """An even texture of much contrast."""
+    return 0.4 + 6 * (noise_at(rng, ROWS, COLUMNS) - 0.4)
+
+
+def folds() -> np.ndarray:
+    """Light on folds that run down, as of cloth, from the side."""
+    return np.asarray(0.15 + np.square(np.sin(COLUMNS / 40 + ROWS / 200)))
+
+
+def test_light_and_contrast_change_together_in_folds(rng: np.random.Generator) -> None:
+    found = judged(colored(rough(rng) * folds()))
+    assert found.folding > 0
+    assert not found.is_curved
+    assert "folds" in found.reason
+
+
+def test_stripes_of_other_tone_and_slow_light_are_no_folds(rng: np.random.Generator) -> None:
+    texture = rough(rng)
+    slow = 0.2 + 0.8 * (ROWS + COLUMNS) / 500
+    for light in (texture * slow, 0.5 * folds() + 0.3 * (texture - 0.4) + 0.05):
+        assert judged(colored(light)).folding == 0

@@ -92,7 +92,7 @@ def test_random_bits_are_even() -> None:
 def test_occurrence_penalty_equals_counting_pixels(size: int, rng: np.random.Generator) -> None:
     for places in ((1, 1), (1, 9), (6, 3), (9, 11)):
         match = np.stack([rng.integers(0, n, (7, 5)) for n in places]).astype(np.int32)
-        counts, penalty = np.zeros(places, np.int64), np.empty(places, np.float32)
+        counts, penalty = np.zeros(places, np.int32), np.empty(places, np.float32)
         count_matches(match[0], match[1], counts)
         occurrence_penalty(counts, size, 1234.5, penalty)
         np.testing.assert_array_equal(penalty, naive.occurrence_penalty(match, size, places, 1234.5))
@@ -100,8 +100,17 @@ def test_occurrence_penalty_equals_counting_pixels(size: int, rng: np.random.Gen
         assert naive.occurrence_map(match, size, places).sum() == 35 * size**2
 
 
+def test_penalties_are_those_of_all_places_where_most_are_far_from_any_use(rng: np.random.Generator) -> None:
+    for width in (64, 191, 400):  # places are skipped by 64
+        match = np.stack([rng.integers(0, 9, (2, 3)), rng.integers(0, width, (2, 3))]).astype(np.int32)
+        counts, penalty = np.zeros((9, width), np.int32), np.full((9, width), -1, np.float32)
+        count_matches(match[0], match[1], counts)
+        occurrence_penalty(counts, 5, 1234.5, penalty)
+        np.testing.assert_array_equal(penalty, naive.occurrence_penalty(match, 5, (9, width), 1234.5))
+
+
 def test_penalty_of_one_use_falls_with_the_share_of_common_pixels() -> None:
-    counts, penalty = np.zeros((9, 11), np.int64), np.empty((9, 11), np.float32)
+    counts, penalty = np.zeros((9, 11), np.int32), np.empty((9, 11), np.float32)
     counts[4, 5] = 1
     occurrence_penalty(counts, 4, 1600.0, penalty)
     assert penalty[4, 5] == 1600

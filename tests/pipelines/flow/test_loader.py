@@ -629,6 +629,8 @@ def test_a_flow_states_what_is_taken_of_its_exemplar(write: Any, tmp_path: Path)
     ("stated", "problem"),
     [
         ("{layout: unrael}", "delivery.layout: no layout 'unrael'; did you mean 'unreal'?"),
+        ("{material: moss}", "delivery.material: needs a layout, whose files begin with it"),
+        ("{layout: unity, material: '-'}", "delivery.material: must have a letter or digit, got '-'"),
         ("{udim: 2x2}", "delivery.udim: needs a layout, whose maps are cut into tiles"),
         ("{size: 4}", "delivery.size: unknown"),
         ("{texel_size: 4}", "delivery.texel_size: must be a text, got 4"),

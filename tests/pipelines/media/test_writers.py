@@ -82,7 +82,7 @@ def test_each_suffix_has_its_writer() -> None:
     assert writer_of("a.slopes.tx") is not writer_of("a.tx")
     assert writer_of("texture.bmp") is None
     assert {writer.suffix for writer in WRITERS} - set(SUFFIXES) == {
-        ".slopes.tx", ".hex.mtlx", ".wang.mtlx", ".data.png",
+        ".slopes.tx", ".hex.mtlx", ".wang.mtlx", ".data.png", ".data.dds",
     }  # fmt: skip
 
 
@@ -108,6 +108,8 @@ def test_data_as_png_has_16_bits_and_is_not_stretched(tmp_path: Path, rng: np.ra
     hint = Annotated[Float32[np.ndarray, "h w 4"], Channels(("R", "G", "B", "A"))]
     np.testing.assert_array_equal(png(made(tmp_path / "a.data.png", planes, hint)), codes(planes, 65535))
     field = planes[..., 0].copy()
+    with PIL.Image.open(made(tmp_path / "a.data.dds", planes, hint)) as dds:
+        np.testing.assert_array_equal(np.asarray(dds), codes(planes, 255))
     np.testing.assert_array_equal(png(made(tmp_path / "b.data.png", field, ScalarMap)), codes(field, 65535))
 
 

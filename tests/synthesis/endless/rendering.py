@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -76,6 +77,26 @@ def validated(source: Path, text: str, *options: str) -> None:
         [validator, *options, source.name], cwd=source.parent, check=False, capture_output=True, text=True
     )
     assert run.returncode == 0, run.stdout
+
+
+def as_glsl(folder: Path, hlsl: str) -> str:
+    """A fragment shader, whose function is ``main``, translated by way of SPIR-V; skip where it only compiles."""
+    validated(folder / "a.hlsl", hlsl, *["-D", "-e", "main", "-S", "frag", "-V", "-o", "a.spv"])
+    assert (folder / "a.spv").stat().st_size > 1000
+    translator = shutil.which("spirv-cross")
+    if translator is None:
+        pytest.skip("no spirv-cross; it compiles")
+    command = [translator, "a.spv", "--version", "330", "--no-es", "--output", "a.glsl"]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    return (folder / "a.glsl").read_text()
+
+
+def sampled_by(glsl: str, textures: dict[str, Any]) -> dict[str, Any]:
+    """The textures of a translated shader by its names for them, without those that it has left out."""
+    samplers = re.findall(r"uniform sampler2D (\w+);", glsl)
+    found = {name: levels for own, levels in textures.items() for name in samplers if own in name}
+    assert len(found) == len(samplers)
+    return found
 
 
 def compiles_osl(folder: Path, name: str, text: str) -> None:

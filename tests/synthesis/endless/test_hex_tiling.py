@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import re
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.synthesis.endless.exemplars import colors, material, places
-from tests.synthesis.endless.rendering import compiles_osl, rendered, validated
+from tests.synthesis.endless.rendering import as_glsl, compiles_osl, rendered, sampled_by, validated
 from tests.synthetic import smooth_noise
 from texloom.stages.evaluation.hex_plane import HexPlaneParams, hex_plane
 from texloom.stages.synthesis.endless.hex_shaders import HexShaders, HexShadersParams, hex_shaders
@@ -98,19 +96,8 @@ def test_hlsl_renders_the_reference(rotation: float, tmp_path: Path) -> None:
     tiling, shaders = laid(IMAGE, rotation=rotation)
     expected = tiling.pixels(*places(SIDE))
     for result, planes in (("float4(color, roughness)", [0, 1, 2, 6]), ("float4(normal, roughness)", [3, 4, 5, 6])):
-        text = shaders.hlsl + HLSL_MAIN.replace("RESULT", result)
-        validated(tmp_path / "a.hlsl", text, *["-D", "-e", "main", "-S", "frag", "-V", "-o", "a.spv"])
-        assert (tmp_path / "a.spv").stat().st_size > 1000
-        translator = shutil.which("spirv-cross")
-        if translator is None:
-            pytest.skip("no spirv-cross; it compiles")
-        command = [translator, "a.spv", "--version", "330", "--no-es", "--output", "a.glsl"]
-        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
-        glsl = (tmp_path / "a.glsl").read_text()
-        samplers = re.findall(r"uniform sampler2D (\w+);", glsl)
-        textures = {name: levels for own, levels in levels_of(IMAGE).items() for name in samplers if own in name}
-        assert len(textures) == len(samplers)  # what a result does not need is left out
-        found = rendered(glsl, textures, SIDE)
+        glsl = as_glsl(tmp_path, shaders.hlsl + HLSL_MAIN.replace("RESULT", result))
+        found = rendered(glsl, sampled_by(glsl, levels_of(IMAGE)), SIDE)
         close = np.abs(found - expected[..., planes]).max(axis=2)
         # Graphics cards place texels to 1/256 px; turned tiles lie between them.
         assert (close <= (1 / 255 if rotation == 0 else 4 / 255)).mean() >= 0.999, np.sort(close.ravel())[-20:]

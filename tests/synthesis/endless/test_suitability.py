@@ -42,11 +42,13 @@ def test_bricks_repeat_and_are_laid_as_cells(caplog: pytest.LogCaptureFixture) -
     bricks = wall((160, 200), 25.0, 0.0, np.random.default_rng(3))
     table = endless_suitability(bricks, EndlessSuitabilityParams()).table
     assert table["chosen"] == ["cells"]
-    assert table["because"] == why_not(table)
+    assert table["because"] == "it has courses that blending would destroy"
+    assert why_not(table).endswith(" and it has courses")
     assert table["repetition"] > 0.4
     assert not caplog.records
     blended = endless_suitability(bricks, EndlessSuitabilityParams(way="noise")).table
     assert blended["chosen"] == ["noise"]
+    assert blended["because"] == f"though {why_not(table)}"
     assert "wang_tiles keeps it" in caplog.text
     asked = endless_suitability(noise(), EndlessSuitabilityParams(way="cells")).table
     assert (asked["chosen"], asked["because"]) == (["cells"], "they were asked for")
@@ -67,7 +69,7 @@ def courses(rng: np.random.Generator) -> Image:
 def test_courses_of_bricks_that_differ_are_structured() -> None:
     table = endless_suitability(courses(np.random.default_rng(0)), ACCEPT).table
     assert (table["periods"], table["verdict"]) == ("courses", "structured")
-    assert table["because"].endswith("it has courses")
+    assert table["because"].startswith("it has courses that")
 
 
 def test_contours_would_be_blended_away(caplog: pytest.LogCaptureFixture) -> None:

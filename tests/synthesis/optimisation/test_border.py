@@ -13,6 +13,8 @@ def test_every_pixel_is_the_middle_of_a_patch() -> None:
         patches = np.lib.stride_tricks.sliding_window_view(wide, (size, size))
         np.testing.assert_array_equal(patches[..., size // 2, size // 2], plane)
         np.testing.assert_array_equal(border.inside(wide, 7, 9), plane)
+        mirrored = np.pad(plane, (border.before, size - 1 - border.before), mode="symmetric")
+        np.testing.assert_array_equal(wide, mirrored)
 
 
 def test_sources_name_the_same_pixels() -> None:

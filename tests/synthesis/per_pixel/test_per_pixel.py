@@ -20,6 +20,7 @@ from texloom.stages.common.per_pixel.levels import Level, Levels, Rect
 from texloom.stages.lookup.registry import find_stage
 from texloom.stages.synthesis.per_pixel.per_pixel import PerPixel, PerPixelParams, flat, per_pixel
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.normals import NORMAL
@@ -441,3 +442,21 @@ def test_progress_goes_to_the_end(image: Image, stack: AppearanceStack) -> None:
     assert len(done) == len(stack.appearance)
     assert done == sorted(done)
     assert done[-1] == 1.0
+
+
+def test_coarse_colours_tell_apart_what_control_does_not() -> None:
+    rng = np.random.default_rng(11)
+    shade = np.where(np.arange(64)[:, None] < 32, 0.25, 0.6) + np.zeros((64, 64))
+    image = picture(np.clip(shade + 0.05 * rng.normal(size=shade.shape), 0, 1))
+    guide = lab_from_linear(np.repeat(np.float32(shade)[..., None], 3, axis=2))
+    stack = appearance_stack(image, AppearanceStackParams(coarsest=12))
+    ramp = picture(np.tile(np.linspace(0, 1, 64), (64, 1)))
+    wanted = guide[::-1].copy()  # what is bright lies above
+
+    def off(**guides: np.ndarray) -> float:
+        result = made(image, stack, 3, {"control": ramp, "target": ramp, **guides}, size=(64, 64))
+        return float(np.abs(result.image.pixels[..., 0] - shade[::-1]).mean())
+
+    assert off(exemplar_guide=guide, target_guide=wanted) < 0.4 * off()
+    with pytest.raises(ValueError, match="go together"):
+        off(exemplar_guide=guide)

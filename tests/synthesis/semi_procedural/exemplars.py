@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 
 import numpy as np
 
@@ -36,6 +37,19 @@ def wall(phases: np.ndarray | None = None, side: int = 216) -> Image:
     vectors /= np.sqrt(np.square(vectors).sum(axis=2, keepdims=True))
     planes = np.concatenate([color, vectors, np.where(mortar, 0.9, 0.4)[..., None]], axis=2)
     return Image(np.maximum(planes, -1).astype(np.float32), ("R", "G", "B", *NORMAL, "roughness"))
+
+
+def uneven_wall(side: int = 264) -> tuple[Image, list[np.ndarray]]:
+    """Blocks of 25 to 54 px with tones of their own in light mortar, and where those of each course begin."""
+    rng = np.random.default_rng(9)
+    light, begins = np.full((side, side), 0.7), []
+    for top in range(0, side, HEIGHT):
+        ends = np.cumsum(rng.integers(25, 55, side // 25 + 3)) - 60
+        for left, right in itertools.pairwise(ends):
+            light[top + 3 : top + HEIGHT, max(0, left + 3) : max(0, right)] = rng.uniform(0.15, 0.4)
+        begins.append(ends)
+    light += 0.02 * smooth_noise((side, side), 1.0, rng)
+    return Image(np.repeat(light[..., None], 3, axis=2).astype(np.float32), ("R", "G", "B")), begins
 
 
 def lattice(generators: np.ndarray = GENERATORS, side: int = 216) -> tuple[np.ndarray, np.ndarray]:

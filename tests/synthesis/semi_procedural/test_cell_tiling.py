@@ -13,6 +13,7 @@ from tests.synthesis.semi_procedural.exemplars import (
     lattice,
     made,
     made_of_courses,
+    uneven_wall,
     wall,
     wall_made,
 )
@@ -91,6 +92,50 @@ def test_courses_have_the_shifts_of_the_exemplar() -> None:
     assert np.abs(away).max() <= spread
 
 
+def test_unequal_blocks_of_courses_are_laid_as_runs(caplog: pytest.LogCaptureFixture) -> None:
+    image, begins = uneven_wall()
+    frame = np.array([[HEIGHT, 0], [0, 2 * HEIGHT]], np.float32)
+    steps, vertices = lattice(frame, image.height)
+    texture = cell_texture(image, frame, steps, vertices, CellTextureParams(), courses=True)
+    length = texture.layout["generators"][1][1]
+    assert f"cells are runs of them, {length} px long to 10 %" in caplog.text
+    spans = np.concatenate([(one - one[:, None]).ravel() for one in begins])
+    assert (np.abs(spans - length) <= 2).any()  # a run of the exemplar
+    assert texture.layout["shift"] == [0, length, length]
+    assert texture.layout["cells"] >= 8
+    tiling = CellTiling.of(texture.image, texture.window, texture.layout)
+    rows, columns = places(SIDE)
+    plane = tiling.pixels(rows, columns)[..., 0]
+    mortar = plane > 0.55
+    assert abs(float(mortar.mean()) - float((image.pixels[..., 0] > 0.55).mean())) < 0.05
+    most, box = owners(tiling, rows, columns)
+    assert (most[~mortar] == 1).mean() > 0.8  # blended in joints, not across blocks
+    assert len(np.unique(box)) >= 8
+
+
+def test_courses_without_clear_joints_are_refused() -> None:
+    """Stripes of noise, that no joints divide."""
+    frame = np.array([[HEIGHT, 0], [0, 2 * HEIGHT]], np.float32)
+    light = 0.3 + 0.05 * smooth_noise((216, 216), 2.0, np.random.default_rng(2))
+    light[np.arange(216) % HEIGHT < 3] = 0.7
+    image = Image(np.repeat(light[..., None], 3, axis=2).astype(np.float32), ("R", "G", "B"))
+    with pytest.raises(InputError, match="too few clear joints between them; the flow wang_tiles"):
+        cell_texture(image, frame, *lattice(frame), CellTextureParams(), courses=True)
+
+
+def test_cells_are_as_wide_as_most_where_a_few_are_narrow() -> None:
+    """A plane has the usual steps between vertices, not those of a fit, which narrow cells in the middle pull."""
+    steps, vertices = lattice()
+    narrow = vertices.copy()
+    narrow[vertices[:, 1] > 110, 1] -= 5
+    fit = np.linalg.lstsq(np.column_stack([steps, np.ones(len(steps))]), narrow.astype(np.float64), rcond=None)[0][
+        :2
+    ]
+    assert fit[1, 1] < WIDTH - 1
+    texture = cell_texture(wall(), fit.astype(np.float32), steps, narrow, CellTextureParams(accept=True))
+    assert texture.layout["generators"] == [[HEIGHT, WIDTH // 2], [0, WIDTH]]
+
+
 def test_normals_have_unit_length_and_levels_of_detail_the_mean(laid: tuple[CellTexture, CellTiling]) -> None:
     near, far = (laid[1].pixels(*places(60, 2.0**level), level) for level in (0.0, 3.0))
     np.testing.assert_allclose(np.square(near[..., 3:6]).sum(axis=2), 1, atol=1e-5)
@@ -127,12 +172,13 @@ def test_the_preview_is_the_reference() -> None:
 def test_the_lattice_that_was_found_is_taken_where_vertices_agree() -> None:
     steps, vertices = lattice()
     drifting = GENERATORS + np.float32([[0, 0.6], [0, 0]])
+    moved = (vertices + steps[:, :1] * np.float32([0, 0.6])).astype(np.float32)
     for far, expected in ((0.0, 20), (5.0, 21)):
         texture = cell_texture(
             wall(),
             drifting,
             steps,
-            vertices,
+            moved,
             CellTextureParams(),
             found=GENERATORS - np.float32([[0, far], [0, 0]]),
         )
@@ -150,5 +196,6 @@ def test_few_cells_are_told_and_what_has_none_is_refused(caplog: pytest.LogCaptu
         cell_texture(image, GENERATORS[:1], steps, vertices, params)
     with pytest.raises(InputError, match=r"whole cells, fewer than 4; the flow wang_tiles"):
         cell_texture(image.cropped(slice(0, 60), slice(0, 60)), GENERATORS, steps, vertices, params)
+    small = np.float32([[5, 0], [0, 5]])
     with pytest.raises(InputError, match="less than 64 px are too small"):
-        cell_texture(image, np.float32([[5, 0], [0, 5]]), steps, vertices, params)
+        cell_texture(image, small, *lattice(small), params)

@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 
 from tests.synthetic import picture
+from texloom.pipelines.flow.loader import load_flow
+from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.stages.common.grids.wang import CORNERS, WangSet
 from texloom.stages.evaluation.wang_tiling import WangTilingParams, wang_tiling
 from texloom.stages.synthesis.remix.exemplar_sheet import ExemplarSheet, ExemplarSheetParams, exemplar_sheet
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials
+from texloom.stages.synthesis.tiles.tile_sets import TileSetsParams, tile_sets
 from texloom.stages.synthesis.tiles.tile_sheets import TileSheets, TileSheetsParams, tile_sheets
 from texloom.stages.synthesis.tiles.wang_borders import WangBordersParams, wang_borders
 from texloom.stages.synthesis.tiles.wang_tiles import WangTiles, WangTilesParams, wang_tiles
@@ -218,3 +221,13 @@ def test_two_or_three_exemplars(count: int) -> None:
 def test_variants_between_materials_are_new_ones() -> None:
     with pytest.raises(InputError, match="strength: variants of tiles between materials are new ones"):
         tiles_of(exemplars(2), strength=0.5, variants=(1, 2))
+
+
+def test_sets_that_are_not_wanted_do_not_run() -> None:
+    chosen = [tile_sets(TileSetsParams(sets=sets)).table["chosen"] for sets in ("both", "corners", "edges")]
+    assert chosen == [["corners", "edges"], ["corners"], ["edges"]]
+    steps = load_flow(shipped_flows()["transition_tiles"]).steps
+    labels = {name: str(step.chosen) for name, step in steps.items() if step.chosen is not None}
+    assert labels == {"borders": "sets.corners", "edge_borders": "sets.edges"}
+    with pytest.raises(ValueError, match="sets"):
+        TileSetsParams(sets="blobs")

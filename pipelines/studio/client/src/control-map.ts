@@ -65,6 +65,11 @@ export class ControlMap {
     this.keep();
   }
 
+  /** Replace all of it. */
+  take(codes: Uint8Array): void {
+    this.codes.set(codes);
+  }
+
   /** End a stroke, which undo takes back. */
   keep(): void {
     this.history.set(this.codes.slice());

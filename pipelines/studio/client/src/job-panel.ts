@@ -40,7 +40,7 @@ export class JobPanel extends Element {
   private async write(select: HTMLSelectElement): Promise<void> {
     const layout = select.value;
     select.value = "";
-    this.written = (await this.studio.start({ ...this.job.recipe, layout }))?.id ?? "";
+    this.written = (await this.studio.start({ ...this.job.recipe, layout }, { delivers: this.job.id }))?.id ?? "";
     this.onChange();
   }
 

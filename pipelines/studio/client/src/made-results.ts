@@ -1,6 +1,7 @@
 // The results of a recipe at full size, and what is known of the one that is shown.
-import type { BadPlace, Job, Recipe, ToPage } from "./messages";
+import type { BadPlace, Job, Recipe, ToPage, Variant } from "./messages";
 import type { Drawable, Point } from "./picture-view";
+import { recipeKey } from "./recipe-key";
 import { bitmap, fileAddress, insight } from "./server";
 import { canvasOf, type Payload, type Studio } from "./studio";
 import { Undo } from "./undo";
@@ -17,7 +18,7 @@ export class MadeResults {
   places: BadPlace[] = [];
   /** where in the exemplar each pixel comes from */
   origins: Uint16Array | null = null;
-  /** the runs of each recipe, by its JSON, so that nothing is lost when a setting is changed and changed back */
+  /** the runs of each recipe, by its key, so that nothing is lost when a setting is changed and changed back */
   private readonly made = new Map<string, Undo<string>>();
   private wanted = ""; // the export that was asked for last
   /** the worst places that corrections have left, by run */
@@ -40,12 +41,36 @@ export class MadeResults {
 
   /** Go back to the runs of a recipe, if there are any. */
   recall(recipe: Recipe | null): void {
-    this.runs = this.made.get(JSON.stringify(recipe)) ?? this.runs;
+    this.runs = this.made.get(recipeKey(recipe)) ?? this.runs;
+  }
+
+  /** Know the results of a material that is opened, of which one is looked at. */
+  restore(variants: readonly Variant[], shown: string): void {
+    this.forget();
+    this.made.clear();
+    this.left.clear();
+    const last = variants.find(({ job }) => job.id === shown);
+    for (const one of last ? [...variants, last] : variants) this.open(variants, one);
+  }
+
+  /** Go back to a result of a material; the recipe that it was made by, before any correction. */
+  open(variants: readonly Variant[], variant: Variant): Recipe {
+    const steps = [variant];
+    for (let one: Variant | undefined = variant; one?.parent; ) {
+      one = variants.find(({ job }) => job.id === one!.parent);
+      if (!one || steps.includes(one)) break;
+      steps.unshift(one);
+    }
+    const runs = new Undo(steps[0].job.id);
+    steps.slice(1).forEach(({ job }) => runs.set(job.id));
+    const { recipe } = steps[0].job;
+    this.made.set(recipeKey(recipe), runs);
+    return recipe;
   }
 
   begin(recipe: Recipe, job: Job): void {
     this.runs = new Undo(job.id);
-    this.made.set(JSON.stringify(recipe), this.runs);
+    this.made.set(recipeKey(recipe), this.runs);
   }
 
   /** Go on with a correction, which has left some of the worst places. */

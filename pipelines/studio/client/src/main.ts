@@ -9,18 +9,20 @@ import type { InspectView } from "./inspect-view";
 import "./make-view";
 import type { MeshView } from "./mesh-view";
 import "./mesh-view";
+import "./materials-view";
 import type { Described } from "./messages";
 import "./paint-view";
 import "./photograph-view";
 import { PictureList } from "./picture-list";
+import type { Project } from "./project";
 import "./recipe-dialog";
 import type { RecipeDialog } from "./recipe-dialog";
 import "./runs-view";
-import { RequestError, start } from "./server";
+import { project, RequestError, start } from "./server";
 import { Studio } from "./studio";
 
 const VIEWS = {
-  make: "Make", direct: "Direct", paint: "Paint", photograph: "Photograph", mesh: "Mesh", inspect: "Inspect", runs: "Runs",
+  materials: "Materials", make: "Make", direct: "Direct", paint: "Paint", photograph: "Photograph", mesh: "Mesh", inspect: "Inspect", runs: "Runs",
 } as const;
 type View = keyof typeof VIEWS;
 const MESSAGE_TIME = 12_000; // ms
@@ -45,7 +47,8 @@ export class StudioPage extends Element {
 
   private async begin(): Promise<void> {
     try {
-      this.studio = new Studio(await start());
+      const [begin, begun] = await Promise.all([start(), project()]);
+      this.studio = new Studio(begin, begun);
     } catch (error) {
       this.failure = error instanceof RequestError ? error.message : String(error);
       return;
@@ -53,6 +56,31 @@ export class StudioPage extends Element {
     this.studio.addEventListener("change", () => this.requestUpdate());
     this.studio.addEventListener("problem", (event) => this.show((event as CustomEvent<string>).detail));
     this.studio.addEventListener("described", (event) => this.dialog.show((event as CustomEvent<Described>).detail));
+    await this.comeBack(this.studio.project);
+  }
+
+  /** Show what was shown when the page, or the studio, was left. */
+  private async comeBack({ place, state }: Project): Promise<void> {
+    this.view = place.view in VIEWS ? (place.view as View) : state.materials ? "materials" : "make";
+    this.studio!.project.look(this.view);
+    await this.updateComplete;
+    if (place.material) await this.studio!.project.open(place.material);
+  }
+
+  private go(view: View): void {
+    this.view = view;
+    this.studio!.project.look(view);
+  }
+
+  /** Open a material where it can be worked at, or none, to begin a new one. */
+  private async open(id: string): Promise<void> {
+    const { project: opened, begin } = this.studio!;
+    if (!id) opened.close();
+    else if (!(await opened.open(id))) return;
+    const { draft, variants = [] } = opened.material ?? {};
+    const done = [...variants].reverse().find(({ job }) => job.state === "done");
+    if (!draft || begin.methods.some(({ flow }) => flow === draft.flow) || !done) this.go("make");
+    else this.inspect(`job:${done.job.id}`);
   }
 
   /** Undo and redo in the view that is open. */
@@ -70,13 +98,13 @@ export class StudioPage extends Element {
     if (!this.studio || !data?.files.length) return;
     const mesh = [...data.files].find((file) => isMesh(file, this.studio!.begin.mesh_suffixes));
     if (mesh) {
-      this.view = "mesh";
+      this.go("mesh");
       void this.querySelector<MeshView>("mesh-view")!.receive(mesh);
       return;
     }
     const dropped = PictureList.filesIn(data); // before anything is awaited
     const shown = () => [...this.querySelectorAll<PictureList>("picture-list")].find((one) => one.checkVisibility());
-    if (!shown()) this.view = "make";
+    if (!shown()) this.go("make");
     await this.updateComplete;
     await shown()!.receive(...(await dropped));
   }
@@ -89,7 +117,7 @@ export class StudioPage extends Element {
 
   /** Look at an EXR in the view for that. */
   private inspect(item: string): void {
-    this.view = "inspect";
+    this.go("inspect");
     void this.querySelector<InspectView>("inspect-view")!.open(item);
   }
 
@@ -104,7 +132,7 @@ export class StudioPage extends Element {
             (view) => html`<button
               role="tab"
               aria-selected=${this.view === view}
-              @click=${() => (this.view = view)}
+              @click=${() => this.go(view)}
             >${VIEWS[view]}</button>`,
           )}
         </nav>
@@ -112,6 +140,12 @@ export class StudioPage extends Element {
         <button class="quiet" aria-label="Switch between dark and light" title="Dark or light" @click=${switchTheme}>◐</button>
       </header>
       <main>
+        <materials-view
+          .studio=${studio}
+          .isShown=${this.view === "materials"}
+          ?hidden=${this.view !== "materials"}
+          @open=${(event: CustomEvent<string>) => this.open(event.detail)}
+        ></materials-view>
         <make-view
           .studio=${studio}
           ?hidden=${this.view !== "make"}

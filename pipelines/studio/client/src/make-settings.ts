@@ -2,6 +2,7 @@
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property } from "lit/decorators.js";
 import { Element } from "./element";
+import { isTyping } from "./fields";
 import "./job-panel";
 import type { Job, Method, Picture, Recipe } from "./messages";
 import { picturesOf } from "./recipe-edits";
@@ -20,6 +21,21 @@ export class MakeSettings extends Element {
   @property({ attribute: false }) isWhole = false;
   /** what has still to be chosen */
   @property() lacking = "";
+
+  override connectedCallback(): void {
+    super.connectedCallback();
+    window.addEventListener("keydown", this.key);
+  }
+
+  override disconnectedCallback(): void {
+    super.disconnectedCallback();
+    window.removeEventListener("keydown", this.key);
+  }
+
+  private readonly key = (event: KeyboardEvent): void => {
+    if (this.closest("[hidden]") || isTyping(event) || event.ctrlKey || event.metaKey) return;
+    if (event.key.toLowerCase() === "n") this.tell("edit", { seed: (this.recipe.seed ?? 7) + 1 });
+  };
 
   private get pictures(): Picture[] {
     const { pictures, begin } = this.studio;

@@ -15,7 +15,7 @@ import "./source-inset";
 import type { Studio } from "./studio";
 
 export type Shown = Mode | "seeds";
-const MODES: Record<Shown, string> = { single: "Single", repeat: "Repeat", compare: "Compare", seeds: "Seeds" };
+export const MODES: Record<Shown, string> = { single: "Single", repeat: "Repeat", compare: "Compare", seeds: "Seeds" };
 const NONE: Point[] = [];
 
 /** What there is before any picture is chosen. */
@@ -46,6 +46,8 @@ export class MakeStage extends Element {
   @property({ attribute: false }) preview: Drawable | null = null;
   @property({ attribute: false }) previewScale = 1;
   @property({ attribute: false }) exemplar: ImageBitmap | null = null;
+  /** the picture of another result, which is shown in place of the exemplar */
+  @property({ attribute: false }) other: Drawable | null = null;
   @property({ attribute: false }) done = 1;
   @property({ attribute: false }) status: string | TemplateResult = "";
   /** what is said where there is no picture yet */
@@ -104,8 +106,8 @@ export class MakeStage extends Element {
     const marked = (this.isCorrecting || this.marksPlaces) && results.picture && !this.outline.length ? results.places : [];
     return html`<picture-view
       .picture=${shown}
-      .exemplar=${this.exemplar}
-      .exemplarScale=${this.exemplarScale(shown)}
+      .exemplar=${this.other ?? this.exemplar}
+      .exemplarScale=${this.other && shown ? shown.width / this.other.width : this.exemplarScale(shown)}
       .mode=${this.mode as Mode}
       .tool=${this.isCorrecting ? "lasso" : "pan"}
       .outline=${this.outline}

@@ -1,59 +1,55 @@
 // Make: textures of one picture or of several, with a preview that follows every change.
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, query, state } from "lit/decorators.js";
+import { Comparison } from "./comparison";
 import type { CorrectPanel } from "./correct-panel";
 import "./correct-panel";
 import { Element } from "./element";
-import { failure, isTyping } from "./fields";
+import { failure } from "./fields";
 import "./make-settings";
 import { statusOf, waitsFor } from "./make-status";
-import { modesOf, type Shown, WELCOME } from "./make-stage";
+import { MODES, modesOf, type Shown, WELCOME } from "./make-stage";
 import "./make-stage";
 import { MadeResults, TEXTURE } from "./made-results";
-import type { Method, Picture, PreviewPicture, Recipe, ToPage } from "./messages";
+import { MakePreviews } from "./make-previews";
+import "./material-bar";
+import type { Material, Method, Picture, Recipe, ToPage, Variant } from "./messages";
 import "./picture-list";
-import type { Drawable, Patch, Point } from "./picture-view";
+import type { Patch, Point } from "./picture-view";
 import { isFull, lacking, picturesOf, toggled, tooMany, withExemplar, withMethod } from "./recipe-edits";
-import { newSheet, type Sheet, withSeed } from "./seed-sheet";
-import { bitmap, pictureAddress, RequestError } from "./server";
-import { canvasOf, type Payload, type Studio } from "./studio";
+import { RequestError } from "./server";
+import type { Payload, Studio } from "./studio";
 import { Undo } from "./undo";
 
-const EXEMPLAR = 1024; // px of the exemplar that is shown, at most
 @customElement("make-view")
 export class MakeView extends Element {
   @property({ attribute: false }) studio!: Studio;
   @state() private undo = new Undo<Recipe | null>(null);
   @state() private mode: Shown = "single";
-  @state() private preview: Drawable | null = null;
-  @state() private previewScale = 1;
-  @state() private done = 1;
-  @state() private problem = "";
-  @state() private exemplar: ImageBitmap | null = null;
   /** the export that is shown of a result */
   @state() private file = "";
   @state() private isCorrecting = false;
   @state() private outline: Point[] = [];
   @state() private patch: Patch | null = null;
-  @state() private sheet: Sheet | null = null;
   @query("correct-panel") private panel!: CorrectPanel;
   private results!: MadeResults;
-  private number = 0;
-  private previewed = ""; // the flow of `preview`
+  private previews!: MakePreviews;
+  private other!: Comparison;
   private stop: (() => void) | null = null;
 
   override connectedCallback(): void {
     super.connectedCallback();
     this.results ??= new MadeResults(this.studio, () => this.requestUpdate());
+    this.other ??= new Comparison(this.studio);
+    this.previews ??= new MakePreviews(this.studio, () => this.requestUpdate());
     this.stop = this.studio.listen((message, payload) => this.receive(message, payload));
     this.studio.addEventListener("change", () => this.requestUpdate());
-    window.addEventListener("keydown", this.key);
+    this.studio.addEventListener("opened", () => this.open(this.studio.project.material));
   }
 
   override disconnectedCallback(): void {
     super.disconnectedCallback();
     this.stop?.();
-    window.removeEventListener("keydown", this.key);
   }
 
   private get recipe(): Recipe | null {
@@ -65,12 +61,52 @@ export class MakeView extends Element {
     return methods.find((one) => one.flow === this.recipe?.flow) ?? methods[0];
   }
 
-  private get lacking(): string {
-    return lacking(this.recipe, this.method);
-  }
+  private get lacking(): string { return lacking(this.recipe, this.method); }
 
   private get exemplarId(): string {
     return picturesOf(this.recipe)[0] ?? "";
+  }
+
+  // -- the material that is open
+
+  /** Show a material as it was left, or none. */
+  private open(material: Material | null): void {
+    const draft = material?.draft ?? null;
+    const isOurs = this.studio.begin.methods.some((one) => one.flow === draft?.flow);
+    this.undo = new Undo(isOurs ? draft : null);
+    this.mode = material && material.mode in MODES ? (material.mode as Shown) : "single";
+    if (!(this.mode in this.modes)) this.mode = "single";
+    this.previews.stop();
+    this.results.restore(material?.variants ?? [], material?.shown ?? "");
+    this.refresh();
+    this.file = material?.file ?? "";
+    if (this.file) this.load();
+  }
+
+  /** Begin a material of its own where the one that is open has results of another picture. */
+  private start(recipe: Recipe): void {
+    const { project } = this.studio;
+    const isOther = picturesOf(recipe)[0] !== this.exemplarId;
+    if (this.recipe && (!isOther || !project.material?.variants.length)) this.edit(recipe);
+    else {
+      project.begin(recipe);
+      this.undo = new Undo<Recipe | null>(recipe);
+      this.results.restore([], "");
+      this.refresh();
+    }
+  }
+
+  /** Go back to an earlier result, with the recipe that has made it. */
+  private goBack(variant: Variant): void {
+    const recipe = this.results.open(this.studio.project.material!.variants, variant);
+    if (this.mode === "seeds") this.mode = "single";
+    this.undo.set(recipe);
+    this.refresh();
+  }
+
+  private async compare(job: string): Promise<void> {
+    this.mode = (await this.other.choose(job, TEXTURE)) ? "compare" : "single";
+    this.requestUpdate();
   }
 
   // -- what the user does
@@ -78,7 +114,7 @@ export class MakeView extends Element {
   /** Take a picture that was clicked or dropped: as the exemplar, or as one of several. */
   private choose(picture: Picture, isDropped = false): void {
     const { recipe, method } = this;
-    if (!recipe || !method.several) this.edit(withExemplar(recipe, picture, this.studio.begin.methods));
+    if (!recipe || !method.several) this.start(withExemplar(recipe, picture, this.studio.begin.methods));
     else if (isDropped && picturesOf(recipe).includes(picture.id)) return;
     else if (isFull(recipe, method) && !picturesOf(recipe).includes(picture.id)) this.studio.problem(new RequestError(tooMany(picture, method)));
     else this.edit(toggled(recipe, method, picture.id));
@@ -132,7 +168,8 @@ export class MakeView extends Element {
       this.endCorrection();
       return;
     }
-    const job = await this.studio.start(recipe);
+    const parent = this.results.id;
+    const job = await this.studio.make(recipe, parent);
     if (!job) return;
     this.results.correct(job, this.outline);
     this.isCorrecting = false;
@@ -140,95 +177,59 @@ export class MakeView extends Element {
     this.requestUpdate();
   }
 
-  private readonly key = (event: KeyboardEvent): void => {
-    if (this.hidden || isTyping(event) || event.ctrlKey || event.metaKey) return;
-    if (event.key.toLowerCase() === "n" && this.recipe) this.edit({ seed: (this.recipe.seed ?? 7) + 1 });
-  };
-
   /** Show what the recipe gives now. */
   private refresh(): void {
-    const recipe = this.recipe;
-    if (recipe?.flow !== this.previewed) [this.preview, this.file] = [null, ""]; // of another method
-    [this.problem, this.previewed] = ["", recipe?.flow ?? ""];
-    this.results.forget();
+    const { recipe, previews, results } = this;
+    if (recipe?.flow !== this.results.job?.recipe.flow) this.file = "";
+    previews.forget(recipe?.flow);
+    results.forget();
     this.endCorrection();
-    this.sheet = null;
-    if (this.mode !== "seeds") this.results.recall(recipe);
+    if (this.other.job) this.mode = "single";
+    this.other.end();
+    if (this.mode !== "seeds") results.recall(recipe);
     this.requestUpdate();
     if (!recipe) return;
-    if (this.lacking) [this.preview, this.done, this.number] = [null, 1, 0];
-    else if (this.mode === "seeds") this.beginSheet();
-    else if (this.results.job?.state === "done") this.load();
-    else this.ask(recipe);
-    void this.loadExemplar();
-  }
-
-  private ask(recipe: Recipe): void {
-    this.done = 0;
-    this.number = this.studio.preview(recipe);
-  }
-
-  private async loadExemplar(): Promise<void> {
-    const id = this.exemplarId;
-    const loaded = id && (await this.studio.attempt(bitmap(pictureAddress(id, EXEMPLAR))));
-    if (loaded && id === this.exemplarId) this.exemplar = loaded;
+    this.studio.project.edit({ draft: recipe, shown: results.id, mode: this.mode, file: this.file });
+    if (this.lacking) previews.stop();
+    else if (this.mode === "seeds") previews.askForSheet(recipe);
+    else if (results.job?.state === "done") this.load();
+    else previews.ask(recipe);
+    void previews.showExemplar(this.exemplarId);
   }
 
   private chooseMode(mode: Shown): void {
     const wasSheet = this.mode === "seeds";
     this.mode = mode;
-    if (mode === "seeds") this.beginSheet();
-    else if (wasSheet) this.refresh();
+    if (mode === "seeds" || wasSheet) this.refresh();
+    else this.studio.project.edit({ mode });
+    if (mode !== "compare") this.other.end();
   }
 
   private chooseFile(file: string): void {
-    this.file = file;
+    this.studio.project.edit({ file: (this.file = file) });
     this.load();
-  }
-
-  private beginSheet(): void {
-    if (this.lacking) return;
-    this.results.forget();
-    this.endCorrection();
-    this.sheet = newSheet(this.recipe?.seed ?? 7);
-    this.ask({ ...this.recipe!, seed: this.sheet.first });
   }
 
   private async finish(): Promise<void> {
     const recipe = this.recipe!;
-    const job = await this.studio.start(recipe);
+    const job = await this.studio.make(recipe);
     if (!job) return;
     this.results.begin(recipe, job);
-    if (this.sheet) [this.sheet, this.mode] = [null, "single"];
+    if (this.previews.sheet) [this.previews.sheet, this.mode] = [null, "single"];
     this.requestUpdate();
   }
 
   private correct(): void {
-    this.mode = "single";
+    [this.mode, this.isCorrecting] = ["single", true];
     if (this.file) this.chooseFile("");
-    this.isCorrecting = true;
   }
 
   // -- what the server says
 
   private receive(message: ToPage, payload: Payload): void {
     this.results.receive(message, payload);
-    if (message.kind === "preview_picture" && message.number === this.number) this.onPreview(message, payload);
-    else if (message.kind === "preview_failed" && message.number === this.number) [this.problem, this.done, this.preview] = [message.problem, 1, null];
-    else if (message.kind === "job_changed" && message.job.id === this.results.id) this.load();
-  }
-
-  private onPreview(message: PreviewPicture, payload: Payload): void {
-    const picture = canvasOf(payload, message.width, message.height);
-    this.done = message.is_final ? 1 : message.done;
-    this.previewScale = message.scale;
-    if (!this.sheet) {
-      this.preview = picture;
-      return;
-    }
-    const { waiting } = this.sheet;
-    this.sheet = withSeed(this.sheet, picture, message.is_final);
-    if (this.sheet.waiting > waiting) this.ask({ ...this.recipe!, seed: this.sheet.first + this.sheet.waiting });
+    this.previews.receive(message, payload);
+    if (message.kind === "job_changed" && message.job.id === this.results.id) this.load();
   }
 
   // -- how it looks
@@ -241,7 +242,11 @@ export class MakeView extends Element {
           @add=${(event: CustomEvent<Picture>) => this.choose(event.detail, true)}></picture-list>
       </aside>
       <section class="stage" aria-label="Texture">
+        <material-bar .studio=${this.studio}></material-bar>
         ${this.recipe ? this.stage() : WELCOME}
+        <material-results .studio=${this.studio} .shown=${this.results.id} .against=${this.other.job} ?hidden=${this.isCorrecting}
+          @result=${(event: CustomEvent<Variant>) => this.goBack(event.detail)}
+          @against=${(event: CustomEvent<string>) => this.compare(event.detail)}></material-results>
       </section>
       <aside class="right" aria-label="Settings">${this.recipe ? this.settings(this.recipe) : nothing}</aside>
     `;
@@ -252,36 +257,31 @@ export class MakeView extends Element {
   }
 
   private stage(): TemplateResult {
-    const { undo, results } = this;
+    const { undo, results, previews } = this;
     const history = { canUndo: undo.canUndo || results.runs.canUndo, canRedo: undo.canRedo || results.runs.canRedo };
     return html`<make-stage .studio=${this.studio} .recipe=${this.recipe} .method=${this.method} .results=${results} .history=${history}
-      .mode=${this.mode} .modes=${this.modes} .file=${this.shownFile} .sheet=${this.sheet}
-      .preview=${this.preview} .previewScale=${this.previewScale} .exemplar=${this.exemplar} .done=${this.done}
-      .status=${this.status()} .waits=${this.problem || waitsFor(this.lacking, this.results)}
+      .mode=${this.mode} .modes=${this.modes} .file=${this.shownFile} .sheet=${previews.sheet} .other=${this.other.picture}
+      .preview=${previews.picture} .previewScale=${previews.scale} .exemplar=${previews.exemplar} .done=${previews.done}
+      .status=${this.status()} .waits=${previews.problem || waitsFor(this.lacking, this.results)}
       .isCorrecting=${this.isCorrecting} .outline=${this.outline} .patch=${this.patch}
       @mode=${(event: CustomEvent<Shown>) => this.chooseMode(event.detail)}
       @step=${(event: CustomEvent<"undo" | "redo">) => this.step(event.detail)}
       @file=${(event: CustomEvent<string>) => this.chooseFile(event.detail)}
-      @seed=${(event: CustomEvent<number>) => this.takeSeed(event.detail)}
+      @seed=${({ detail: seed }: CustomEvent<number>) => {
+        this.mode = "single";
+        this.edit({ seed });
+      }}
       @lasso=${(event: CustomEvent<Point[]>) => {
         this.outline = event.detail;
         void this.panel.begin(event.detail);
       }}></make-stage>`;
   }
 
-  private takeSeed(seed: number): void {
-    this.mode = "single";
-    this.edit({ seed });
-  }
-
-  private again(): void {
-    [this.problem, this.done] = ["", 0];
-    this.studio.repeat(this.number);
-  }
-
   private status(): string | TemplateResult {
-    if (this.problem) return failure(this.problem, () => this.again());
-    return statusOf(this.results, this.lacking, this.done < 1, this.preview ? this.previewScale : 0);
+    const { problem, done, picture, scale } = this.previews;
+    if (problem) return failure(problem, () => this.previews.again());
+    if (this.other.job) return "Left of the line is the result that it is compared with";
+    return statusOf(this.results, this.lacking, done < 1, picture ? scale : 0);
   }
 
   private settings(recipe: Recipe): TemplateResult {

@@ -3,7 +3,8 @@ import { html, type TemplateResult } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import { ControlMap } from "./control-map";
 import { Element } from "./element";
-import { slider } from "./fields";
+import { choice, slider } from "./fields";
+import { alongWay } from "./path-trend";
 import type { Act, Point } from "./picture-view";
 import "./picture-view";
 import { bitmap, PAINTED, pictureAddress, upload } from "./server";
@@ -12,6 +13,8 @@ import type { Studio } from "./studio";
 const SIDE = 192; // px of the longer side; the map is stretched over the result
 const WHITE = 255;
 const HARDNESS = 0.5;
+const APART = 3; // px between points of a way that is drawn
+const TOOLS = { brush: "Brush", way: "Way" };
 
 /** Tells `painted` with the id of the map, after each stroke. */
 @customElement("map-painter")
@@ -30,6 +33,9 @@ export class MapPainter extends Element {
   private told = ""; // the id of what `map` holds
   private last: Point | null = null;
   private strokes = 0;
+  @state() private tool: keyof typeof TOOLS = "brush";
+  private way: Point[] = [];
+  private isDrawn = false; // whether the way is drawn, not clicked point by point
 
   protected override willUpdate(changed: Map<string, unknown>): void {
     const scale = SIDE / Math.max(...this.size);
@@ -45,11 +51,20 @@ export class MapPainter extends Element {
     return html`<div class="painter">
       <picture-view class="tool" .picture=${this.canvas} tool="act" label="Map to paint"
         @act=${(event: CustomEvent<Act>) => this.act(event.detail)}></picture-view>
-      ${slider("Paint", this.percent, 100, (percent) => (this.percent = percent))}
-      <span class="ends"><span>${this.ends[0]}</span><span>${this.ends[1]}</span></span>
-      ${slider("Radius", this.radius, SIDE / 2, (radius) => (this.radius = Math.max(1, radius)))}
-      <button @click=${() => this.fill()}>Fill</button>
+      ${choice("Tool", TOOLS, this.tool, (tool) => this.use(tool))}
+      ${this.tool === "way"
+        ? html`<p class="hint">Draw a way, or click its corners: black, ${this.ends[0]}, where it begins; white, ${this.ends[1]}, where it ends.</p>
+            <button ?disabled=${!this.way.length} @click=${() => this.use("way")}>Another way</button>`
+        : html`${slider("Paint", this.percent, 100, (percent) => (this.percent = percent))}
+            <span class="ends"><span>${this.ends[0]}</span><span>${this.ends[1]}</span></span>
+            ${slider("Radius", this.radius, SIDE / 2, (radius) => (this.radius = Math.max(1, radius)))}
+            <button @click=${() => this.fill()}>Fill</button>`}
     </div>`;
+  }
+
+  private use(tool: keyof typeof TOOLS): void {
+    [this.tool, this.way, this.isDrawn] = [tool, [], false];
+    this.requestUpdate();
   }
 
   /** Show a map that has been painted or chosen before. */
@@ -62,10 +77,29 @@ export class MapPainter extends Element {
   }
 
   private act({ phase, x, y, isOther }: Act): void {
+    if (this.tool === "way") return this.draw(phase, { x, y });
     if (phase === "begin") this.last = { x, y };
     if (this.last && (phase === "begin" || phase === "drag")) this.line(this.last, { x, y }, isOther);
     if (this.last && (phase === "end" || phase === "cancel")) void this.keep();
     if (phase === "end" || phase === "cancel") this.last = null;
+  }
+
+  /** A way that is drawn, or clicked corner after corner; the map follows it. */
+  private draw(phase: Act["phase"], at: Point): void {
+    const last = this.way.at(-1);
+    if (phase === "begin") {
+      this.way = this.isDrawn ? [at] : [...this.way, at];
+      [this.isDrawn, this.last] = [false, at];
+    } else if (phase === "drag" && this.last && last && Math.hypot(at.x - last.x, at.y - last.y) >= APART) {
+      if (!this.isDrawn) this.way = [last];
+      [this.isDrawn, this.way] = [true, [...this.way, at]];
+    } else if (phase !== "end") return;
+    const codes = alongWay(this.way, this.map.height, this.map.width);
+    if (codes) this.map.take(codes);
+    if (codes) this.canvas = this.map.canvas();
+    if (phase === "end" && codes) void this.keep();
+    if (phase === "end") this.last = null;
+    this.requestUpdate();
   }
 
   /** Paint from one point to the next; the other button paints the opposite. */

@@ -8,6 +8,15 @@ export interface Picture {
   is_material: boolean;
 }
 
+export interface PicturePage {
+  pictures: (Picture)[];
+  asked: number;
+  found: number;
+  total: number;
+  folders: Record<string, number>;
+  notes: (string)[];
+}
+
 export interface OtherPicture {
   source: string;
   about: string;
@@ -36,7 +45,7 @@ export interface Control {
 
 export interface Setting {
   name: string;
-  params: Record<string, number | boolean | "labels" | "values" | "noise" | "cells" | string | [number, number]>;
+  params: Record<string, number | boolean | "labels" | "values" | "noise" | "cells" | "corners" | string | [number, number]>;
   lists: Record<string, (number)[]>;
   udim: string;
 }
@@ -73,7 +82,7 @@ export interface Start {
   folder: string;
   store: string;
   version: string;
-  pictures: (Picture)[];
+  listed: PicturePage;
   examples: (Picture)[];
   meshes: (string)[];
   mesh_suffixes: (string)[];
@@ -93,11 +102,12 @@ export interface Recipe {
   tileable?: "off" | "x" | "y" | "both" | null;
   seed?: number;
   preset?: string | null;
-  params?: Record<string, number | boolean | "labels" | "values" | "noise" | "cells" | string | [number, number]>;
+  params?: Record<string, number | boolean | "labels" | "values" | "noise" | "cells" | "corners" | string | [number, number]>;
   lists?: Record<string, (number)[]>;
   files?: Record<string, string>;
   layout?: string | null;
   udim?: string | null;
+  material?: string | null;
 }
 
 export interface PatchRecipe {
@@ -185,6 +195,12 @@ export interface PastRun {
   cover: string;
 }
 
+export interface PastRuns {
+  runs: (PastRun)[];
+  found: number;
+  corrections: number;
+}
+
 export interface FlowEntry {
   name: string;
   about: string;
@@ -212,6 +228,101 @@ export interface Layers {
   key: string;
   layers: (Layer)[];
   about: string;
+}
+
+export interface Variant {
+  job: Job;
+  made: number;
+  parent: string;
+  folder: string;
+  starts: number;
+}
+
+export interface Material {
+  version: number;
+  id: string;
+  name: string;
+  is_named: boolean;
+  tags: (string)[];
+  is_favourite: boolean;
+  is_deleted: boolean;
+  made: number;
+  changed: number;
+  draft: Recipe | null;
+  shown: string;
+  mode: string;
+  file: string;
+  saved_as: (string)[];
+  variants: (Variant)[];
+}
+
+export interface OpenMaterial {
+  material: Material;
+  pictures: (Picture)[];
+  missing: (string)[];
+}
+
+export interface MaterialRequest {
+  name?: string | null;
+  tags?: (string)[] | null;
+  is_favourite?: boolean | null;
+  is_deleted?: boolean | null;
+  draft?: Recipe | null;
+  shown?: string | null;
+  mode?: string | null;
+  file?: string | null;
+}
+
+export interface Entry {
+  id: string;
+  name: string;
+  tags: (string)[];
+  is_favourite: boolean;
+  is_deleted: boolean;
+  flow: string;
+  changed: number;
+  results: number;
+  is_running: boolean;
+  cover: string;
+  picture: string;
+}
+
+export interface Wall {
+  shown: (Entry)[];
+  first: number;
+  found: number;
+  kept: number;
+  deleted: number;
+  tags: Record<string, number>;
+  problems: (string)[];
+}
+
+export interface ProjectView {
+  view: string;
+  material: string;
+}
+
+export interface ProjectViewRequest {
+  view?: string;
+  material?: string;
+}
+
+export interface ProjectState {
+  name: string;
+  place: string;
+  view: ProjectView;
+  materials: number;
+  problem: string;
+}
+
+export interface MaterialChanged {
+  kind: "material_changed";
+  id: string;
+}
+
+export interface ProjectSaved {
+  kind: "project_saved";
+  problem: string;
 }
 
 export interface PreviewRequest {
@@ -386,4 +497,4 @@ export interface JobPicture {
 
 export type ToServer = AlternativesRequest | LatticeRequest | PaintDabRequest | PaintOpenRequest | PhotoRequest | PreviewRequest;
 
-export type ToPage = AlternativePicture | Connected | LatticePicture | PaintOpened | PaintPicture | PaintProgress | PhotoArea | PhotoLines | PhotoPreview | PhotoProposal | PhotoState | PreviewPicture | PreviewFailed | JobChanged | JobPicture;
+export type ToPage = AlternativePicture | MaterialChanged | ProjectSaved | Connected | LatticePicture | PaintOpened | PaintPicture | PaintProgress | PhotoArea | PhotoLines | PhotoPreview | PhotoProposal | PhotoState | PreviewPicture | PreviewFailed | JobChanged | JobPicture;

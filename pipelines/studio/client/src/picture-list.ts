@@ -2,11 +2,14 @@
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
-import type { Picture } from "./messages";
-import { pictureAddress, RequestError, upload } from "./server";
+import type { Picture, PicturePage } from "./messages";
+import "./picture-search";
+import type { Asked } from "./picture-search";
+import { pictureAddress, pictures, RequestError, upload } from "./server";
 import type { Studio } from "./studio";
 
 const THUMBNAIL = 128; // px
+const PAUSE = 200; // ms until a search begins
 
 /** Tells `choose` with a picture that is clicked, and with one that is dropped; where it takes several, `add` with each. */
 @customElement("picture-list")
@@ -19,12 +22,51 @@ export class PictureList extends Element {
   @state() private isOver = false;
   @state() private busy = "";
 
+  /** what is asked for, and what there is of it so far */
+  @state() private asked: Asked = { search: "", folder: "", sorting: "name" };
+  @state() private page: PicturePage | null = null;
+  @state() private shown: Picture[] = [];
+  private number = 0;
+  private timer = 0;
+
   override connectedCallback(): void {
     super.connectedCallback();
     this.studio.addEventListener("change", () => this.requestUpdate());
   }
 
+  protected override willUpdate(): void {
+    if (this.page) return;
+    this.page = this.studio.begin.listed;
+    this.shown = this.page.pictures;
+  }
+
+  /** Ask for other pictures, when nobody types any more. */
+  private search(asked: Asked): void {
+    this.asked = asked;
+    clearTimeout(this.timer);
+    this.timer = window.setTimeout(() => void this.load(0), PAUSE);
+  }
+
+  /** Load the pictures from one on, those before it included in `page`. */
+  private async load(first: number): Promise<void> {
+    const number = ++this.number;
+    const page = await this.studio.attempt(pictures({ ...this.asked, first: String(first) }));
+    if (!page || number !== this.number) return;
+    this.studio.know(page.pictures);
+    this.shown = first ? [...this.shown, ...page.pictures] : page.pictures;
+    this.page = { ...page, asked: first + page.asked };
+  }
+
+  /** Those that were dropped here come first, unless others are searched. */
+  private get own(): Picture[] {
+    const { search, folder } = this.asked;
+    const added = search || folder ? [] : this.studio.added;
+    return [...added, ...this.shown.filter((one) => added.every(({ id }) => id !== one.id))];
+  }
+
   override render(): TemplateResult {
+    const page = this.page!;
+    const left = page.found - page.asked;
     return html`
       <label
         class="drop ${this.isOver ? "over" : ""}"
@@ -47,7 +89,11 @@ export class PictureList extends Element {
           }}
         />
       </label>
-      ${this.group("Your pictures", this.studio.pictures)} ${this.group("Examples", this.studio.begin.examples)}
+      <picture-search .page=${page} .asked=${this.asked} @search=${(event: CustomEvent<Asked>) => this.search(event.detail)}></picture-search>
+      ${this.group("Your pictures", this.own)}
+      ${left > 0 ? html`<button class="more-pictures" @click=${() => this.load(page.asked)}>Show more (${left} are left)</button>` : nothing}
+      ${page.notes.map((note) => html`<p class="hint">${note}</p>`)}
+      ${this.group("Examples", this.studio.begin.examples)}
     `;
   }
 
@@ -60,7 +106,7 @@ export class PictureList extends Element {
           (one) => html`<li>
             <button
               aria-pressed=${[this.chosen].flat().includes(one.id)}
-              title="${one.name}, ${one.height} × ${one.width} px"
+              title="${one.name}, ${one.width} × ${one.height} px${placeOf(one)}"
               @click=${() => this.tell("choose", one)}
             >
               <img src=${pictureAddress(one.id, THUMBNAIL)} alt="" loading="lazy" draggable="false" />
@@ -113,4 +159,10 @@ async function filesOf(folder: FileSystemDirectoryEntry): Promise<File[]> {
   return Promise.all(
     files.map((entry) => new Promise<File>((done, fail) => (entry as FileSystemFileEntry).file(done, fail))),
   );
+}
+
+/** The folder of a picture, where it is not the studio's own. */
+function placeOf({ id }: Picture): string {
+  const folder = id.startsWith("folder:") ? id.slice("folder:".length).split("/").slice(0, -1).join("/") : "";
+  return folder && `, in ${folder}`;
 }

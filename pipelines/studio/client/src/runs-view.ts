@@ -4,7 +4,7 @@ import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
 import "./job-panel";
 import { seconds } from "./job-panel";
-import type { FlowEntry, PastRun, PastStep } from "./messages";
+import type { FlowEntry, PastRun, PastRuns, PastStep } from "./messages";
 import { flows, resultAddress, runs, steps } from "./server";
 import type { Studio } from "./studio";
 
@@ -13,7 +13,7 @@ import type { Studio } from "./studio";
 export class RunsView extends Element {
   @property({ attribute: false }) studio!: Studio;
   @property({ type: Boolean }) isShown = false;
-  @state() private runs: PastRun[] | null = null;
+  @state() private found: PastRuns | null = null;
   @state() private flows: FlowEntry[] = [];
   @state() private chosen: PastRun | null = null;
   @state() private steps: PastStep[] = [];
@@ -28,7 +28,7 @@ export class RunsView extends Element {
   }
 
   private async load(): Promise<void> {
-    this.runs = (await this.studio.attempt(runs())) ?? [];
+    this.found = (await this.studio.attempt(runs())) ?? this.found;
     if (!this.flows.length) this.flows = (await this.studio.attempt(flows())) ?? [];
   }
 
@@ -41,8 +41,8 @@ export class RunsView extends Element {
   override render(): TemplateResult {
     const jobs = [...this.studio.jobs.values()].reverse();
     return html`
-      <aside class="left" aria-label="Runs of this studio">
-        <h2>This session</h2>
+      <aside class="left" aria-label="Runs of this studio" tabindex="0">
+        <h2>Running, or opened</h2>
         ${jobs.length ? nothing : html`<p class="hint">Runs at full size appear here, with their progress.</p>`}
         ${jobs.map((job) => html`<p class="name" title=${job.name}>${job.name}</p>
           <job-panel .studio=${this.studio} .job=${job}></job-panel>`)}
@@ -50,10 +50,10 @@ export class RunsView extends Element {
         <ul class="flows">${this.flows.map((flow) => html`<li title=${flow.about}>${flow.name}</li>`)}</ul>
       </aside>
       <section class="stage" aria-label="Runs in the store">
-        <div class="bar"><span class="state start">${this.runs ? `${this.runs.length} runs in ${this.studio.begin.store}` : "Reading the store …"}</span>
+        <div class="bar"><span class="state start">${this.found ? counted(this.found, this.studio.begin.store) : "Reading the store …"}</span>
           <button @click=${() => this.load()}>Refresh</button></div>
         <ul class="pictures wall">
-          ${(this.runs ?? []).map((run) => html`<li><button aria-pressed=${run.id === this.chosen?.id} @click=${() => this.choose(run)}>
+          ${(this.found?.runs ?? []).map((run) => html`<li><button aria-pressed=${run.id === this.chosen?.id} @click=${() => this.choose(run)}>
             ${run.cover ? html`<img src=${addressOf(run.cover)} alt="" loading="lazy" />` : html`<span class="blank"></span>`}
             <span>${Object.values(run.sources)[0] ?? run.flow}</span>
             <span>${run.flow}, ${run.seeds.length > 1 ? `${run.seeds.length} seeds` : `seed ${run.seeds[0]}`}</span>
@@ -85,3 +85,8 @@ export class RunsView extends Element {
 }
 
 const addressOf = (cover: string): string => resultAddress(...(cover.split("/") as [string, string]));
+
+function counted({ runs, found, corrections }: PastRuns, store: string): string {
+  const listed = found > runs.length ? `the last ${runs.length} of ${found} runs` : `${found} runs`;
+  return `${listed} in ${store}${corrections ? `; ${corrections} versions of corrections are with their materials` : ""}`;
+}

@@ -1,17 +1,22 @@
 // Talking to the server: requests over HTTP, and how messages are packed.
 import type {
-  Described, FlowEntry, Insight, Job, KeptPhoto, Layers, PastRun, PastStep, PhotoRecipe, Picture, Problem, Recipe, Start, ToPage, ToServer,
+  Described, FlowEntry, Insight, Job, KeptPhoto, Layers, Material, MaterialRequest, OpenMaterial, PastRuns, PastStep, PhotoRecipe, Picture, PicturePage,
+  Problem, ProjectState, ProjectViewRequest, Recipe, Start, ToPage, ToServer, Wall,
 } from "./messages";
 
 /** Why a request was refused, in one line for the user. */
 export class RequestError extends Error {}
+/** There is no server at present. */
+export class NoAnswerError extends RequestError {}
+
+const KEPT_ALIVE = 30_000; // characters; browsers refuse more than 64 kB
 
 async function request(path: string, options: RequestInit = {}): Promise<Response> {
   let answer: Response;
   try {
     answer = await fetch(path, options);
   } catch {
-    throw new RequestError("The studio does not answer. Is `texloom studio` still running?");
+    throw new NoAnswerError("The studio does not answer. Is `texloom studio` still running?");
   }
   if (answer.ok) return answer;
   const text = await answer.text();
@@ -24,9 +29,11 @@ async function request(path: string, options: RequestInit = {}): Promise<Respons
   throw new RequestError(problem);
 }
 
-async function post<T>(path: string, body?: unknown): Promise<T> {
+/** `isLast`: it is to arrive although the page is being closed, if that is possible. */
+async function post<T>(path: string, body?: unknown, isLast = false): Promise<T> {
   const headers = { "content-type": "application/json" };
-  const options = { method: "POST", headers, body: body === undefined ? undefined : JSON.stringify(body) };
+  const text = body === undefined ? undefined : JSON.stringify(body);
+  const options = { method: "POST", headers, body: text, keepalive: isLast && (text?.length ?? 0) < KEPT_ALIVE };
   return (await (await request(path, options)).json()) as T;
 }
 
@@ -34,7 +41,15 @@ export const start = async (): Promise<Start> => (await request("/api/start")).j
 export const describe = (recipe: Recipe): Promise<Described> => post("/api/described", recipe);
 /** Write the geometry file of a photograph. */
 export const keepPhoto = (recipe: PhotoRecipe): Promise<KeptPhoto> => post("/api/photographs", recipe);
-export const run = (recipe: Recipe): Promise<Job> => post("/api/jobs", recipe);
+
+/** What a run is for: a result of a material, which may correct another one, or files of a result for a program. */
+export interface Purpose {
+  material?: string;
+  parent?: string;
+  delivers?: string;
+}
+export const run = (recipe: Recipe, purpose: Purpose = {}): Promise<Job> =>
+  post(`/api/jobs?${new URLSearchParams(purpose as Record<string, string>)}`, recipe);
 export const cancel = (job: string): Promise<Response> => request(`/api/jobs/${job}`, { method: "DELETE" });
 
 /** Run again what has failed or was cancelled. */
@@ -51,7 +66,20 @@ export const fileAddress = (job: string, file: string): string =>
 /** All files of a run in one. */
 export const allAddress = (job: string): string => `/api/jobs/${job}/all`;
 
-export const runs = async (): Promise<PastRun[]> => (await request("/api/runs")).json();
+// -- the project
+export const project = async (): Promise<ProjectState> => (await request("/api/project")).json();
+export const lookAt = (view: ProjectViewRequest): Promise<null> => post("/api/project/view", view, true);
+export const createMaterial = (recipe: Recipe): Promise<Material> => post("/api/materials", recipe);
+export const openMaterial = async (id: string): Promise<OpenMaterial> => (await request(`/api/materials/${id}`)).json();
+export const editMaterial = (id: string, change: MaterialRequest): Promise<Material> => post(`/api/materials/${id}`, change, true);
+export const duplicateMaterial = (id: string): Promise<Material> => post(`/api/materials/${id}/duplicate`);
+export const wall = async (query: Record<string, string>): Promise<Wall> =>
+  (await request(`/api/materials?${new URLSearchParams(query)}`)).json();
+export const pictures = async (query: Record<string, string>): Promise<PicturePage> =>
+  (await request(`/api/library?${new URLSearchParams(query)}`)).json();
+export const thumbnailAddress = (job: string): string => `/api/thumbnails/${job}`;
+
+export const runs = async (): Promise<PastRuns> => (await request("/api/runs")).json();
 export const steps = async (id: string): Promise<PastStep[]> => (await request(`/api/runs/${id}`)).json();
 export const flows = async (): Promise<FlowEntry[]> => (await request("/api/flows")).json();
 export const layers = async (item: string): Promise<Layers> =>

@@ -1,27 +1,33 @@
 // What all views share: the socket, the runs, the pictures, and messages for the user.
 import type { Draft } from "./drafts";
-import type { Job, Picture, Recipe, Start, ToPage, ToServer } from "./messages";
-import { describe, RequestError, run } from "./server";
+import type { Job, Picture, ProjectState, Recipe, Start, ToPage, ToServer, Variant } from "./messages";
+import { Project } from "./project";
+import { describe, type Purpose, RequestError, run } from "./server";
 import { Socket } from "./socket";
 
 export type Payload = Uint8ClampedArray<ArrayBuffer>;
 type Receiver = (message: ToPage, payload: Payload) => void;
 
 /**
- * Changes are told as events: `change`, `problem` with a text, `described` with a recipe that is to be shown, and `renewed`
- * where the server knows nothing of this page any more.
+ * Changes are told as events: `change`, `opened` where another material is to be shown, `problem` with a text,
+ * `described` with a recipe that is to be shown, and `renewed` where the server knows nothing of this page any more.
  */
 export class Studio extends EventTarget {
   readonly jobs = new Map<string, Job>();
   pictures: Picture[];
+  /** those that were dropped since the page was opened, the last one first */
+  added: Picture[] = [];
   isConnected = false;
   private readonly receivers = new Set<Receiver>();
   private readonly socket: Socket;
   private number = 0;
 
-  constructor(readonly begin: Start) {
+  readonly project: Project;
+
+  constructor(readonly begin: Start, project: ProjectState) {
     super();
-    this.pictures = [...begin.pictures];
+    this.project = new Project(project, this);
+    this.pictures = [...begin.listed.pictures];
     this.socket = new Socket(
       (message, payload) => this.receive(message, payload),
       (is) => {
@@ -55,9 +61,16 @@ export class Studio extends EventTarget {
   }
 
   /** Start a run; it is among `jobs` before the server tells of it. */
-  async start(recipe: Recipe | undefined): Promise<Job | undefined> {
-    const job = recipe && (await this.attempt(run(recipe)));
+  async start(recipe: Recipe | undefined, purpose?: Purpose): Promise<Job | undefined> {
+    const job = recipe && (await this.attempt(run(recipe, purpose)));
     if (job && !this.jobs.has(job.id)) this.jobs.set(job.id, job);
+    return job;
+  }
+
+  /** Start a run whose result is one of the material that is open, maybe as a correction of another one. */
+  async make(recipe: Recipe, parent = ""): Promise<Job | undefined> {
+    const job = await this.start(recipe, { material: await this.project.ready(), parent });
+    if (job) this.project.add({ job, made: Date.now() / 1000, parent, folder: "", starts: 0 });
     return job;
   }
 
@@ -93,8 +106,23 @@ export class Studio extends EventTarget {
   }
 
   add(picture: Picture): void {
+    this.added = [picture, ...this.added.filter((one) => one.id !== picture.id)];
     this.pictures = [picture, ...this.pictures.filter((one) => one.id !== picture.id)];
     this.changed();
+  }
+
+  /** Know pictures that are not among those first listed. */
+  know(pictures: Picture[]): void {
+    const others = pictures.filter((one) => !this.picture(one.id));
+    if (others.length) this.pictures = [...this.pictures, ...others];
+  }
+
+  /** Know runs of an earlier server. */
+  knowRuns(variants: Variant[]): void {
+    for (const { job } of variants) {
+      const known = this.jobs.get(job.id);
+      if (!known || isOver(job) || !isOver(known)) this.jobs.set(job.id, job); // else the socket was faster
+    }
   }
 
   changed(): void {
@@ -121,9 +149,12 @@ export class Studio extends EventTarget {
       this.jobs.set(message.job.id, message.job);
       this.changed();
     }
+    this.project.receive(message);
     this.receivers.forEach((receiver) => receiver(message, payload));
   }
 }
+
+export const isOver = ({ state }: Job): boolean => state !== "waiting" && state !== "running";
 
 /** Pixels of a message as something to draw. */
 export function canvasOf(payload: Payload, width: number, height: number): HTMLCanvasElement {
