@@ -51,7 +51,9 @@ class Preflight:
                 if problem is not None:
                     raise InputError(one_line(f"--out {out}: {problem}"))
         self._check_tiles()
-        if self.run.flow.delivery.material is not None and len(self.run.items) > 1:
+        exports = self.run.flow.exports.items()
+        of_items = any(file.endswith("/") and self.run.scope_of(one) == "item" for file, one in exports)
+        if self.run.flow.delivery.material is not None and of_items and len(self.run.items) > 1:
             raise InputError("--material: names one material, and the flow runs over a set; leave it out")
         for scope in self.run.sample_scopes():
             for file, reference in self.run.flow.exports.items():

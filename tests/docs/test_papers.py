@@ -20,12 +20,13 @@ def papers() -> ModuleType:
 
 @pytest.fixture(scope="module")
 def rows(papers: ModuleType) -> dict[str, list[tuple[str, ...]]]:
-    """The cells of each paper's table, as they stand on the page."""
-    tables = re.split(r"^## (\w+)\n", papers.FILE.read_text(encoding="utf-8"), flags=re.MULTILINE)
-    return {
-        key: [tuple(line[2:-2].split(" | ")) for line in table.splitlines() if line.startswith("| ")][1:]
-        for key, table in zip(tables[1::2], tables[2::2], strict=True)
-    }
+    """The cells of each paper's table of stages, as they stand on the page."""
+    sections = re.split(r"^## (\w+)\n", papers.FILE.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    found = {}
+    for key, section in zip(sections[1::2], sections[2::2], strict=True):
+        of_stages = section.partition("| figure or table |")[0]
+        found[key] = [tuple(line[2:-2].split(" | ")) for line in of_stages.splitlines() if line.startswith("| ")][1:]
+    return found
 
 
 def test_page_is_current(papers: ModuleType) -> None:
