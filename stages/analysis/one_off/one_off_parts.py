@@ -81,7 +81,7 @@ def one_off_parts(image: Image, params: OneOffPartsParams, generators: Vectors |
     Two searches: parts that no quarter of the exemplar looks like, as `foreign_parts` of photographs are, which the
     mean cell of a lattice does not explain either: signs, stains, cornices; and lines from border to border that
     stand out more than any other, see `crossing_line`: pipes and cracks. Together they are at most an eighth of the
-    exemplar; more is told as doubtful, since then it has several materials.
+    exemplar; more is told as doubtful where it is in few pieces, since then it has several materials.
 
     Parameters
     ----------
@@ -152,6 +152,8 @@ def _found(image: Image, valid: Mask, generators: Vectors | None) -> _Found:
         unlike = max(unlike, float(far.max()))
         foreign &= valid
         if foreign.sum() > _MOST * valid.sum():
+            if _pieces(foreign) > _FEW:  # as flowers and their ground are
+                foreign[:] = False
             return _Found(foreign, False, unlike)
         if foreign.any():
             if threshold == _SURE:
