@@ -24,8 +24,8 @@ def rows(papers: ModuleType) -> dict[str, list[tuple[str, ...]]]:
     sections = re.split(r"^## (\w+)\n", papers.FILE.read_text(encoding="utf-8"), flags=re.MULTILINE)
     found = {}
     for key, section in zip(sections[1::2], sections[2::2], strict=True):
-        of_stages = section.partition("| figure or table |")[0]
-        found[key] = [tuple(line[2:-2].split(" | ")) for line in of_stages.splitlines() if line.startswith("| ")][1:]
+        lines = section.partition("| figure or table |")[0].splitlines()
+        found[key] = [tuple(line[2:-2].split(" | ")) for line in lines if line.startswith("| ")][1:]
     return found
 
 
