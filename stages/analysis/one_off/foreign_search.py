@@ -74,8 +74,12 @@ def _from_cells_around(lab: Float32[np.ndarray, "h w 3"], valid: Mask, frame: np
 
 def as_searched(image: Image, valid: Mask, side: int = _SIDE) -> tuple[Float32[np.ndarray, "h w 3"], Mask]:
     """CIELAB at which is searched, and where it counts."""
-    lab = lab_from_linear(reduced(np.ascontiguousarray(fill_excluded(image).color), side))
-    return lab, reduced(valid[..., None].astype(np.float32), side)[..., 0] > 0.5
+    return lab_from_linear(reduced(np.ascontiguousarray(fill_excluded(image).color), side)), counted(valid, side)
+
+
+def counted(valid: Mask, side: int = _SIDE) -> Mask:
+    """A mask at the size at which is searched."""
+    return np.asarray(reduced(valid[..., None].astype(np.float32), side)[..., 0] > 0.5)
 
 
 def foreign_search(

@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from texloom.stages.analysis.exemplars.exclusion_mask import ExclusionMaskParams, exclusion_mask
-from texloom.stages.analysis.one_off.foreign_search import as_searched, foreign_search, with_margin
+from texloom.stages.analysis.one_off.foreign_search import as_searched, counted, foreign_search, with_margin
 from texloom.stages.analysis.photographs.blemishes import blemishes
 from texloom.stages.analysis.photographs.evenness import picture_evenness
 from texloom.stages.analysis.photographs.flatness import Flatness, flatness
@@ -217,5 +217,5 @@ def _why(by: str, masked: float, left: float, cells: float, banded: bool) -> str
 def _blemished(image: Image, valid: Mask, usable: Mask) -> Mask:
     """What stands out on a plain surface, with a margin."""
     lab, small = as_searched(image, valid)
-    found = blemishes(lab, small, small & ~as_searched(image, usable)[1])
+    found = blemishes(lab, small, small & ~counted(usable))
     return with_margin(found, usable.shape) if found.any() else np.zeros(usable.shape, np.bool_)

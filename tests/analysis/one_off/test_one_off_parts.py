@@ -107,3 +107,15 @@ def test_a_wish_that_changes_nothing_is_told(caplog: pytest.LogCaptureFixture) -
     with caplog.at_level(logging.WARNING):
         assert searched(wall("plaster"), "leave_out").table["done"] == "none"
     assert "changes nothing" in caplog.messages[0]
+
+
+@pytest.mark.parametrize(("count", "radius", "done"), [(1, 45, "told"), (12, 14, "none")])
+def test_another_material_is_in_few_pieces(count: int, radius: int, done: str) -> None:
+    """Twelve discs are what the exemplar is of, as flowers are; one as large as all of them is something else."""
+    rng = np.random.default_rng(3)
+    pixels = (np.array([0.05, 0.2, 0.05]) + rng.normal(0, 0.02, (SIDE, SIDE, 1))).astype(np.float32)
+    rows, columns = np.indices((SIDE, SIDE))
+    for number in range(count):
+        row, column = (80, 80) if count == 1 else (28 + number // 4 * 52, 20 + number % 4 * 40)
+        pixels[np.hypot(rows - row, columns - column) < radius] = 0.9
+    assert searched(np.clip(pixels, 0, 1)).table["done"] == done
