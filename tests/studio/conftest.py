@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -138,14 +139,21 @@ class Watched:
         assert [url for url in self.requests if not url.startswith(own)] == []
 
 
-@pytest.fixture
-def watched(chromium: Any, served: Served) -> Iterator[Watched]:
-    """A page at the size for which the studio is laid out; its console and requests are checked at the end."""
-    context = chromium.new_context(viewport={"width": 1280, "height": 720}, accept_downloads=True)
+@contextlib.contextmanager
+def watching(chromium: Any, served: Served, width: int, height: int, **options: Any) -> Iterator[Watched]:
+    """A page in a window of its own of this size; its console and requests are checked at the end."""
+    context = chromium.new_context(viewport={"width": width, "height": height}, **options)
     watched = Watched(context.new_page(), served)
     yield watched
     watched.check()
     context.close()
+
+
+@pytest.fixture
+def watched(chromium: Any, served: Served) -> Iterator[Watched]:
+    """A page at the size for which the studio is laid out."""
+    with watching(chromium, served, 1280, 720, accept_downloads=True) as watched:
+        yield watched
 
 
 def run_again(arguments: list[str], folder: Path) -> Path:

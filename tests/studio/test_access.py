@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.studio.conftest import Served, Watched
+from tests.studio.conftest import Served, Watched, watching
 
 NAMELESS = """() => [...document.querySelectorAll("button, input, select, a, canvas, img")]
   .filter((one) => one.checkVisibility() && !one.closest("[aria-hidden=true]"))
@@ -21,11 +21,8 @@ TOO_WIDE = """() => [document.documentElement, ...document.querySelectorAll("asi
 @pytest.fixture
 def touched(chromium: Any, served: Served) -> Iterator[Watched]:
     """A page under fingers."""
-    context = chromium.new_context(viewport={"width": 1280, "height": 720}, has_touch=True)
-    watched = Watched(context.new_page(), served)
-    yield watched
-    watched.check()
-    context.close()
+    with watching(chromium, served, 1280, 720, has_touch=True) as watched:
+        yield watched
 
 
 def masks(watched: Watched) -> Any:

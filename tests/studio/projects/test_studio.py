@@ -14,7 +14,7 @@ from typing import Any
 import PIL.Image
 import pytest
 
-from tests.studio.conftest import Served, Watched, exemplar
+from tests.studio.conftest import Served, Watched, exemplar, watching
 from texloom.pipelines.studio.projects.files import FOLDER
 
 RECIPE = {"flow": "quilting", "sources": {"exemplar": "folder:blotches.png"}, "size": "64x64", "seed": 3}
@@ -41,11 +41,8 @@ def folder(page: None, tmp_path: Path) -> Path:
 @pytest.fixture
 def tab(chromium: Any, served: Served) -> Iterator[Watched]:
     """A page of the studio of the module."""
-    context = chromium.new_context(viewport={"width": 1440, "height": 900}, accept_downloads=True)
-    watched = Watched(context.new_page(), served)
-    yield watched
-    watched.check()
-    context.close()
+    with watching(chromium, served, 1440, 900, accept_downloads=True) as watched:
+        yield watched
 
 
 def finished(page: Any, seed: str) -> None:
@@ -124,6 +121,24 @@ def test_files_are_called_after_their_material_and_never_overwrite_others(tab: W
         settings.get_by_role("button", name="Save in the folder").click()
         settings.get_by_text(f"Saved in {tab.served.folder / f'{stem}_quilting'}").wait_for()
     assert (tab.served.folder / "Mur_quilting" / "texture.png").is_file()
+
+
+def test_a_name_that_is_typed_outlives_news(tab: Watched) -> None:
+    """Another page renames the material and makes it a favourite meanwhile."""
+    page, served = tab.page, tab.served
+    made = served.json("/api/materials", RECIPE)
+    page.get_by_role("tab", name="Materials").click()
+    page.locator("materials-view").get_by_role("button", name=f"Open {made['name']}", exact=True).click()
+    name = page.get_by_label("Name of the material")
+    name.wait_for()
+    name.fill("Half a na")
+    served.json(f"/api/materials/{made['id']}", {"name": "Renamed elsewhere", "is_favourite": True})
+    page.get_by_role("button", name="Favourite", exact=True, pressed=True).wait_for()
+    assert name.input_value() == "Half a na"
+    name.press_sequentially("me")
+    name.press("Enter")
+    while served.json(f"/api/materials/{made['id']}")["material"]["name"] != "Half a name":
+        pass
 
 
 def test_rename_tag_duplicate_delete_and_undo_on_the_wall(tab: Watched) -> None:

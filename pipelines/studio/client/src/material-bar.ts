@@ -1,6 +1,6 @@
 // The material that is open: its name, whether it is a favourite, and its results to go back to.
 import { html, nothing, type TemplateResult } from "lit";
-import { customElement, property } from "lit/decorators.js";
+import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
 import type { MaterialRequest, Variant } from "./messages";
 import { title } from "./recipe-form";
@@ -10,6 +10,8 @@ import { isOver, type Studio } from "./studio";
 @customElement("material-bar")
 export class MaterialBar extends Element {
   @property({ attribute: false }) studio!: Studio;
+  /** the name that is being typed, which news of the material leave alone */
+  @state() private typed: string | null = null;
 
   override connectedCallback(): void {
     super.connectedCallback();
@@ -22,7 +24,9 @@ export class MaterialBar extends Element {
     const { problem } = project.state;
     return html`<div class="bar material">
       ${material
-        ? html`<input type="text" aria-label="Name of the material" maxlength="64" .value=${material.name}
+        ? html`<input type="text" aria-label="Name of the material" maxlength="64" .value=${this.typed ?? material.name}
+              @input=${(event: Event) => (this.typed = (event.target as HTMLInputElement).value)}
+              @blur=${() => (this.typed = null)}
               @change=${(event: Event) => this.rename(event.target as HTMLInputElement)} />
             <button class="quiet" aria-pressed=${material.is_favourite} aria-label="Favourite" title="Favourite"
               @click=${() => this.edit({ is_favourite: !material.is_favourite })}>${material.is_favourite ? "★" : "☆"}</button>`
@@ -34,6 +38,7 @@ export class MaterialBar extends Element {
 
   private rename(input: HTMLInputElement): void {
     const name = input.value.trim();
+    this.typed = null;
     if (name) this.edit({ name });
     else input.value = this.studio.project.material?.name ?? "";
   }

@@ -123,7 +123,8 @@ export class Project {
     if (!material || this.target !== target || !this.material) return;
     this.host.knowRuns(material.variants);
     const { name, is_named, tags, is_favourite, is_deleted, variants } = material;
-    this.material = { ...this.material, name, is_named, tags, is_favourite, is_deleted, variants };
+    const changes = this.waiting as Partial<Material>; // of this page, which the server does not have yet
+    this.material = { ...this.material, name, is_named, tags, is_favourite, is_deleted, variants, ...changes };
     this.host.changed();
   }
 
