@@ -8,6 +8,7 @@ KEPT, FREE, FILLED, ABSENT = 0, 1, 2, 3
 """state of a pixel: keeps its source, may take either, takes the new one, has none"""
 
 _DOWN, _RIGHT, _UP, _LEFT = 0, 1, 2, 3
+NO_PRICE = np.zeros((0, 0), np.int32)
 _BLOCKED = -2  # level of a node from which nothing more flows before the next levels
 
 
@@ -42,7 +43,7 @@ def cut_cells(lab, slopes, core, offset, unit, most, old, rows, shifts, state, f
                 new[y, x, 0], new[y, x, 1] = shifts[window, 0] + y, shifts[window, 1] + x
         cut_window(
             lab, slopes, core, offset, unit, most, old[top:bottom, :width], new, state[top:bottom, :width],
-            taken[top:bottom, :width], costs[window],
+            taken[top:bottom, :width], costs[window], NO_PRICE,
         )  # fmt: skip
 
 
@@ -73,7 +74,7 @@ def _cost(lab, slopes, core, offset, unit, most, axis, y, x, v, u):
 
 
 @compiled
-def cut_window(lab, slopes, core, offset, unit, most, old, new, state, taken, costs):
+def cut_window(lab, slopes, core, offset, unit, most, old, new, state, taken, costs, price):
     """Fill ``taken`` with the pixels of one window that take their new source, see `cut_cells`.
 
     Parameters
@@ -81,7 +82,8 @@ def cut_window(lab, slopes, core, offset, unit, most, old, new, state, taken, co
     old, new : (m, n, 2) int32, sources of its pixels
     state : (m, n) int8
     taken : (m, n) bool
-    costs : (2,) int64, of all seams before and after
+    costs : (2,) int64, of all seams before and after, and the price of pixels that may take either
+    price : (h, w) int32, of each pixel of the exemplar as a source, in steps; `NO_PRICE` for none
     """
     height, width = state.shape
     node = np.full((height, width), -1, np.int32)
@@ -95,6 +97,13 @@ def cut_window(lab, slopes, core, offset, unit, most, old, new, state, taken, co
     capacity = np.zeros((count, 4), np.int64)  # to the neighbour on each side
     keep, take = np.zeros(count, np.int64), np.zeros(count, np.int64)
     before = np.int64(0)
+    if price.size:
+        for y in range(height):
+            for x in range(width):
+                if state[y, x] == FREE:
+                    keep[node[y, x]] = price[old[y, x, 0], old[y, x, 1]]
+                    take[node[y, x]] = price[new[y, x, 0], new[y, x, 1]]
+                    before += keep[node[y, x]]
     for axis in range(2):
         forth, back = (_DOWN, _UP) if axis == 0 else (_RIGHT, _LEFT)
         for y in range(height - (axis == 0)):
@@ -131,6 +140,12 @@ def cut_window(lab, slopes, core, offset, unit, most, old, new, state, taken, co
         for x in range(width):
             taken[y, x] = state[y, x] == FILLED or (node[y, x] >= 0 and reaches[node[y, x]] >= 0)
     after = np.int64(0)
+    if price.size:
+        for y in range(height):
+            for x in range(width):
+                if state[y, x] == FREE:
+                    chosen = new[y, x] if taken[y, x] else old[y, x]
+                    after += price[chosen[0], chosen[1]]
     for axis in range(2):
         for y in range(height - (axis == 0)):
             for x in range(width - (axis == 1)):

@@ -1,1 +1,1 @@
-"""Overlaps, minimum cuts and seam carving."""
+"""Overlaps, minimum cuts, expansion moves and seam carving."""

@@ -229,7 +229,7 @@ class _Tiling:
         """Blending weight of each pixel of a tile: 1 inside the cut, 0 outside."""
         import cv2
 
-        from texloom.stages.kernels.cells.cell_cuts import ABSENT, FILLED, FREE, KEPT, cut_window
+        from texloom.stages.kernels.cells.cell_cuts import ABSENT, FILLED, FREE, KEPT, NO_PRICE, cut_window
 
         at = matrix_product((corner + self.frame) % self.canvas, [self.canvas[1], 1])
         old = self.match[at].astype(np.int32)
@@ -239,7 +239,7 @@ class _Tiling:
         depth, band = self.window.depth, self.window.band
         state[self.at] = np.where(filled & (depth <= band), FREE, FILLED)
         taken = np.zeros(state.shape, bool)
-        cut_window(*self.costs, old, new, state, taken, np.zeros(2, np.int64))
+        cut_window(*self.costs, old, new, state, taken, np.zeros(2, np.int64), NO_PRICE)
         weight = taken.astype(np.float32)
         if self.params.blend:
             side = 2 * self.params.blend + 1

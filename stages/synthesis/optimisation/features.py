@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float32, Int16
 
 from texloom.stages.common.features.maps import map_features
 from texloom.stages.common.grids.pyramid import MAX_ROW_VALUES
-from texloom.stages.common.grids.working_size import Halvings, reduction
+from texloom.stages.common.grids.working_size import Halvings, reduction, square_means
 from texloom.stages.common.similarity.neighbourhoods import UNIT, fixed_point
 from texloom.stages.synthesis.optimisation.guides import Guides
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
@@ -134,6 +134,10 @@ class PatchFeatures:
             asked[band] = ~np.isnan(values)
             given[band] = fixed_point(np.where(asked[band], values, np.float32(0))).reshape(values.shape)
         return exemplar, given, None if asked.all() else asked
+
+    def halved(self) -> Float32[np.ndarray, "p q c"]:
+        """Features of the exemplar at half its size, without lattice phase and guides, CIELAB units."""
+        return square_means(self.planes, 2) * self.factors
 
     def release(self) -> None:
         """Free the planes of a large exemplar, after the last call of `at`: they take the memory of the votes."""

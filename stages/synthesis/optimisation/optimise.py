@@ -35,6 +35,7 @@ from texloom.stages.synthesis.optimisation.inputs import check_inputs, check_pat
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase, min_spacing
 from texloom.stages.synthesis.optimisation.match_search import Search, occurrence_map
 from texloom.stages.synthesis.optimisation.scale import Rounds
+from texloom.stages.synthesis.optimisation.seam_relaxation import relax_seams
 from texloom.stages.synthesis.optimisation.several_exemplars import SeveralExemplars, largest_block
 from texloom.stages.synthesis.optimisation.starts import best_start
 from texloom.stages.synthesis.optimisation.vote import HistogramVote, mean_vote, result_image, vote_pixels, window
@@ -70,6 +71,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "starts": 1,
         "border": False,
         "whole_cells": False,
+        "relaxed_seams": False,
     },
     "default": {},
     "fast": {
@@ -130,6 +132,9 @@ class OptimiseParams(CoarseToFineParams):
     whole_cells: bool = True
     """at the end, whole cells of the exemplar, such as bricks or stones, replace those that show parts of several;
     where contours or a lattice show cells, and nothing is kept or guided"""
+    relaxed_seams: bool = True
+    """at the end, seams between pieces of the exemplar move to where they are seen least; where nothing is kept or
+    guided"""
 
     def occurrence_at(self, scale: PatchScale) -> float:
         """Weight of spatial uniformity at a scale."""
@@ -201,6 +206,8 @@ class _Optimisation:
         self.params = params
         self.final = window(params.patch_size, params.schedule.final_sigma)
         self.wrap = params.tileable or NOWHERE
+        self.halved: Float32[np.ndarray, "h w c"] | None = None
+        """features of the exemplar at half its size, from the last scale on"""
 
     @property
     def lab(self) -> Float32[np.ndarray, "h w 3"]:
@@ -225,6 +232,8 @@ class _Optimisation:
         """Improve ``match`` in place at one scale, iteration by iteration."""
         phased = self.compared.phase is not None and (scale.level == 1 or scale.within(_PHASE_SHARE))
         features = self.compared.at(scale, phased, self.params.beyond)
+        if scale.level == scale.count and self.params.relaxed_seams:
+            self.halved = self.compared.halved()
         if scale.level == scale.count and self.fixed is None:  # else fixed pixels look at the planes once more
             self.compared.release()
         return self._rounds(match, scale, features, random)
@@ -306,7 +315,7 @@ class _Optimisation:
         return best_start(exemplar, [self.picture(match, scale) for match in matches], records)
 
 
-@stage(version=2, check=check_patches, in_bands=True, exemplar_bytes=90, seconds=(0.5, 9))
+@stage(version=3, check=check_patches, in_bands=True, exemplar_bytes=90, seconds=(0.5, 9))
 def optimise(
     image: Image,
     start: Correspondence,
@@ -434,6 +443,9 @@ def optimise(
         optimisation, scales, randoms, params.tolerance, checkpoints, others, optimisation.best
     )
 
+    if params.relaxed_seams and keep is None and guides is None and several is None:
+        halved = optimisation.compared.halved() if optimisation.halved is None else optimisation.halved
+        relax_seams(match, halved, params.patch_size, wrap, scales[-1].allowed, scales[-1].places)
     if params.whole_cells and keep is None and guides is None:
         lab, allowed = optimisation.lab, scales[-1].allowed
         del optimisation.compared

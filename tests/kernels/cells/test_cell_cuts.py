@@ -1,7 +1,7 @@
 import numpy as np
 
 from tests.kernels.cells import naive
-from texloom.stages.kernels.cells.cell_cuts import ABSENT, FILLED, FREE, KEPT, cut_cells, cut_window
+from texloom.stages.kernels.cells.cell_cuts import ABSENT, FILLED, FREE, KEPT, NO_PRICE, cut_cells, cut_window
 
 UNIT, MOST, OFFSET = 64.0, 4096.0, 8.0
 
@@ -55,7 +55,7 @@ def test_a_window_may_have_any_sources_and_pixels_without_one(rng: np.random.Gen
         state = rng.choice([KEPT, FILLED, ABSENT, ABSENT], (4, 5)).astype(np.int8)
         state.ravel()[rng.permutation(20)[:5]] = FREE
         taken, costs = np.zeros((4, 5), bool), np.zeros(2, np.int64)
-        cut_window(*given, old, new, state, taken, costs)
+        cut_window(*given, old, new, state, taken, costs, NO_PRICE)
         assert taken[state == FILLED].all()
         assert not taken[state == KEPT].any()
         after = naive.seams(*given, np.where(taken[..., None], new, old), state)

@@ -1,0 +1,88 @@
+"""Expansion moves in tiles of a result: displacements spread along minimum cuts."""
+
+import numpy as np
+
+from texloom.stages.kernels.cells.cell_cuts import FILLED, FREE, KEPT, cut_window
+from texloom.stages.kernels.core.compiled import compiled, inner
+
+_FACTOR = 1 << 24  # sides of pictures are smaller
+
+
+@compiled
+def expand_in_tiles(features, slopes, core, offset, unit, most, price, places, source, tiles, least, first, last):
+    """Let the most frequent displacements of each tile spread over its inside where that makes its seams cheaper.
+
+    Seams are looked at in every second row and column, where displacements are halved.
+
+    Parameters
+    ----------
+    features, slopes, core, offset, unit, most, price : see `cut_window`; of the exemplar at half its size
+    places : (h, w) bool, which pixels of the exemplar may be sources
+    source : (2, H, W) int32, sources of the result's pixels, changed in place
+    tiles : (n, 4) int64, first row and column, height and width; those that go beyond the result go on at its
+        other side; no two overlap
+    least : (2,) int64: pixels that a displacement needs to spread; and cost of seams that a tile needs, in steps
+    first, last : the tiles that are looked at
+    """
+    for tile in range(first, last):
+        top, left = tiles[tile, 0], tiles[tile, 1]
+        height, width = tiles[tile, 2] // 2, tiles[tile, 3] // 2
+        shift = np.empty((height, width, 2), np.int64)  # at full size
+        old = np.empty((height, width, 2), np.int32)
+        for y in range(height):
+            for x in range(width):
+                for axis in range(2):
+                    at = source[axis, (top + 2 * y) % source.shape[1], (left + 2 * x) % source.shape[2]]
+                    shift[y, x, axis] = at - (2 * x if axis else 2 * y)
+                    old[y, x, axis] = at // 2
+        state = np.full((height, width), KEPT, np.int8)
+        new, taken, costs = np.zeros_like(old), np.zeros((height, width), np.bool_), np.zeros(2, np.int64)
+        state[1:-1, 1:-1] = FILLED
+        cut_window(features, slopes, core, offset, unit, most, old, old, state, taken, costs, price)
+        if costs[0] < least[1]:
+            continue
+        for value in _most_frequent(shift, least[0]):
+            down, across = value // _FACTOR - _FACTOR // 2, value % _FACTOR - _FACTOR // 2
+            for y in range(1, height - 1):
+                for x in range(1, width - 1):
+                    row, column = 2 * y + down, 2 * x + across
+                    state[y, x] = KEPT
+                    if shift[y, x, 0] == down and shift[y, x, 1] == across:
+                        state[y, x] = FILLED
+                        new[y, x] = old[y, x]
+                    elif _block_may_be(places, row, column):
+                        state[y, x] = FREE
+                        new[y, x, 0], new[y, x, 1] = row // 2, column // 2
+            cut_window(features, slopes, core, offset, unit, most, old, new, state, taken, costs, price)
+            if costs[1] >= costs[0]:
+                continue
+            for y in range(1, height - 1):
+                for x in range(1, width - 1):
+                    if state[y, x] != FREE or not taken[y, x]:
+                        continue
+                    shift[y, x, 0], shift[y, x, 1] = down, across
+                    old[y, x] = new[y, x]
+                    for row in range(2 * y, 2 * y + 2):
+                        for column in range(2 * x, 2 * x + 2):
+                            v, u = (top + row) % source.shape[1], (left + column) % source.shape[2]
+                            source[0, v, u], source[1, v, u] = row + down, column + across
+
+
+@inner
+def _block_may_be(places, row, column):
+    """Whether four pixels may be sources."""
+    if not (0 <= row < places.shape[0] - 1 and 0 <= column < places.shape[1] - 1):
+        return False
+    upper, lower = places[row], places[row + 1]
+    return upper[column] and upper[column + 1] and lower[column] and lower[column + 1]
+
+
+@inner
+def _most_frequent(shift, least):
+    """Displacements of at least so many pixels, the most frequent first, each as one number."""
+    values = (shift[..., 0] + _FACTOR // 2) * _FACTOR + shift[..., 1] + _FACTOR // 2
+    ordered = np.sort(values.ravel())
+    firsts = np.flatnonzero(np.append(True, ordered[1:] != ordered[:-1]))
+    counts = np.append(firsts[1:], ordered.size) - firsts
+    frequent = firsts[counts >= least]
+    return ordered[frequent][np.argsort(-counts[counts >= least], kind="mergesort")]
