@@ -8,6 +8,7 @@ import hashlib
 import os
 import shutil
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,6 +29,11 @@ os.environ.setdefault("NUMBA_CACHE_DIR", str(ROOT / ".pytest_cache" / f"kernels-
 
 # Kernels for CUDA run in Numba's simulator; NUMBA_ENABLE_CUDASIM=0 runs them on a GPU.
 os.environ.setdefault("NUMBA_ENABLE_CUDASIM", "1")
+
+# What is compiled is kept, whatever this environment says: hundreds of processes that tests start load it, and each
+# worker of pytest-xdist all tests.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # The key by which texloom knows its stores is not that of whoever runs the tests.
 os.environ["XDG_CONFIG_HOME"] = str(ROOT / ".pytest_cache" / "config")

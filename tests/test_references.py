@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from pathlib import Path
 
@@ -15,6 +16,7 @@ CITATION = re.compile(r"\[([A-Za-z]+\d{4}[a-z]?)\](_?)")
 ENTRIES = {key: body for _, key, body in ENTRY.findall((ROOT / "stages" / "references.bib").read_text("utf-8"))}
 
 
+@functools.cache
 def cited(path: Path) -> set[str]:
     return {key for key, _ in CITATION.findall(path.read_text("utf-8"))}
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.errors import refused
-from texloom.pipelines.flow.items import own_names
+from texloom.pipelines.flow.items import MOST_NAMES, own_names
 from texloom.pipelines.flow.model import Each, Flow, Reference
 from texloom.pipelines.flow.source_files import is_pattern
 from texloom.pipelines.media.writers.registry import writer_of
@@ -18,7 +18,6 @@ from texloom.stages.vocabulary.arrays import Image
 
 _MAIN = "texture."
 _PICTURES = ("array", "picture", "image")
-_MOST_NAMES = 3  # of pictures, in the name of what is made of several
 
 
 def placed(run: Run, out: Path | None) -> tuple[Run, Path]:
@@ -85,8 +84,8 @@ def name_of_pictures(run: Run) -> str:
     if isinstance(sources.get(source), Each):
         paths = dict.fromkeys(item.sources[source] for item in run.items)
         names = list(own_names([*paths]).values())
-        rest = len(names) - _MOST_NAMES
-        return "_".join(names[:_MOST_NAMES]) + (f"_and_{rest}" if rest > 0 else "")
+        rest = len(names) - MOST_NAMES
+        return "_".join(names[:MOST_NAMES]) + (f"_and_{rest}" if rest > 0 else "")
     return run.shared.source(source).picture if run.shared.has_source(source) else ""
 
 

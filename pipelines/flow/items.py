@@ -19,6 +19,9 @@ from texloom.pipelines.flow.source_files import is_pattern, matching
 from texloom.pipelines.media import udim
 from texloom.pipelines.media.material_set import holds_maps
 
+MOST_NAMES = 3
+"""of pictures, in the name of what is made of several"""
+
 _MAX_ITEMS = 100_000
 _MAX_NAME = 255  # bytes of a folder's name
 _UNSAFE = ("Cc", "Cs", "Zl", "Zp")  # control characters, what is not Unicode, ends of lines

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import anyio.to_thread
 
+from texloom.pipelines.flow.items import MOST_NAMES
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.jobs import Jobs
 from texloom.pipelines.studio.library import is_painted
@@ -26,7 +27,6 @@ from texloom.pipelines.studio.work import Places, ThumbnailWork, library_of
 from texloom.stages.vocabulary.declare import InputError
 
 _GONE = "its files are no longer in the store; trying again makes the same once more"
-_MOST_NAMES = 3  # of pictures, in the name of a material
 _MOST_PICTURES = 64  # of a material that are described
 
 
@@ -101,7 +101,7 @@ class Studio:
         """What a material is called after the picture, or the first ones of several, that it begins with."""
         given = next(iter(recipe.sources.values()), "")
         try:
-            return " ".join(map(self.library.name_of, (given,) if isinstance(given, str) else given[:_MOST_NAMES]))
+            return " ".join(map(self.library.name_of, (given,) if isinstance(given, str) else given[:MOST_NAMES]))
         except InputError:
             return recipe.flow.replace("_", " ")
 

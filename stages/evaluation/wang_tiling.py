@@ -2,10 +2,11 @@
 
 import dataclasses
 import logging
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Int32
+from jaxtyping import Float32, Int32, Int64
 from pydantic import Field
 
 from texloom.stages.common.features.maps import map_channels
@@ -81,8 +82,7 @@ def wang_tiling(
     if match is not None and rectangles is not None:
         height, width = (rectangles[:, :2] + rectangles[:, 2:]).max(axis=0).tolist()
         materials = numbers_in(rectangles, height, width)[match[..., 0], match[..., 1]]
-    own = laid(materials, places, size)
-    table = {name: _measured(laid(plane, places, size), own, size) for name, plane in planes.items()}
+    table = {name: _measured(plane, materials, places, size) for name, plane in planes.items()}
     color = laid(image.color, places, size)
     if max(color.shape) > params.side:
         import cv2
@@ -92,30 +92,69 @@ def wang_tiling(
 
 
 def _measured(
-    plane: Float32[np.ndarray, "H W c"], materials: Int32[np.ndarray, "H W"], size: int
+    plane: Float32[np.ndarray, "H W c"],
+    materials: Int32[np.ndarray, "H W"],
+    places: Int64[np.ndarray, "p q 2"],
+    size: int,
 ) -> dict[str, float]:
-    """Mean differences of neighbours in both directions, at the borders of tiles and everywhere."""
-    changes = [np.abs(np.diff(plane, axis=axis)).mean(axis=2) for axis in (0, 1)]
-    pairs = [_pairs(materials, axis) for axis in (0, 1)]
-    kinds = 1 + max(int(own.max()) for own in pairs)
-    counts = sum(np.bincount(own.ravel(), minlength=kinds) for own in pairs)
-    totals = sum(
-        np.bincount(own.ravel(), change.ravel(), kinds) for own, change in zip(pairs, changes, strict=True)
-    )
+    """Mean differences of neighbours in both directions, at the borders of tiles and everywhere, of tiles laid out.
+
+    Each tile, and each pair of tiles side by side, is measured once, and counted as often as it occurs.
+    """
+    kinds = (int(materials.max()) + 1) ** 2
+    counts, totals = np.zeros(kinds, np.int64), np.zeros(kinds)
+    lines = []
+    for axis in (0, 1):
+        order = places if axis == 0 else places.swapaxes(0, 1)[..., ::-1]
+        for change, kind, times in _changes(plane.swapaxes(0, axis), materials.swapaxes(0, axis), order, size):
+            lines.append((change, kind, times))
+            for own, number, often in zip(change, kind, times.tolist(), strict=True):
+                counts += often * np.bincount(number.ravel(), minlength=kinds)
+                totals += often * np.bincount(number.ravel(), own.ravel(), kinds)
     usual = totals / np.maximum(counts, 1)
-    lines = [change.mean(axis=1 - axis, dtype=np.float64) for axis, change in enumerate(changes)]
-    expected = [usual[own].mean(axis=1 - axis) for axis, own in enumerate(pairs)]
-    across, overall = (float(np.mean([of[size - 1 :: size].mean() for of in own])) for own in (lines, expected))
-    worst = max(
-        float(line[at::size].mean()) / (float(own[at::size].mean()) or 1.0)
-        for line, own in zip(lines, expected, strict=True)
-        for at in range(size)
-    )
+    found = [
+        np.stack(
+            [np.average(own.mean(axis=2, dtype=np.float64), axis=0, weights=times) for own in (change, usual[kind])]
+        )
+        for change, kind, times in lines
+    ]  # of the lines within tiles and of that between them, down and across: their change and what is usual
+    across, overall = ((found[1] + found[3]) / 2)[:, 0].tolist()
+    worst = max(float(line) / (float(own) or 1.0) for each in found for line, own in each.T)
     return {"across": across, "overall": overall, "ratio": across / (overall or 1.0), "worst": worst}
 
 
-def _pairs(materials: Int32[np.ndarray, "H W"], axis: int) -> Int32[np.ndarray, "p q"]:
-    """A number for each pair of neighbours, the same for all between the same two materials."""
-    ahead = np.take(materials, np.arange(1, materials.shape[axis]), axis)
-    behind = np.take(materials, np.arange(materials.shape[axis] - 1), axis)
-    return np.asarray(np.minimum(ahead, behind) * (materials.max() + 1) + np.maximum(ahead, behind), np.int32)
+def _changes(
+    plane: Float32[np.ndarray, "H W c"],
+    materials: Int32[np.ndarray, "H W"],
+    places: Int64[np.ndarray, "p q 2"],
+    size: int,
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Change from line to line, the pair of materials, and how often they occur: of tiles, and of pairs of them."""
+    kinds = int(materials.max()) + 1
+    tiles, times = np.unique(places.reshape(-1, 2), axis=0, return_counts=True)
+    change, kind = _between(_tiles(plane, tiles, size), _tiles(materials, tiles, size), kinds)
+    yield change, kind, times
+    both = np.concatenate([places[:-1], places[1:]], axis=2).reshape(-1, 4)
+    pairs, times = np.unique(both, axis=0, return_counts=True)
+    ends = [
+        np.concatenate([_tiles(own, pairs[:, :2], size)[:, -1:], _tiles(own, pairs[:, 2:], size)[:, :1]], axis=1)
+        for own in (plane, materials)
+    ]
+    change, kind = _between(ends[0], ends[1], kinds)
+    yield change, kind, times
+
+
+def _tiles(atlas: np.ndarray, places: Int64[np.ndarray, "n 2"], size: int) -> np.ndarray:
+    """The tiles at these rows and columns of an atlas of tiles, one after another."""
+    side = np.arange(size)
+    rows, columns = (places[:, axis, None] * size + side for axis in (0, 1))
+    return np.asarray(atlas[rows[:, :, None], columns[:, None, :]])
+
+
+def _between(
+    plane: Float32[np.ndarray, "n m size c"], materials: Int32[np.ndarray, "n m size"], kinds: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Change from each line to the next, and a number for the materials of both pixels, in either order."""
+    above, below = materials[:, :-1], materials[:, 1:]
+    change = np.abs(np.diff(plane, axis=1)).mean(axis=3)
+    return change, np.minimum(above, below) * kinds + np.maximum(above, below)

@@ -21,6 +21,7 @@ import PIL.Image
 import pytest
 
 from tests.bridge.conftest import COMMAND, QUICK
+from tests.printed import next_line
 from texloom.pipelines.bridge import client as client_file
 from texloom.pipelines.bridge.client import CancelledError, Client, Pixels, Run, TexloomError
 
@@ -255,8 +256,7 @@ def test_the_server_ends_with_its_host(store: str, tmp_path: Path) -> None:
     with subprocess.Popen(
         [sys.executable, "-c", host, str(FILE.parent)], stdout=subprocess.PIPE, text=True
     ) as process:
-        assert process.stdout is not None
-        server = int(process.stdout.readline())
+        server = int(next_line(process))
         os.kill(server, 0)
         process.send_signal(signal.SIGKILL)
     for _ in range(600):

@@ -21,6 +21,7 @@ import PIL.Image
 import pytest
 
 from tests.conftest import ROOT
+from tests.printed import next_line
 from texloom.pipelines.studio.page import BUILT
 
 TEXLOOM = (sys.executable, "-m", "texloom")
@@ -36,19 +37,27 @@ class Served:
             [*TEXLOOM, "studio", str(folder), "--no-browser", "--store", str(store)],
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=ENVIRONMENT,
         )  # fmt: skip
-        assert self.process.stdout is not None
-        address = self.process.stdout.readline().strip()
+        address = next_line(self.process).strip()
         found = re.fullmatch(r"(http://127\.0\.0\.1:(\d+))/\?code=\S+", address)
-        assert found, address + self.process.stdout.read()
+        if not found:
+            self.process.kill()
+        assert found, address + self.process.communicate()[0]
         self.base, self.port = found[1], int(found[2])
-        with urllib.request.urlopen(address) as answer:
+        with urllib.request.urlopen(address, timeout=120) as answer:
             self.cookie: str = answer.headers["set-cookie"].partition(";")[0]
         self.folder, self.store = folder, store
 
+    def end(self) -> None:
+        """End it as a terminal does; it has to end in time, and well."""
+        self.process.terminate()
+        try:
+            assert self.process.wait(60) == 0
+        finally:
+            self.process.kill()
+
     def new_address(self) -> str:
         """An address that opens the page in a browser; it is printed when the last one was opened."""
-        assert self.process.stdout is not None
-        return self.process.stdout.readline().removeprefix("for another browser: ").strip()
+        return next_line(self.process).removeprefix("for another browser: ").strip()
 
     def let_in(self, context: Any) -> None:
         """Give a browser the cookie."""
@@ -112,8 +121,7 @@ def served(page: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ser
     studio = Served(folder, root / "store")
     with studio.process:
         yield studio
-        studio.process.terminate()
-    assert studio.process.returncode == 0
+        studio.end()
 
 
 class Watched:

@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from tests.printed import next_line
 from tests.studio.conftest import ENVIRONMENT, TEXLOOM
 
 LINE = r"http://127\.0\.0\.1:\d+/\?code=([\w-]{43})"
@@ -33,9 +34,7 @@ class Opened:
             [*TEXLOOM, "studio", str(folder), "--store", str(folder / "store")],
             stdout=subprocess.PIPE, text=True, env=environment,
         )  # fmt: skip
-        assert self.process.stdout is not None
-        self.lines = self.process.stdout
-        self.printed = self.lines.readline().strip()
+        self.printed = next_line(self.process).strip()
         deadline = time.monotonic() + 60
         while not noted.exists():
             assert time.monotonic() < deadline
@@ -106,7 +105,7 @@ def test_a_browser_is_let_in_once(opened: Opened, chromium: Any) -> None:
         other.get_by_role("tab", name="Make").wait_for()
 
         third = contexts[2].new_page()
-        newest = opened.lines.readline().partition("another browser: ")[2].strip()
+        newest = next_line(opened.process).partition("another browser: ")[2].strip()
         assert newest != opened.printed
         for start in (opened.printed, newest):
             answer = third.goto(start)

@@ -13,18 +13,19 @@ _BLOCKED = -2  # level of a node from which nothing more flows before the next l
 
 
 @compiled
-def cut_cells(lab, slopes, core, offset, unit, most, old, rows, shifts, state, first, last, taken, costs):
+def cut_cells(lab, slopes, inside, offset, unit, most, old, rows, shifts, state, first, last, taken, costs):
     """Fill ``taken`` with the pixels that take the new source so that all seams in a window cost least.
 
     A seam between two neighbours costs what `SeamCosts` says of squared differences, and twice that where both come
-    from the inside of cells. Capacities are whole numbers, so that the cut is the same everywhere; of several
-    equal cuts it is the one that takes fewest pixels.
+    from the inside of cells, or one does and the other is of another exemplar. Capacities are whole numbers, so
+    that the cut is the same everywhere; of several equal cuts it is the one that takes fewest pixels.
 
     Parameters
     ----------
     lab : (h, w, c) float32, the exemplar: its CIELAB colours, or more features
     slopes : (2, h, w) float32, its gradients down and across
-    core : (h, w) bool, whether a pixel lies inside a cell
+    inside : (h, w) int16, number of each pixel's exemplar, from 1; below 0 where it is not inside a cell, 0 for all
+        where there are no cells
     offset : added to gradients
     unit, most : fixed-point steps of a cost of 1, and the greatest cost in steps
     old : (n, width, 2) int32, sources of the pixels of all windows, one below the other
@@ -42,13 +43,13 @@ def cut_cells(lab, slopes, core, offset, unit, most, old, rows, shifts, state, f
             for x in range(width):
                 new[y, x, 0], new[y, x, 1] = shifts[window, 0] + y, shifts[window, 1] + x
         cut_window(
-            lab, slopes, core, offset, unit, most, old[top:bottom, :width], new, state[top:bottom, :width],
+            lab, slopes, inside, offset, unit, most, old[top:bottom, :width], new, state[top:bottom, :width],
             taken[top:bottom, :width], costs[window], NO_PRICE,
         )  # fmt: skip
 
 
 @compiled
-def _cost(lab, slopes, core, offset, unit, most, axis, y, x, v, u):
+def _cost(lab, slopes, inside, offset, unit, most, axis, y, x, v, u):
     """Of the seam between a pixel and the next one along ``axis``, with sources (y, x) and (v, u)."""
     down, across = 1 - axis, axis
     if y + down == v and x + across == u:
@@ -70,11 +71,13 @@ def _cost(lab, slopes, core, offset, unit, most, axis, y, x, v, u):
     slope = np.float64(slopes[axis, y, x]) + np.float64(slopes[axis, y1, x1])
     slope += np.float64(slopes[axis, v0, u0]) + np.float64(slopes[axis, v, u])
     cost = np.int64(min(np.rint(square / (slope + offset) * unit), most))
-    return 2 * cost if core[y, x] and core[v, u] else cost
+    one, other = inside[y, x], inside[v, u]
+    cut = (one > 0 and other > 0) or ((one > 0 or other > 0) and one + other != 0)
+    return 2 * cost if cut else cost
 
 
 @compiled
-def cut_window(lab, slopes, core, offset, unit, most, old, new, state, taken, costs, price):
+def cut_window(lab, slopes, inside, offset, unit, most, old, new, state, taken, costs, price):
     """Fill ``taken`` with the pixels of one window that take their new source, see `cut_cells`.
 
     Parameters
@@ -113,13 +116,13 @@ def cut_window(lab, slopes, core, offset, unit, most, old, new, state, taken, co
                 if (one == KEPT and other == KEPT) or ABSENT in (one, other):
                     continue
                 a, b, c, d = old[y, x, 0], old[y, x, 1], old[v, u, 0], old[v, u, 1]
-                stay = _cost(lab, slopes, core, offset, unit, most, axis, a, b, c, d)
+                stay = _cost(lab, slopes, inside, offset, unit, most, axis, a, b, c, d)
                 before += stay
                 if FREE not in (one, other):
                     continue
                 e, f, g, h = new[y, x, 0], new[y, x, 1], new[v, u, 0], new[v, u, 1]
-                right = _cost(lab, slopes, core, offset, unit, most, axis, a, b, g, h)
-                left = _cost(lab, slopes, core, offset, unit, most, axis, e, f, c, d)
+                right = _cost(lab, slopes, inside, offset, unit, most, axis, a, b, g, h)
+                left = _cost(lab, slopes, inside, offset, unit, most, axis, e, f, c, d)
                 first, second = node[y, x], node[v, u]
                 if one == FREE and other == FREE:
                     stay = min(stay, left + right)
@@ -156,7 +159,7 @@ def cut_window(lab, slopes, core, offset, unit, most, old, new, state, taken, co
                 first = new[y, x] if taken[y, x] else old[y, x]
                 second = new[v, u] if taken[v, u] else old[v, u]
                 after += _cost(
-                    lab, slopes, core, offset, unit, most, axis, first[0], first[1], second[0], second[1]
+                    lab, slopes, inside, offset, unit, most, axis, first[0], first[1], second[0], second[1]
                 )
     costs[0], costs[1] = before, after
 

@@ -9,14 +9,14 @@ _FACTOR = 1 << 24  # sides of pictures are smaller
 
 
 @compiled
-def expand_in_tiles(features, slopes, core, offset, unit, most, price, places, source, tiles, least, first, last):
+def expand_in_tiles(features, slopes, inside, offset, unit, most, price, places, source, tiles, least, first, last):
     """Let the most frequent displacements of each tile spread over its inside where that makes its seams cheaper.
 
     Seams are looked at in every second row and column, where displacements are halved.
 
     Parameters
     ----------
-    features, slopes, core, offset, unit, most, price : see `cut_window`; of the exemplar at half its size
+    features, slopes, inside, offset, unit, most, price : see `cut_window`; of the exemplar at half its size
     places : (h, w) bool, which pixels of the exemplar may be sources
     source : (2, H, W) int32, sources of the result's pixels, changed in place
     tiles : (n, 4) int64, first row and column, height and width; those that go beyond the result go on at its
@@ -38,7 +38,7 @@ def expand_in_tiles(features, slopes, core, offset, unit, most, price, places, s
         state = np.full((height, width), KEPT, np.int8)
         new, taken, costs = np.zeros_like(old), np.zeros((height, width), np.bool_), np.zeros(2, np.int64)
         state[1:-1, 1:-1] = FILLED
-        cut_window(features, slopes, core, offset, unit, most, old, old, state, taken, costs, price)
+        cut_window(features, slopes, inside, offset, unit, most, old, old, state, taken, costs, price)
         if costs[0] < least[1]:
             continue
         for value in _most_frequent(shift, least[0]):
@@ -53,7 +53,7 @@ def expand_in_tiles(features, slopes, core, offset, unit, most, price, places, s
                     elif _block_may_be(places, row, column):
                         state[y, x] = FREE
                         new[y, x, 0], new[y, x, 1] = row // 2, column // 2
-            cut_window(features, slopes, core, offset, unit, most, old, new, state, taken, costs, price)
+            cut_window(features, slopes, inside, offset, unit, most, old, new, state, taken, costs, price)
             if costs[1] >= costs[0]:
                 continue
             for y in range(1, height - 1):

@@ -126,7 +126,7 @@ class _Tiling:
         self.at = tuple((self.window.offsets - (low - 1)).T)
         costs = SeamCosts(self.tile_source.features, gradients=True, squared=True, offset=_OFFSET)
         slopes = costs.slopes.reshape(2, *costs.shape)
-        none = np.zeros(costs.shape, bool)
+        none = np.zeros(costs.shape, np.int16)
         self.costs = (self.tile_source.features, slopes, none, _OFFSET, float(UNIT), float(MAX_COST))
         height, width = params.size
         if is_torus and (self.box[0] > torus[0] or self.box[1] > torus[1]):

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float32, Float64, Int64
 
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.cells import most_frequent
-from texloom.stages.synthesis.optimisation.contour_cells import ContourCells, boxes_of
+from texloom.stages.synthesis.optimisation.contour_cells import ContourCells, SeveralCells, boxes_of
 from texloom.stages.synthesis.optimisation.correspondence import Patches
 from texloom.stages.synthesis.optimisation.target_windows import target_windows
 from texloom.stages.synthesis.stitching.seams import MAX_COST, UNIT, SeamCosts, pairs
@@ -18,6 +18,7 @@ _WINDOW = 1024  # px of the result that are in memory at once
 _WIDEST = 256  # px of a cell that is completed
 _LARGEST = 0.8  # of the exemplar's shorter side, the same
 _ROUNDS = 2
+_ROUNDS_OF_SEVERAL = 4  # with several exemplars: a cell that is completed may cut one of another exemplar
 _BAND = 4  # px around a cell in which it may be cut out
 _REACH = 0.35  # of a cell's side, by which a cell laid over it may be larger; and sizes of those tried may differ
 _MIN_PART = 0.06  # of a cell's area, that is seen
@@ -29,6 +30,7 @@ _TRIED = 48  # cells of the exemplar for a cell
 _SAME = 2.0  # factor on the cost of a cell that is also next to it
 _LEAST_KNOWN = 0.25  # of a cell's area, that is shown, for it to be completed at its place
 _NEAR = 0.3  # of a cell's area, that counts as shown
+_STANDS = 0.6  # of a cell's area, shown in one piece, from which on it is not removed
 _CHOSEN = 2  # best cells, and as many completed fragments, that are cut out
 _STUB = 0.5  # of the area of the exemplar's small cells, below which a cell is a stub
 _STUB_COST = 50.0  # of a stub, in just visible seams as long as its side
@@ -47,10 +49,16 @@ class _Shown:
     """cost of the seams across a cell; 0 where what differs from its most frequent source is too small to see"""
     used: Float64[np.ndarray, "k"]
     """use of the exemplar's cells, relative to even use, at least 1"""
+    extents: Int64[np.ndarray, "n 4"]
+    """boxes, with the rest of those that other exemplars cut"""
 
 
 class CellCompletion:
     """Searches whole cells in an exemplar and lays them over cells with seams.
+
+    Of several exemplars in one picture, cells that border on another exemplar are completed too, by their own rest
+    or by another cell of their exemplar; or where only a smaller part of one is shown, the other exemplar is
+    continued over it. So borders between exemplars come to lie between their cells.
 
     Parameters
     ----------
@@ -72,6 +80,13 @@ class CellCompletion:
         self.stub_cost = _STUB_COST * UNIT * float(np.sqrt(self.stub))
         self.whole = np.flatnonzero(cells.whole)
         self.fair = np.bincount(cells.label.ravel(), minlength=len(cells.area)) / max(1, int(self.places.sum()))
+        self.exemplar = cells.exemplar if isinstance(cells, SeveralCells) else None
+        numbers = np.ones(cells.label.shape, np.int16) if self.exemplar is None else self.exemplar.astype(np.int16)
+        self.inside = np.where(cells.core, numbers, -numbers)
+        """number of each pixel's exemplar, from 1; below 0 where it is not inside a cell"""
+        self.owner = np.ones(len(cells.area), np.int16)
+        """exemplar of each cell"""
+        self.owner[cells.label[cells.core]] = self.inside[cells.core]
 
     def complete(self, match: Patches, wrap: Wraps) -> int:
         """Complete cells of a result in place, and tell how many.
@@ -83,7 +98,7 @@ class CellCompletion:
         """
         total = 0
         recent = np.ones(match.shape[1:], bool)  # what the round before changed
-        for _ in range(_ROUNDS):
+        for _ in range(_ROUNDS if self.exemplar is None else _ROUNDS_OF_SEVERAL):
             changed = 0
             waiting, recent = recent, np.zeros(match.shape[1:], bool)
             for window in target_windows(match.shape[1:], wrap, _WINDOW, _WIDEST + 2 * int(_pad(_WIDEST)) + 2):
@@ -117,7 +132,7 @@ class CellCompletion:
         mixed &= np.bincount(shown.number[waiting], minlength=len(mixed)) > 0
         pad, inside = _pad(sides), np.ones(len(sides), bool)
         limits = np.array(source.shape[1:])
-        outer = np.concatenate([shown.boxes[:, :2] - pad, shown.boxes[:, 2:] + pad], axis=1)
+        outer = np.concatenate([shown.extents[:, :2] - pad, shown.extents[:, 2:] + pad], axis=1)
         for axis in (0, 1):
             before, after = (border[0, :], border[-1, :]) if axis == 0 else (border[:, 0], border[:, -1])
             if before[1:-1].any():
@@ -143,11 +158,8 @@ class CellCompletion:
         return done
 
     def _shown(self, source: Int64[np.ndarray, "2 p q"]) -> _Shown:
-        import cv2
-
-        core = self.cells.core[source[0], source[1]]
-        count, labels = cv2.connectedComponents(core.astype(np.uint8), connectivity=4)
-        number = labels.astype(np.int64)
+        core = np.maximum(self.inside[source[0], source[1]], 0)
+        number, count = _connected(core)
         severity = np.zeros(count)
         for axis in (0, 1):
             first, second = pairs(number, axis)
@@ -157,16 +169,69 @@ class CellCompletion:
             ends = [np.stack([plane[seam] for plane in planes], axis=1).astype(np.int32) for planes in (one, other)]
             severity += np.bincount(first[seam], self.costs.between(axis, *ends), count)
         shift = source - np.indices(core.shape)
-        code = (shift[0] * (4 * max(self.lab.shape[1], core.shape[1])) + shift[1])[core]
-        own = number[core]
+        inside = core > 0
+        code = (shift[0] * (4 * max(self.lab.shape[1], core.shape[1])) + shift[1])[inside]
+        own = number[inside]
         with_seam = severity[own] > 0
         _, most = most_frequent(own[with_seam], code[with_seam], count)
         size = np.bincount(own, minlength=count)
         severity[size - most < _MIN_PART * size] = 0
-        use = np.bincount(self.cells.label[source[0], source[1]].ravel(), minlength=len(self.cells.area))
-        return _Shown(
-            number, boxes_of(number, core, count), severity, np.maximum(1.0, use / (self.fair * number.size))
-        )
+        label = self.cells.label[source[0], source[1]]
+        use = np.bincount(label.ravel(), minlength=len(self.cells.area))
+        boxes = boxes_of(number, inside, count)
+        extents = boxes
+        if isinstance(self.cells, SeveralCells):
+            only_some = np.ones(count, bool)
+            only_some[number[inside & self.cells.consists[label]]] = False
+            severity[only_some] = 0
+            cut = self._cut_by_others(source, number, count)
+            severity += cut
+            extents = self._extents(boxes, source, number, label, cut >= _MIN_SEAM * UNIT)
+        used = np.maximum(1.0, use / (self.fair * number.size))
+        return _Shown(number, boxes, severity, used, extents)
+
+    def _cut_by_others(
+        self, source: Int64[np.ndarray, "2 p q"], number: Int64[np.ndarray, "p q"], count: int
+    ) -> Float64[np.ndarray, "n"]:  # type: ignore[name-defined]
+        """Cost of each cell's seams to other exemplars."""
+        assert self.exemplar is not None
+        total = np.zeros(count)
+        exemplar = self.exemplar[source[0], source[1]]
+        for axis in (0, 1):
+            (first, second), (here, there) = pairs(number, axis), pairs(exemplar, axis)
+            seam = (here != there) & ((first > 0) | (second > 0))
+            ends = [
+                np.stack([pairs(plane, axis)[end][seam] for plane in source], axis=1).astype(np.int32)
+                for end in (0, 1)
+            ]
+            cost = self.costs.between(axis, *ends)
+            for cell in (first, second):
+                total += np.bincount(cell[seam], cost, count)
+        total[0] = 0
+        return total
+
+    def _extents(
+        self,
+        boxes: Int64[np.ndarray, "n 4"],
+        source: Int64[np.ndarray, "2 p q"],
+        number: Int64[np.ndarray, "p q"],
+        label: Int64[np.ndarray, "p q"],
+        cut: Bool[np.ndarray, "n"],  # type: ignore[name-defined]
+    ) -> Int64[np.ndarray, "n 4"]:
+        """The boxes; of cells that are ``cut``, with all of the exemplar's cell that they show most of."""
+        result = boxes.copy()
+        inside = cut[number]
+        down, across = (source - np.indices(number.shape))[:, inside]
+        width = 4 * max(*self.lab.shape[:2], *number.shape)
+        code = (label[inside] * width + down + width // 2) * width + across + width // 2
+        best, _ = most_frequent(number[inside], code, len(boxes))
+        rest, column = np.divmod(best, width)
+        cell, row = np.divmod(rest, width)
+        whole = self.cells.boxes[cell] - np.tile(np.stack([row, column], axis=1) - width // 2, 2)
+        known = cut & self.cells.whole[cell]
+        result[known, :2] = np.minimum(boxes, whole)[known, :2]
+        result[known, 2:] = np.maximum(boxes, whole)[known, 2:]
+        return result
 
     def _laid(
         self, source: Int64[np.ndarray, "2 p q"], shown: _Shown, cells: list[int], outer: Int64[np.ndarray, "n 4"]
@@ -223,7 +288,7 @@ class CellCompletion:
         given = (
             self.lab,
             self.slopes,
-            self.cells.core,
+            self.inside,
             _OFFSET,
             float(UNIT),
             float(MAX_COST),
@@ -281,7 +346,7 @@ class CellCompletion:
         from texloom.stages.kernels.cells.cell_costs import fit_cells
         from texloom.stages.kernels.core.threads import run_all, spans
 
-        points, weights, shifts, labels, factors, own = [], [], [], [], [], []
+        points, weights, shifts, labels, factors, own, removed = [], [], [], [], [], [], []
         for cell in cells:
             top, left, bottom, right = outer[cell]
             view = np.s_[top:bottom, left:right]
@@ -292,7 +357,9 @@ class CellCompletion:
             at, weight = _template(inside, inside & common)
             points.append(at + np.array([top, left]))
             weights.append(weight)
-            moved, label = self._alignments(shown.boxes[cell])
+            owner = self.inside[tuple(source[:, *view][:, inside][:, 0])]
+            removed.append(self._removed(inside, source[:, *view], shift))
+            moved, label = self._alignments(shown.boxes[cell], self.whole[self.owner[self.whole] == owner])
             shifts.append(moved)
             labels.append(label)
             around = self.cells.label[source[0][view], source[1][view]][(shown.number[view] > 0) & ~inside]
@@ -331,8 +398,36 @@ class CellCompletion:
                     here = _window(self.cells.core, first, inside.shape)
                     here &= _window(self.cells.label, first, inside.shape) == label
                     chosen.append((len(chosen) == count, moved, here, 1.0))
+            if (other := removed[index]) is not None:
+                chosen.append((len(chosen) == count, *other, 1.0))
             found.append(chosen)
         return found
+
+    def _removed(
+        self,
+        inside: Bool[np.ndarray, "a b"],
+        source: Int64[np.ndarray, "2 a b"],
+        shift: Int64[np.ndarray, "2 a b"],
+    ) -> tuple[np.ndarray, np.ndarray] | None:
+        """The displacement of another exemplar beside a cell, and all that is shown of the cell, with its contour;
+        none where no other is beside it, or most of a cell is shown."""
+        import cv2
+
+        if self.exemplar is None:
+            return None
+        exemplar = self.exemplar[source[0], source[1]]
+        near = cv2.dilate(inside.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        beside = near & (exemplar != exemplar[inside][0])
+        if not beside.any():
+            return None
+        label = self.cells.label[source[0], source[1]]
+        code = shift[0] * (4 * max(*self.lab.shape[:2], *inside.shape)) + shift[1]
+        most, times = _mode(code[inside])
+        shown = int(label[inside & (code == most)][0])
+        if times > _STANDS * self.cells.area[shown]:
+            return None
+        moved = shift[:, beside & (code == _mode(code[beside])[0])][:, 0]
+        return moved, inside | ((label == shown) & (code == most))
 
     def _parts(
         self, inside: np.ndarray, shift: np.ndarray, label: np.ndarray
@@ -352,9 +447,11 @@ class CellCompletion:
         ]
         return kept, common
 
-    def _alignments(self, box: Int64[np.ndarray, "4"]) -> tuple[Int64[np.ndarray, "m 2"], Int64[np.ndarray, "m"]]:  # type: ignore[name-defined]
+    def _alignments(
+        self, box: Int64[np.ndarray, "4"], whole: np.ndarray
+    ) -> tuple[Int64[np.ndarray, "m 2"], Int64[np.ndarray, "m"]]:  # type: ignore[name-defined]
         """Displacements that align a box with those of cells of the exemplar of like size, and their labels."""
-        boxes = self.cells.boxes[self.whole]
+        boxes = self.cells.boxes[whole]
         sides = boxes[:, 2:] - boxes[:, :2]
         unlike = np.abs(sides - (box[2:] - box[:2])).sum(axis=1)
         near = np.argsort(unlike, kind="stable")[:_TRIED]
@@ -367,9 +464,27 @@ class CellCompletion:
                     for end, where in zip(ends, (down, across), strict=True)
                 ]
                 moves.append(np.stack(steps, axis=1))
-                labels.append(self.whole[near])
+                labels.append(whole[near])
         every = np.unique(np.concatenate([np.concatenate(moves), np.concatenate(labels)[:, None]], axis=1), axis=0)
         return np.ascontiguousarray(every[:, :2]), every[:, 2]
+
+
+def _mode(values: Int64[np.ndarray, "n"]) -> tuple[int, int]:  # type: ignore[name-defined]
+    """The most frequent value, and how often it occurs."""
+    best, times = most_frequent(np.zeros(len(values), np.int64), values, 1)
+    return int(best[0]), int(times[0])
+
+
+def _connected(core: np.ndarray) -> tuple[Int64[np.ndarray, "p q"], int]:
+    """Numbers of connected pixels of equal value above 0, from 1; and how many numbers there are, with 0."""
+    import cv2
+
+    number, count = np.zeros(core.shape, np.int64), 1
+    for value in np.unique(core[core > 0]).tolist():
+        found, labels = cv2.connectedComponents((core == value).astype(np.uint8), connectivity=4)
+        number[labels > 0] = labels[labels > 0] + (count - 1)
+        count += found - 1
+    return number, count
 
 
 def _pad(sides: Any) -> Any:

@@ -26,7 +26,7 @@ from texloom.stages.synthesis.optimisation.coarse_to_fine import (
     match_at,
     patch_scales,
 )
-from texloom.stages.synthesis.optimisation.contour_cells import ContourCells
+from texloom.stages.synthesis.optimisation.contour_cells import ContourCells, SeveralCells
 from texloom.stages.synthesis.optimisation.correspondence import Patches, from_layers, to_layers
 from texloom.stages.synthesis.optimisation.features import FeaturesOfScale, PatchFeatures
 from texloom.stages.synthesis.optimisation.fixed import FixedPixels
@@ -131,10 +131,11 @@ class OptimiseParams(CoarseToFineParams):
     """the exemplar is continued by half a patch, mirrored, so that its outermost pixels are used like all others"""
     whole_cells: bool = True
     """at the end, whole cells of the exemplar, such as bricks or stones, replace those that show parts of several;
-    where contours or a lattice show cells, and nothing is kept or guided"""
+    where contours or a lattice show cells, and nothing is kept or guided, or guides tell which of several exemplars
+    lies where"""
     relaxed_seams: bool = True
-    """at the end, seams between pieces of the exemplar move to where they are seen least; where nothing is kept or
-    guided"""
+    """at the end, seams between pieces of the exemplar move to where they are seen least; where there is one
+    exemplar, and nothing is kept or guided"""
 
     def occurrence_at(self, scale: PatchScale) -> float:
         """Weight of spatial uniformity at a scale."""
@@ -371,7 +372,8 @@ def optimise(
         guide.
     contours : strength of the exemplar's contours, see `edges`. Where they surround cells, such as bricks, and
         nothing is kept or guided, those of the result that show parts of several are replaced by whole ones at the
-        end; see `CellCompletion`. Not in the paper.
+        end; with ``rectangles`` also under a guide, and where borders between exemplars cut them; see
+        `CellCompletion`. Not in the paper.
     share : use of each exemplar pixel that is wanted, relative to even use, above 0; none for even use.
     rectangles : of several exemplars in one picture, see `exemplar_sheet`; without a guide each gives its share of
         the result, by a penalty on all patches of those that give more.
@@ -443,13 +445,17 @@ def optimise(
         optimisation, scales, randoms, params.tolerance, checkpoints, others, optimisation.best
     )
 
-    if params.relaxed_seams and keep is None and guides is None and several is None:
-        halved = optimisation.compared.halved() if optimisation.halved is None else optimisation.halved
-        relax_seams(match, halved, params.patch_size, wrap, scales[-1].allowed, scales[-1].places)
-    if params.whole_cells and keep is None and guides is None:
+    if params.relaxed_seams and keep is None and guides is None and rectangles is None:
+        assert optimisation.halved is not None
+        relax_seams(match, optimisation.halved, params.patch_size, wrap, scales[-1].allowed, scales[-1].places)
+    if params.whole_cells and keep is None and (guides is None or rectangles is not None):
         lab, allowed = optimisation.lab, scales[-1].allowed
         del optimisation.compared
-        found = None if contours is None else ContourCells(contours, border)
+        found: ContourCells | None = None
+        if contours is not None and rectangles is None:
+            found = ContourCells(contours, border)
+        elif contours is not None and rectangles is not None:
+            found = SeveralCells(contours, rectangles, border)
         if found is not None and found.clear:
             CellCompletion(lab, found, params.patch_size, allowed).complete(match, wrap)
         elif phase is not None and len(phase.origin) == 2:

@@ -44,13 +44,13 @@ def relax_seams(
     usable[middle:, middle:] = True if allowed is None else allowed.places
     costs = SeamCosts(np.ascontiguousarray(features), gradients=True, squared=True, offset=_OFFSET)
     slopes = costs.slopes.reshape(2, *features.shape[:2])
-    core = np.zeros(features.shape[:2], np.bool_)
+    inside = np.zeros(features.shape[:2], np.int16)
     least = np.array([_LEAST_PIECE // 4, round(_LEAST_SEAM * UNIT)])
     match += middle
     for offset in _OFFSETS:
         tiles = np.array(list(_tiles(match.shape[1:], wrap, offset)))
         price = _price(match, features.shape[:2], usable)
-        given = features, slopes, core, _OFFSET, float(UNIT), float(MAX_COST), price, usable, match, tiles, least
+        given = features, slopes, inside, _OFFSET, float(UNIT), float(MAX_COST), price, usable, match, tiles, least
         run_spans(expand_in_tiles, given, len(tiles), 8)
     match -= middle
 

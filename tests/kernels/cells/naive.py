@@ -47,7 +47,7 @@ def fit(
 def seams(
     lab: np.ndarray,
     slopes: np.ndarray,
-    core: np.ndarray,
+    inside: np.ndarray,
     offset: float,
     unit: float,
     most: float,
@@ -69,7 +69,9 @@ def seams(
             square = ((colours[0] - colours[1]) ** 2).sum() + ((colours[2] - colours[3]) ** 2).sum()
             slope = sum(float(slopes[axis][tuple(at)]) for at in (ends[0], before, after, ends[1]))
             cost = int(min(np.rint(square / (slope + offset) * unit), most))
-            total += cost * (2 if core[tuple(ends[0])] and core[tuple(ends[1])] else 1)
+            numbers = [int(inside[tuple(at)]) for at in ends]
+            of_one = abs(numbers[0]) == abs(numbers[1])
+            total += cost * (2 if min(numbers) > 0 or (max(numbers) > 0 and not of_one) else 1)
     return total
 
 

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from tests.kernels.cells import naive
 from texloom.stages.kernels.cells.cell_cuts import ABSENT, FILLED, FREE, KEPT, NO_PRICE, cut_cells, cut_window
@@ -6,10 +7,12 @@ from texloom.stages.kernels.cells.cell_cuts import ABSENT, FILLED, FREE, KEPT, N
 UNIT, MOST, OFFSET = 64.0, 4096.0, 8.0
 
 
-def test_cuts_cost_least(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("exemplars", [1, 2])
+def test_cuts_cost_least(exemplars: int, rng: np.random.Generator) -> None:
     lab = rng.uniform(0, 40, (20, 24, 3)).astype(np.float32)
     slopes = rng.uniform(0, 9, (2, 20, 24)).astype(np.float32)
-    core = rng.random((20, 24)) < 0.4
+    number = 1 + np.arange(24) * exemplars // 24
+    inside = np.where(rng.random((20, 24)) < 0.4, number, -number).astype(np.int16)
     count, height, width = 8, 4, 4
     rows = np.arange(count + 1) * height
     old = np.zeros((count * height, width, 2), np.int32)
@@ -25,8 +28,8 @@ def test_cuts_cost_least(rng: np.random.Generator) -> None:
         old[rows[index] : rows[index + 1]] = places + parts[rng.integers(0, 2, (height, width))]
     taken, costs = np.zeros(state.shape, bool), np.zeros((count, 2), np.int64)
     for span in ((0, 3), (3, count)):
-        cut_cells(lab, slopes, core, OFFSET, UNIT, MOST, old, rows, shifts, state, *span, taken, costs)
-    given = lab, slopes, core, OFFSET, UNIT, MOST
+        cut_cells(lab, slopes, inside, OFFSET, UNIT, MOST, old, rows, shifts, state, *span, taken, costs)
+    given = lab, slopes, inside, OFFSET, UNIT, MOST
     exact = 0
     for index in range(count):
         own = np.s_[rows[index] : rows[index + 1]]
@@ -46,7 +49,7 @@ def test_a_window_may_have_any_sources_and_pixels_without_one(rng: np.random.Gen
     """Nothing beside those counts."""
     lab = rng.uniform(0, 40, (20, 24, 5)).astype(np.float32)
     slopes = rng.uniform(0, 9, (2, 20, 24)).astype(np.float32)
-    given = lab, slopes, np.zeros((20, 24), bool), OFFSET, UNIT, MOST
+    given = lab, slopes, np.zeros((20, 24), np.int16), OFFSET, UNIT, MOST
     exact = 0
     for _ in range(8):
         places = np.moveaxis(np.indices((4, 5)), 0, 2)

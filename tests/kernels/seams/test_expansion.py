@@ -70,7 +70,7 @@ def test_tiles_are_as_the_naive_ones(rng: np.random.Generator, priced: bool) -> 
     slopes = SeamCosts(features, gradients=True, squared=True).slopes.reshape(2, SIDE // 2, SIDE // 2)
     price = rng.integers(0, 3 * UNIT, features.shape[:2]).astype(np.int32)
     given = (
-        features, slopes, np.zeros(features.shape[:2], bool), 8.0, float(UNIT), float(MAX_COST),
+        features, slopes, np.zeros(features.shape[:2], np.int16), 8.0, float(UNIT), float(MAX_COST),
         price if priced else np.zeros_like(price),
     )  # fmt: skip
     places = rng.random((SIDE - 2, SIDE - 2)) > 0.02
@@ -91,12 +91,12 @@ def test_tiles_are_as_the_naive_ones(rng: np.random.Generator, priced: bool) -> 
 def test_a_tile_without_a_seam_worth_it_is_left(rng: np.random.Generator) -> None:
     features = rng.uniform(0, 40, (SIDE // 2, SIDE // 2, 3)).astype(np.float32)
     slopes = np.zeros((2, SIDE // 2, SIDE // 2), np.float32)
-    core, price = np.zeros(features.shape[:2], bool), np.zeros(features.shape[:2], np.int32)
+    inside, price = np.zeros(features.shape[:2], np.int16), np.zeros(features.shape[:2], np.int32)
     source = pieces(rng, (32, 32))
     before = source.copy()
     for least, same in ((np.array([6, 2**40]), True), (np.array([10**6, 0]), True), (np.array([6, 0]), False)):
         expand_in_tiles(
-            features, slopes, core, 8.0, float(UNIT), float(MAX_COST), price, np.ones((SIDE, SIDE), bool),
+            features, slopes, inside, 8.0, float(UNIT), float(MAX_COST), price, np.ones((SIDE, SIDE), bool),
             source, np.array([[0, 0, 32, 32]]), least, 0, 1,
         )  # fmt: skip
         assert np.array_equal(source, before) == same

@@ -17,6 +17,7 @@ import pytest
 
 from tests.crowds import crowd
 from tests.pipelines.flows import SYNTHESIS, Events, open_run, run_local, start_run, write_flow
+from tests.printed import next_line
 from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.run import Run, StepFailedError
 from texloom.pipelines.store import codec
@@ -231,8 +232,7 @@ def test_a_lock_outlives_no_process(tmp_path: Path) -> None:
         ],
         stdout=subprocess.PIPE,
     )
-    assert holder.stdout is not None
-    assert holder.stdout.readline() == b"held\n"
+    assert next_line(holder) == b"held\n"
     with pytest.raises(filelock.Timeout):
         store.lock("one", timeout=0).acquire()
     holder.kill()

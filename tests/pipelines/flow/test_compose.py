@@ -542,11 +542,12 @@ def test_wrong_compositions(folder: Path, text: str) -> None:
     assert WRONG[text] in message
 
 
-def test_variants_of_included_variants_are_counted(folder: Path) -> None:
-    inner = "include: {flow: method.yaml, steps: [structure]}\nrepeat: 50\n"
+def test_variants_of_included_variants_are_counted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("texloom.pipelines.flow.compose._MOST_VARIANTS", 40)
+    inner = "include: {flow: method.yaml, steps: [structure]}\nrepeat: 10\n"
     (folder / "inner.yaml").write_text(inner)
-    message = refusal(folder, "include: inner.yaml\nrepeat: 40\n")
-    assert message == "inner.yaml: repeat: 1040 variants, at most 1000 with those of included files"
+    message = refusal(folder, "include: inner.yaml\nrepeat: 8\n")
+    assert message == "inner.yaml: repeat: 48 variants, at most 40 with those of included files"
 
 
 def test_steps_are_counted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from tests.printed import next_line
 from tests.studio.conftest import ENVIRONMENT, TEXLOOM
 from texloom.pipelines.studio.messages.projects import SCHEMA, Material, ProjectView
 from texloom.pipelines.studio.messages.recipes import Recipe
@@ -171,8 +172,7 @@ def test_whoever_is_killed_in_the_middle_leaves_a_whole_file(tmp_path: Path) -> 
             cwd=Path(__file__).parents[3],
         )  # fmt: skip
         with writer:
-            assert writer.stdout is not None
-            assert writer.stdout.readline() == "writes\n"
+            assert next_line(writer) == "writes\n"
             writer.send_signal(signal.SIGKILL)
         materials, problems = ProjectFiles(tmp_path).read_materials()
         assert problems == []

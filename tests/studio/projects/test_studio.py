@@ -27,7 +27,7 @@ def opened(folder: Path) -> Served:
 
 def ended(served: Served) -> None:
     with served.process:
-        served.process.terminate()
+        served.end()
 
 
 @pytest.fixture

@@ -47,14 +47,12 @@ export abstract class DirectMode extends Element {
     super.connectedCallback();
     this.stop = this.studio.listen((message, payload) => this.receive(message, payload));
     this.studio.addEventListener("change", this.update_);
-    window.addEventListener("keydown", this.keyDown);
   }
 
   override disconnectedCallback(): void {
     super.disconnectedCallback();
     this.stop?.();
     this.studio.removeEventListener("change", this.update_);
-    window.removeEventListener("keydown", this.keyDown);
   }
 
   protected override willUpdate(changed: Map<string, unknown>): void {
@@ -77,11 +75,11 @@ export abstract class DirectMode extends Element {
 
   // -- keys
 
-  private readonly keyDown = (event: KeyboardEvent): void => {
+  protected override onWindowKey(event: KeyboardEvent): void {
     if (!this.offsetParent && !this.querySelector("section")?.offsetParent) return; // another view is shown
     if (isTyping(event) || event.ctrlKey || event.metaKey || event.altKey) return;
     if (this.onKey(event.key)) event.preventDefault();
-  };
+  }
 
   protected abstract stepBy(direction: "undo" | "redo"): void;
 

@@ -6,6 +6,21 @@ export class Element extends LitElement {
     return this;
   }
 
+  /** What a key does, wherever in the window it is pressed. */
+  protected onWindowKey?(event: KeyboardEvent): void;
+
+  private readonly windowKey = (event: KeyboardEvent): void => this.onWindowKey?.(event);
+
+  override connectedCallback(): void {
+    super.connectedCallback();
+    if (this.onWindowKey) window.addEventListener("keydown", this.windowKey);
+  }
+
+  override disconnectedCallback(): void {
+    super.disconnectedCallback();
+    window.removeEventListener("keydown", this.windowKey);
+  }
+
   /** Tell those around this element. */
   protected tell<T>(name: string, detail: T): void {
     this.dispatchEvent(new CustomEvent(name, { detail, bubbles: true }));

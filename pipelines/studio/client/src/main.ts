@@ -41,7 +41,6 @@ export class StudioPage extends Element {
     document.documentElement.dataset.theme = localStorage.getItem("theme") ?? preferredTheme();
     this.begin();
     window.addEventListener("dragover", (event) => event.preventDefault()); // else the browser leaves the page
-    window.addEventListener("keydown", (event) => this.key(event));
     window.addEventListener("drop", (event) => void this.drop(event));
   }
 
@@ -84,7 +83,7 @@ export class StudioPage extends Element {
   }
 
   /** Undo and redo in the view that is open. */
-  private key(event: KeyboardEvent): void {
+  protected override onWindowKey(event: KeyboardEvent): void {
     if (!(event.ctrlKey || event.metaKey) || event.key.toLowerCase() !== "z" || isTyping(event)) return;
     event.preventDefault();
     const buttons = this.querySelectorAll<HTMLButtonElement>(`[data-step="${event.shiftKey ? "redo" : "undo"}"]`);

@@ -22,20 +22,10 @@ export class MakeSettings extends Element {
   /** what has still to be chosen */
   @property() lacking = "";
 
-  override connectedCallback(): void {
-    super.connectedCallback();
-    window.addEventListener("keydown", this.key);
-  }
-
-  override disconnectedCallback(): void {
-    super.disconnectedCallback();
-    window.removeEventListener("keydown", this.key);
-  }
-
-  private readonly key = (event: KeyboardEvent): void => {
+  protected override onWindowKey(event: KeyboardEvent): void {
     if (this.closest("[hidden]") || isTyping(event) || event.ctrlKey || event.metaKey) return;
     if (event.key.toLowerCase() === "n") this.tell("edit", { seed: (this.recipe.seed ?? 7) + 1 });
-  };
+  }
 
   private get pictures(): Picture[] {
     const { pictures, begin } = this.studio;

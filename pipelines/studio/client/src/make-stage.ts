@@ -58,20 +58,10 @@ export class MakeStage extends Element {
   @state() private marksPlaces = localStorage.getItem("worst places") === "marked";
   @state() private hovered: Point | null = null;
 
-  override connectedCallback(): void {
-    super.connectedCallback();
-    window.addEventListener("keydown", this.key);
-  }
-
-  override disconnectedCallback(): void {
-    super.disconnectedCallback();
-    window.removeEventListener("keydown", this.key);
-  }
-
-  private readonly key = (event: KeyboardEvent): void => {
+  protected override onWindowKey(event: KeyboardEvent): void {
     if (!this.checkVisibility() || isTyping(event) || event.ctrlKey || event.metaKey) return;
     if (event.key.toLowerCase() === "w") this.markPlaces();
-  };
+  }
 
   private markPlaces(): void {
     this.marksPlaces = !this.marksPlaces;
