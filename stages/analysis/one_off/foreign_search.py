@@ -24,6 +24,7 @@ _WINDOWS = 24, 48  # deviations of the windows that are compared: the side over 
 _GROWS = 0.6  # of the threshold, down to which a foreign part reaches
 _SURE = 0.4  # share of the first parts that reaches it: drifts of tone rise slowly
 _CERTAIN = 2.0  # times the threshold, from which colours need not differ
+_SURE_LOOK, _LEFT = 1.5, 0.5  # of the threshold: looks so unlike all others count where the mean cell leaves this
 _LEAST = 0.01  # share of the picture that is a part
 _CONVEX = 0.6  # share of its convex hull; two shutters under a lintel have .63
 _PIECE = 0.01  # share of the picture that is left between foreign parts
@@ -110,7 +111,9 @@ def foreign_search(
     for done, share, most in ((0.2, 1.0, _SURE), (0.5, less, 0.0)):
         report(Progress(done))
         looks = [unlikeness(lab, small, max(1.5, side / windows), found) for windows in _WINDOWS]
-        unlike = np.maximum.reduce(looks) if cell is None else np.minimum(np.maximum.reduce(looks), cell[0])
+        unlike = np.maximum.reduce(looks)
+        if cell is not None:
+            unlike = _beside_lattice(unlike, cell[0], small, threshold)
         found = found | _parts(unlike, small, share * threshold, most)
         if not found.any():
             break
@@ -153,6 +156,25 @@ def _unlike_cell(
     mean, expected = (gaussian_blur(plane * counted, deviation) / weight for plane in (rest, usual))
     unlike = np.where(valid, 2 * mean / (expected + np.float32(_NOTICED)), 0)
     return np.asarray(unlike, np.float32), np.asarray(left, np.float32)
+
+
+def _beside_lattice(looks: ScalarMap, cell: ScalarMap, valid: Mask, threshold: float) -> ScalarMap:
+    """How unlike each pixel is both to other looks and to the mean cell: the lesser of both.
+
+    Where a look is surely foreign, half of the threshold is enough of the mean cell, which parts no darker than its
+    own gaps never leave far; there the look counts. Of 18 regular exemplars the most unlike look was 5.9 times as
+    far as usual, and the mean cell left .2 there; bolts on a tread plate had 6.3 to 7.6, and 2.3 to 2.8.
+    """
+    import cv2
+
+    both = np.minimum(looks, cell)
+    parts = _parts(looks, valid, threshold, 0.0)
+    count, labels = cv2.connectedComponents(parts.astype(np.uint8), connectivity=4)
+    for label in range(1, count):
+        part = labels == label
+        if looks[part].max() >= _SURE_LOOK * threshold and cell[part].max() >= _LEFT * threshold:
+            both[part] = looks[part]
+    return both
 
 
 def _parts(unlike: ScalarMap, valid: Mask, threshold: float, sure: float) -> Mask:
