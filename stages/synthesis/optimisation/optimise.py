@@ -134,8 +134,8 @@ class OptimiseParams(CoarseToFineParams):
     where contours or a lattice show cells, and nothing is kept or guided, or guides tell which of several exemplars
     lies where"""
     relaxed_seams: bool = True
-    """at the end, seams between pieces of the exemplar move to where they are seen least; where there is one
-    exemplar, and nothing is kept or guided"""
+    """at the end, seams between pieces of the exemplar move to where they are seen least; where no lattice is
+    enforced, there is one exemplar, and nothing is kept or guided"""
 
     def occurrence_at(self, scale: PatchScale) -> float:
         """Weight of spatial uniformity at a scale."""
@@ -445,7 +445,7 @@ def optimise(
         optimisation, scales, randoms, params.tolerance, checkpoints, others, optimisation.best
     )
 
-    if params.relaxed_seams and keep is None and guides is None and rectangles is None:
+    if params.relaxed_seams and keep is None and guides is None and phase is None and rectangles is None:
         assert optimisation.halved is not None
         relax_seams(match, optimisation.halved, params.patch_size, wrap, scales[-1].allowed, scales[-1].places)
     if params.whole_cells and keep is None and (guides is None or rectangles is not None):

@@ -11,7 +11,7 @@ from texloom.stages.synthesis.stitching.seams import MAX_COST, UNIT, SeamCosts
 from texloom.stages.vocabulary.facts import Wraps
 
 _TILE = 64  # px of the result, in which pieces spread
-_LEAST_PIECE = 40  # px
+_LEAST_PIECE = 160  # px; smaller ones save little more and take as long again
 _LEAST_SEAM = 1.0  # just visible seam in a tile, px at half size
 _OFFSET = 8.0  # CIELAB units, added to gradients: else flat places outweigh broken contours
 _PRICE = 0.04  # of a pixel at half size whose source is used twice as much as on average, px of just visible seam

@@ -226,7 +226,8 @@ def test_uniformity_evens_out_the_use(exemplar: Image, preset: str) -> None:
 
     def unevenness(**options: Any) -> float:
         """Of four results, as one of this size differs by a tenth from another."""
-        results = (run(exemplar, start, seed, preset=preset, tileable=True, **options) for seed in range(5, 9))
+        options |= {"preset": preset, "tileable": True, "relaxed_seams": False}
+        results = (run(exemplar, start, seed, **options) for seed in range(5, 9))
         return float(np.mean([result.occurrence.std() for result in results]))
 
     free, usual, strict = unevenness(occurrence=0), unevenness(), unevenness(occurrence=100)
@@ -283,7 +284,7 @@ def test_previews_show_the_scale_at_work(exemplar: Image) -> None:
         previews.append((progress.scale, progress.preview()))
 
     start = random_start(exemplar)
-    params: dict[str, Any] = {"preset": "default", "patch_size": 10, "starts": 1}
+    params: dict[str, Any] = {"preset": "default", "patch_size": 10, "starts": 1, "relaxed_seams": False}
     with listening(look):
         result = run(exemplar, start, **params)
     for scale, image in previews:
@@ -637,3 +638,14 @@ def test_values_beyond_all_measure_are_refused(name: str) -> None:
     """They ended in an OverflowError."""
     with pytest.raises(pydantic.ValidationError, match="less than or equal to"):
         OptimiseParams(**{name: 1e300})
+
+
+def test_seams_are_relaxed_where_nothing_else_decides(exemplar: Image) -> None:
+    """Not where a lattice is enforced, whose cells are made whole."""
+    start, params = random_start(exemplar), {"preset": "fast", "tileable": True, "whole_cells": False}
+    plain, relaxed = (run(exemplar, start, **params, relaxed_seams=choice) for choice in (False, True))
+    assert (plain.match != relaxed.match).any()
+    assert plain.scales == relaxed.scales
+    lattice = {"generators": np.array([[16, 0], [0, 16]], np.float32)}
+    same = [run(exemplar, start, **lattice, **params, relaxed_seams=choice).match for choice in (False, True)]
+    np.testing.assert_array_equal(*same)
