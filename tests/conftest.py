@@ -30,7 +30,7 @@ os.environ.setdefault("NUMBA_CACHE_DIR", str(ROOT / ".pytest_cache" / f"kernels-
 # Kernels for CUDA run in Numba's simulator; NUMBA_ENABLE_CUDASIM=0 runs them on a GPU.
 os.environ.setdefault("NUMBA_ENABLE_CUDASIM", "1")
 
-# What is compiled is kept, whatever this environment says: hundreds of processes that tests start load it, and each
+# What is compiled is kept, whatever this environment says: all processes that tests start load it, and each
 # worker of pytest-xdist all tests.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
