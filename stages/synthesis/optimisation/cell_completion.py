@@ -1,14 +1,14 @@
 """Whole cells between contours in place of those that a result shows parts of several of."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int64
+from jaxtyping import Bool, Float32, Float64, Int16, Int64
 
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.cells import most_frequent
-from texloom.stages.synthesis.optimisation.contour_cells import ContourCells, SeveralCells, boxes_of
+from texloom.stages.synthesis.optimisation.contour_cells import ContourCells, boxes_of
 from texloom.stages.synthesis.optimisation.correspondence import Patches
 from texloom.stages.synthesis.optimisation.target_windows import target_windows
 from texloom.stages.synthesis.stitching.seams import MAX_COST, UNIT, SeamCosts, pairs
@@ -17,12 +17,10 @@ from texloom.stages.vocabulary.facts import Wraps
 _WINDOW = 1024  # px of the result that are in memory at once
 _WIDEST = 256  # px of a cell that is completed
 _LARGEST = 0.8  # of the exemplar's shorter side, the same
-_ROUNDS = 2
-_ROUNDS_OF_SEVERAL = 4  # with several exemplars: a cell that is completed may cut one of another exemplar
 _BAND = 4  # px around a cell in which it may be cut out
 _REACH = 0.35  # of a cell's side, by which a cell laid over it may be larger; and sizes of those tried may differ
 _MIN_PART = 0.06  # of a cell's area, that is seen
-_MIN_SEAM = 8  # px of a just visible seam across a cell
+MIN_SEAM = 8  # px of a just visible seam across a cell
 _OFFSET = 8.0  # CIELAB units, added to gradients: else flat places outweigh broken contours
 _MAJORITY = 0.5  # weight of the most frequent source, relative to the pixels around
 _POINTS = 120  # of a cell that are compared
@@ -30,7 +28,6 @@ _TRIED = 48  # cells of the exemplar for a cell
 _SAME = 2.0  # factor on the cost of a cell that is also next to it
 _LEAST_KNOWN = 0.25  # of a cell's area, that is shown, for it to be completed at its place
 _NEAR = 0.3  # of a cell's area, that counts as shown
-_STANDS = 0.6  # of a cell's area, shown in one piece, from which on it is not removed
 _CHOSEN = 2  # best cells, and as many completed fragments, that are cut out
 _STUB = 0.5  # of the area of the exemplar's small cells, below which a cell is a stub
 _STUB_COST = 50.0  # of a stub, in just visible seams as long as its side
@@ -39,7 +36,7 @@ _JITTER = np.stack(np.meshgrid([0, -1, 1], [0, -1, 1], indexing="ij"), axis=-1).
 
 
 @dataclass(frozen=True)
-class _Shown:
+class Shown:
     """The cells that a result shows: connected insides of cells, whatever they come from."""
 
     number: Int64[np.ndarray, "p q"]
@@ -56,19 +53,23 @@ class _Shown:
 class CellCompletion:
     """Searches whole cells in an exemplar and lays them over cells with seams.
 
-    Of several exemplars in one picture, cells that border on another exemplar are completed too, by their own rest
-    or by another cell of their exemplar; or where only a smaller part of one is shown, the other exemplar is
-    continued over it. So borders between exemplars come to lie between their cells.
-
     Parameters
     ----------
     lab : the exemplar with its border, CIELAB.
     cells : of the exemplar.
     allowed : which patches may be used; none for all.
+    numbers : of each pixel's exemplar, from 1, where ``lab`` shows several; 0 between them.
     """
 
+    rounds: ClassVar = 2
+
     def __init__(
-        self, lab: Float32[np.ndarray, "h w 3"], cells: ContourCells, patch_size: int, allowed: Allowed | None
+        self,
+        lab: Float32[np.ndarray, "h w 3"],
+        cells: ContourCells,
+        patch_size: int,
+        allowed: Allowed | None,
+        numbers: Int16[np.ndarray, "h w"] | None = None,
     ):
         self.lab, self.cells, self.middle = np.ascontiguousarray(lab), cells, patch_size // 2
         self.costs = SeamCosts(self.lab, gradients=True, squared=True, offset=_OFFSET)
@@ -80,8 +81,7 @@ class CellCompletion:
         self.stub_cost = _STUB_COST * UNIT * float(np.sqrt(self.stub))
         self.whole = np.flatnonzero(cells.whole)
         self.fair = np.bincount(cells.label.ravel(), minlength=len(cells.area)) / max(1, int(self.places.sum()))
-        self.exemplar = cells.exemplar if isinstance(cells, SeveralCells) else None
-        numbers = np.ones(cells.label.shape, np.int16) if self.exemplar is None else self.exemplar.astype(np.int16)
+        numbers = np.ones(cells.label.shape, np.int16) if numbers is None else numbers
         self.inside = np.where(cells.core, numbers, -numbers)
         """number of each pixel's exemplar, from 1; below 0 where it is not inside a cell"""
         self.owner = np.ones(len(cells.area), np.int16)
@@ -98,7 +98,7 @@ class CellCompletion:
         """
         total = 0
         recent = np.ones(match.shape[1:], bool)  # what the round before changed
-        for _ in range(_ROUNDS if self.exemplar is None else _ROUNDS_OF_SEVERAL):
+        for _ in range(self.rounds):
             changed = 0
             waiting, recent = recent, np.zeros(match.shape[1:], bool)
             for window in target_windows(match.shape[1:], wrap, _WINDOW, _WIDEST + 2 * int(_pad(_WIDEST)) + 2):
@@ -128,7 +128,7 @@ class CellCompletion:
         shown = self._shown(source)
         largest = min(_WIDEST, int(_LARGEST * min(self.lab.shape[:2])))
         sides = shown.boxes[:, 2:] - shown.boxes[:, :2]
-        mixed = (shown.severity >= _MIN_SEAM * UNIT) & (sides.max(axis=1) <= largest)
+        mixed = (shown.severity >= MIN_SEAM * UNIT) & (sides.max(axis=1) <= largest)
         mixed &= np.bincount(shown.number[waiting], minlength=len(mixed)) > 0
         pad, inside = _pad(sides), np.ones(len(sides), bool)
         limits = np.array(source.shape[1:])
@@ -157,7 +157,7 @@ class CellCompletion:
             left_over = np.array(later, np.int64)
         return done
 
-    def _shown(self, source: Int64[np.ndarray, "2 p q"]) -> _Shown:
+    def _shown(self, source: Int64[np.ndarray, "2 p q"]) -> Shown:
         core = np.maximum(self.inside[source[0], source[1]], 0)
         number, count = _connected(core)
         severity = np.zeros(count)
@@ -176,65 +176,12 @@ class CellCompletion:
         _, most = most_frequent(own[with_seam], code[with_seam], count)
         size = np.bincount(own, minlength=count)
         severity[size - most < _MIN_PART * size] = 0
-        label = self.cells.label[source[0], source[1]]
-        use = np.bincount(label.ravel(), minlength=len(self.cells.area))
+        use = np.bincount(self.cells.label[source[0], source[1]].ravel(), minlength=len(self.cells.area))
         boxes = boxes_of(number, inside, count)
-        extents = boxes
-        if isinstance(self.cells, SeveralCells):
-            only_some = np.ones(count, bool)
-            only_some[number[inside & self.cells.consists[label]]] = False
-            severity[only_some] = 0
-            cut = self._cut_by_others(source, number, count)
-            severity += cut
-            extents = self._extents(boxes, source, number, label, cut >= _MIN_SEAM * UNIT)
-        used = np.maximum(1.0, use / (self.fair * number.size))
-        return _Shown(number, boxes, severity, used, extents)
-
-    def _cut_by_others(
-        self, source: Int64[np.ndarray, "2 p q"], number: Int64[np.ndarray, "p q"], count: int
-    ) -> Float64[np.ndarray, "n"]:  # type: ignore[name-defined]
-        """Cost of each cell's seams to other exemplars."""
-        assert self.exemplar is not None
-        total = np.zeros(count)
-        exemplar = self.exemplar[source[0], source[1]]
-        for axis in (0, 1):
-            (first, second), (here, there) = pairs(number, axis), pairs(exemplar, axis)
-            seam = (here != there) & ((first > 0) | (second > 0))
-            ends = [
-                np.stack([pairs(plane, axis)[end][seam] for plane in source], axis=1).astype(np.int32)
-                for end in (0, 1)
-            ]
-            cost = self.costs.between(axis, *ends)
-            for cell in (first, second):
-                total += np.bincount(cell[seam], cost, count)
-        total[0] = 0
-        return total
-
-    def _extents(
-        self,
-        boxes: Int64[np.ndarray, "n 4"],
-        source: Int64[np.ndarray, "2 p q"],
-        number: Int64[np.ndarray, "p q"],
-        label: Int64[np.ndarray, "p q"],
-        cut: Bool[np.ndarray, "n"],  # type: ignore[name-defined]
-    ) -> Int64[np.ndarray, "n 4"]:
-        """The boxes; of cells that are ``cut``, with all of the exemplar's cell that they show most of."""
-        result = boxes.copy()
-        inside = cut[number]
-        down, across = (source - np.indices(number.shape))[:, inside]
-        width = 4 * max(*self.lab.shape[:2], *number.shape)
-        code = (label[inside] * width + down + width // 2) * width + across + width // 2
-        best, _ = most_frequent(number[inside], code, len(boxes))
-        rest, column = np.divmod(best, width)
-        cell, row = np.divmod(rest, width)
-        whole = self.cells.boxes[cell] - np.tile(np.stack([row, column], axis=1) - width // 2, 2)
-        known = cut & self.cells.whole[cell]
-        result[known, :2] = np.minimum(boxes, whole)[known, :2]
-        result[known, 2:] = np.maximum(boxes, whole)[known, 2:]
-        return result
+        return Shown(number, boxes, severity, np.maximum(1.0, use / (self.fair * number.size)), boxes)
 
     def _laid(
-        self, source: Int64[np.ndarray, "2 p q"], shown: _Shown, cells: list[int], outer: Int64[np.ndarray, "n 4"]
+        self, source: Int64[np.ndarray, "2 p q"], shown: Shown, cells: list[int], outer: Int64[np.ndarray, "n 4"]
     ) -> int:
         """Complete cells whose surroundings do not overlap: with the first candidates, else with the others."""
         found = self._candidates(source, shown, cells, outer)
@@ -253,7 +200,7 @@ class CellCompletion:
     def _cut_out(
         self,
         source: Int64[np.ndarray, "2 p q"],
-        shown: _Shown,
+        shown: Shown,
         tried: list[tuple[int, np.ndarray, np.ndarray, float]],
         outer: Int64[np.ndarray, "n 4"],
     ) -> set[int]:
@@ -339,7 +286,7 @@ class CellCompletion:
         return counts[1] - counts[0]
 
     def _candidates(
-        self, source: Int64[np.ndarray, "2 p q"], shown: _Shown, cells: list[int], outer: Int64[np.ndarray, "n 4"]
+        self, source: Int64[np.ndarray, "2 p q"], shown: Shown, cells: list[int], outer: Int64[np.ndarray, "n 4"]
     ) -> list[list[tuple[bool, np.ndarray, np.ndarray, float]]]:
         """For each cell, whether it is tried first, displacements, what is laid at least, and a divisor of the
         saving: the best cells of the exemplar, and those of which it shows parts."""
@@ -405,29 +352,12 @@ class CellCompletion:
 
     def _removed(
         self,
-        inside: Bool[np.ndarray, "a b"],
-        source: Int64[np.ndarray, "2 a b"],
-        shift: Int64[np.ndarray, "2 a b"],
+        inside: Bool[np.ndarray, "a b"],  # noqa: ARG002
+        source: Int64[np.ndarray, "2 a b"],  # noqa: ARG002
+        shift: Int64[np.ndarray, "2 a b"],  # noqa: ARG002
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """The displacement of another exemplar beside a cell, and all that is shown of the cell, with its contour;
-        none where no other is beside it, or most of a cell is shown."""
-        import cv2
-
-        if self.exemplar is None:
-            return None
-        exemplar = self.exemplar[source[0], source[1]]
-        near = cv2.dilate(inside.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        beside = near & (exemplar != exemplar[inside][0])
-        if not beside.any():
-            return None
-        label = self.cells.label[source[0], source[1]]
-        code = shift[0] * (4 * max(*self.lab.shape[:2], *inside.shape)) + shift[1]
-        most, times = _mode(code[inside])
-        shown = int(label[inside & (code == most)][0])
-        if times > _STANDS * self.cells.area[shown]:
-            return None
-        moved = shift[:, beside & (code == _mode(code[beside])[0])][:, 0]
-        return moved, inside | ((label == shown) & (code == most))
+        """A displacement and the pixels to which it is laid so that a cell is shown no more; none."""
+        return None
 
     def _parts(
         self, inside: np.ndarray, shift: np.ndarray, label: np.ndarray
@@ -467,12 +397,6 @@ class CellCompletion:
                 labels.append(whole[near])
         every = np.unique(np.concatenate([np.concatenate(moves), np.concatenate(labels)[:, None]], axis=1), axis=0)
         return np.ascontiguousarray(every[:, :2]), every[:, 2]
-
-
-def _mode(values: Int64[np.ndarray, "n"]) -> tuple[int, int]:  # type: ignore[name-defined]
-    """The most frequent value, and how often it occurs."""
-    best, times = most_frequent(np.zeros(len(values), np.int64), values, 1)
-    return int(best[0]), int(times[0])
 
 
 def _connected(core: np.ndarray) -> tuple[Int64[np.ndarray, "p q"], int]:

@@ -4,7 +4,6 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
 from texloom.stages.common.grids.working_size import reduction
-from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
 from texloom.stages.synthesis.optimisation.border import Border
 from texloom.stages.vocabulary.arrays import ScalarMap
 from texloom.stages.vocabulary.scratch import bands
@@ -13,9 +12,8 @@ _DEPTH = 0.35  # of the strength of clear contours, of what lies between two cel
 _CLEAR = 0.9  # quantile of an exemplar's strength that is a clear contour's
 _WEAK = 0.2  # quantile of a cell's contour that has to be that much stronger than its inside
 _MIN_SHARE = 0.6  # of the area of whole cells, in closed contours, of an exemplar that consists of cells
-_SOME_SHARE = 0.2  # the same, of an exemplar that has cells which a border between exemplars should not cut
 _MIN_COVER = 0.25  # of the exemplar's area, in such cells
-_MIN_CELLS = 8  # whole ones
+MIN_CELLS = 8  # whole ones
 _MAX_AREA = 0.125  # of the exemplar's, of a cell
 _RIM = 2  # px beside a contour that are not the inside of a cell
 
@@ -89,49 +87,7 @@ class ContourCells:
     @property
     def clear(self) -> bool:
         """Whether the exemplar consists of cells."""
-        return bool(self.whole.sum() >= _MIN_CELLS and self.closed_share >= _MIN_SHARE and self.cover >= _MIN_COVER)
-
-
-class SeveralCells(ContourCells):
-    """The cells of those exemplars in one picture that have some.
-
-    Parameters
-    ----------
-    strength : of the contours of all.
-    rectangles : of the exemplars.
-    border : by which the picture is continued.
-    """
-
-    exemplar: Int64[np.ndarray, "h w"]
-    """number of each pixel's exemplar, from 1; 0 between them"""
-    consists: Bool[np.ndarray, "n"]
-    """cells of exemplars that consist of cells; others only have some"""
-
-    def __init__(self, strength: ScalarMap, rectangles: Rectangles, border: Border):
-        label, core = np.zeros(strength.shape, np.int64), np.zeros(strength.shape, bool)
-        whole, area, boxes = [np.zeros(1, bool)], [np.zeros(1, np.int64)], [np.zeros((1, 4), np.int64)]
-        consists = [np.zeros(1, bool)]
-        count = 1  # label 0 is no cell
-        for row, column, height, width in rectangles.tolist():
-            place = np.s_[row : row + height, column : column + width]
-            own = ContourCells(np.ascontiguousarray(strength[place]), Border(1))
-            if own.whole.sum() < _MIN_CELLS or own.closed_share < _SOME_SHARE:
-                continue
-            consists.append(np.full(len(own.area), own.clear))
-            label[place], core[place] = own.label + count, own.core
-            count += len(own.area)
-            whole.append(own.whole)
-            area.append(own.area)
-            boxes.append(own.boxes + (np.array([row, column] * 2) + border.before))
-        self.label, self.core = border.around(label), border.around(core)
-        self.exemplar = border.around(numbers_in(rectangles, *strength.shape).astype(np.int64))
-        self.whole, self.area, self.boxes = np.concatenate(whole), np.concatenate(area), np.concatenate(boxes)
-        self.consists = np.concatenate(consists)
-
-    @property
-    def clear(self) -> bool:
-        """Whether an exemplar has cells."""
-        return bool(self.whole.any())
+        return bool(self.whole.sum() >= MIN_CELLS and self.closed_share >= _MIN_SHARE and self.cover >= _MIN_COVER)
 
 
 def _enlarged(plane: np.ndarray, step: int, shape: tuple[int, ...]) -> np.ndarray:

@@ -15,7 +15,6 @@ from texloom.stages.common.grids.working_size import Halvings
 from texloom.stages.common.similarity.neighbourhoods import Rectangles
 from texloom.stages.synthesis.optimisation import correspondence
 from texloom.stages.synthesis.optimisation.border import Border
-from texloom.stages.synthesis.optimisation.cell_completion import CellCompletion
 from texloom.stages.synthesis.optimisation.cells import complete_cells
 from texloom.stages.synthesis.optimisation.coarse_to_fine import (
     CoarserPatches,
@@ -26,7 +25,6 @@ from texloom.stages.synthesis.optimisation.coarse_to_fine import (
     match_at,
     patch_scales,
 )
-from texloom.stages.synthesis.optimisation.contour_cells import ContourCells, SeveralCells
 from texloom.stages.synthesis.optimisation.correspondence import Patches, from_layers, to_layers
 from texloom.stages.synthesis.optimisation.features import FeaturesOfScale, PatchFeatures
 from texloom.stages.synthesis.optimisation.fixed import FixedPixels
@@ -36,6 +34,7 @@ from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase, mi
 from texloom.stages.synthesis.optimisation.match_search import Search, occurrence_map
 from texloom.stages.synthesis.optimisation.scale import Rounds
 from texloom.stages.synthesis.optimisation.seam_relaxation import relax_seams
+from texloom.stages.synthesis.optimisation.several_cells import completion_of
 from texloom.stages.synthesis.optimisation.several_exemplars import SeveralExemplars, largest_block
 from texloom.stages.synthesis.optimisation.starts import best_start
 from texloom.stages.synthesis.optimisation.vote import HistogramVote, mean_vote, result_image, vote_pixels, window
@@ -451,13 +450,11 @@ def optimise(
     if params.whole_cells and keep is None and (guides is None or rectangles is not None):
         lab, allowed = optimisation.lab, scales[-1].allowed
         del optimisation.compared
-        found: ContourCells | None = None
-        if contours is not None and rectangles is None:
-            found = ContourCells(contours, border)
-        elif contours is not None and rectangles is not None:
-            found = SeveralCells(contours, rectangles, border)
-        if found is not None and found.clear:
-            CellCompletion(lab, found, params.patch_size, allowed).complete(match, wrap)
+        found = None
+        if contours is not None:
+            found = completion_of(contours, rectangles, border, lab, params.patch_size, allowed)
+        if found is not None:
+            found.complete(match, wrap)
         elif phase is not None and len(phase.origin) == 2:
             complete_cells(match, lab, params.patch_size, margin, wrap, generators, phase, allowed)
         del lab, found  # large, as the exemplar may be
