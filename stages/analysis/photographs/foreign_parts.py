@@ -15,6 +15,7 @@ from texloom.stages.analysis.one_off.foreign_search import as_searched, counted,
 from texloom.stages.analysis.photographs.blemishes import blemishes
 from texloom.stages.analysis.photographs.evenness import picture_evenness
 from texloom.stages.analysis.photographs.flatness import Flatness, flatness
+from texloom.stages.analysis.photographs.long_lines import long_lines
 from texloom.stages.analysis.photographs.one_off_bands import one_off_bands
 from texloom.stages.common.grids.size_checks import check_same_size
 from texloom.stages.numerics.matrices import determinant
@@ -30,6 +31,12 @@ _ALL = 1000.0  # times as far as usual, from which on nothing is foreign
 _OTHERS = 0.1  # of a picture without a plane, that is masked, from which it may be of several surfaces
 _FEW, _DOUBT = 0.5, 0.25  # of the picture: little, and too little for a surface
 _UNEVEN, _HARDLY_EVEN = 0.45, 0.70  # evenness below which what is left is several surfaces, and may be
+_LINED = 1.25  # sides of the surface, of long lines, from which what does not repeat is a collage
+_COLLAGE = (
+    "no repetition is clear though long straight lines cross the surface, so that the texture joins pieces of what "
+    "is shown once, such as windows and doors: crop the photograph to what repeats (--crop), give a mask of it "
+    "(--source mask=foreign.png), or take another plane (--set plane=2, by planes.png)"
+)
 _BANDED = (
     "a band across the surface that does not repeat is masked; it may be the border of another surface: look at "
     "foreign.png, give another mask (--source mask=foreign.png), or take another plane (--set plane=2)"
@@ -149,6 +156,7 @@ def foreign_parts(
         _LOG.warning("%s", why)
     doubt = _BANDED if banded else ""
     frontal = plane is not None and bool(plane["unasked"])
+    repeats = generators is not None and len(generators) > 0
     if doubted:
         flat = flatness(image, usable)
         if judged and even < _HARDLY_EVEN:
@@ -157,6 +165,8 @@ def foreign_parts(
             doubt = _not_flat(flat)
         elif frontal and by == "looks" and masked >= _OTHERS and not doubt:
             doubt = _SEVERAL.format(masked)
+        elif not (doubt or repeats) and long_lines(image, usable) >= _LINED:
+            doubt = _COLLAGE
         if flat.is_curved or (judged and even < _UNEVEN):
             raise InputError(f"image: {doubt}")
     if doubt:

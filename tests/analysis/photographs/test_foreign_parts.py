@@ -66,6 +66,20 @@ def test_windows_of_a_facade_are_explained_by_its_lattice() -> None:
     assert made.table["cells"] == pytest.approx((~found).sum() / (32 * 48), abs=0.1)
 
 
+def test_lined_surfaces_that_do_not_repeat_are_doubted(caplog: pytest.LogCaptureFixture) -> None:
+    """As a facade with string courses, of which a texture joins pieces."""
+    lined = wall("plaster")
+    for row in (9, 20, 31, 50, 66, 77, 95, 111):
+        lined[row : row + 2] *= 0.78
+    assert not searched(wall("plaster")).table["doubt"]
+    with caplog.at_level(logging.WARNING):
+        assert "joins pieces" in str(searched(lined).table["doubt"])
+    assert any("--crop" in message for message in caplog.messages)
+    image = Image(lined, ("R", "G", "B"))
+    generators = np.array([[0, 24]], np.float32)
+    assert not foreign_parts(image, ForeignPartsParams(), generators).table["doubt"]
+
+
 def test_what_shutters_surround_is_masked_with_them() -> None:
     """A pane that mirrors what the wall looks like; but not the wall between a door and the street."""
     pixels = wall("plaster").copy()
