@@ -35,8 +35,12 @@ def expand_in_tiles(features, slopes, inside, offset, unit, most, price, places,
                     at = source[axis, (top + 2 * y) % source.shape[1], (left + 2 * x) % source.shape[2]]
                     shift[y, x, axis] = at - (2 * x if axis else 2 * y)
                     old[y, x, axis] = at // 2
-        state = np.full((height, width), KEPT, np.int8)
-        new, taken, costs = np.zeros_like(old), np.zeros((height, width), np.bool_), np.zeros(2, np.int64)
+        state = np.zeros((height, width), np.int8)  # KEPT
+        new, taken, costs = (
+            np.zeros(old.shape, np.int32),
+            np.zeros((height, width), np.bool_),
+            np.zeros(2, np.int64),
+        )
         state[1:-1, 1:-1] = FILLED
         cut_window(features, slopes, inside, offset, unit, most, old, old, state, taken, costs, price)
         if costs[0] < least[1]:
@@ -79,10 +83,32 @@ def _block_may_be(places, row, column):
 
 @inner
 def _most_frequent(shift, least):
-    """Displacements of at least so many pixels, the most frequent first, each as one number."""
-    values = (shift[..., 0] + _FACTOR // 2) * _FACTOR + shift[..., 1] + _FACTOR // 2
-    ordered = np.sort(values.ravel())
-    firsts = np.flatnonzero(np.append(True, ordered[1:] != ordered[:-1]))
-    counts = np.append(firsts[1:], ordered.size) - firsts
-    frequent = firsts[counts >= least]
-    return ordered[frequent][np.argsort(-counts[counts >= least], kind="mergesort")]
+    """Displacements of at least so many pixels as one number each: the most frequent first, of equals the smallest.
+
+    Without functions of NumPy, which Numba would import much for.
+    """
+    height, width = shift.shape[:2]
+    values, counts = np.empty(height * width, np.int64), np.empty(height * width, np.int64)
+    known, last = 0, 0
+    for y in range(height):
+        for x in range(width):
+            value = (shift[y, x, 0] + _FACTOR // 2) * _FACTOR + shift[y, x, 1] + _FACTOR // 2
+            if known == 0 or values[last] != value:  # neighbours mostly have the same
+                last = 0
+                while last < known and values[last] != value:
+                    last += 1
+                if last == known:
+                    values[known], counts[known] = value, 0
+                    known += 1
+            counts[last] += 1
+    frequent = 0
+    while True:
+        best = frequent
+        for index in range(frequent, known):
+            if counts[index] > counts[best] or (counts[index] == counts[best] and values[index] < values[best]):
+                best = index
+        if frequent == known or counts[best] < least:
+            return values[:frequent]
+        for array in (values, counts):
+            array[frequent], array[best] = array[best], array[frequent]
+        frequent += 1

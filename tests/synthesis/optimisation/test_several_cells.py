@@ -6,6 +6,7 @@ from tests.synthesis.optimisation.test_cell_completion import BORDER, HEIGHT, SI
 from texloom.stages.synthesis.optimisation.border import Border
 from texloom.stages.synthesis.optimisation.contour_cells import ContourCells
 from texloom.stages.synthesis.optimisation.several_cells import SeveralCellCompletion, SeveralCells
+from texloom.stages.vocabulary.facts import NOWHERE
 
 
 def two_walls(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
