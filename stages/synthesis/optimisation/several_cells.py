@@ -166,7 +166,7 @@ def completion_of(
     contours: ScalarMap,
     rectangles: Rectangles | None,
     border: Border,
-    lab: Float32[np.ndarray, "h w 3"],
+    lab: Float32[np.ndarray, "bordered_h bordered_w 3"],
     patch_size: int,
     allowed: Allowed | None,
 ) -> CellCompletion | None:
