@@ -136,8 +136,9 @@ class PatchFeatures:
         return exemplar, given, None if asked.all() else asked
 
     def halved(self) -> Float32[np.ndarray, "p q c"]:
-        """Features of the exemplar at half its size, without lattice phase and guides, CIELAB units."""
-        return square_means(self.planes, 2) * self.factors
+        """Colours and maps of the exemplar at half its size, CIELAB units."""
+        planes = square_means(self.planes, 2) * self.factors
+        return np.ascontiguousarray(np.delete(planes, self.colors, axis=2)) if self.guided else planes
 
     def release(self) -> None:
         """Free the planes of a large exemplar, after the last call of `at`: they take the memory of the votes."""
