@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from texloom.stages.analysis.photographs.reduced_surface import reduced_surface
+from texloom.stages.analysis.photographs.reduced_surface import reduced_surface, without_rim
 from texloom.stages.kernels.core.elementary_functions import log
 from texloom.stages.numerics.filters import gaussian_blur, gradients
 from texloom.stages.numerics.matrices import matrix_product, solve
@@ -86,7 +86,7 @@ def flatness(image: Image, usable: Mask) -> Flatness:
     cell = max(shown.shape) // _CELLS
     if min(shown.shape) < 4 * max(cell, 4):
         return none
-    inner = _inner(shown)
+    inner = without_rim(shown, 2)
     lightness = np.where(inner, lab[..., 0], lab[shown][:, 0].mean()).astype(np.float32)
     # Light that falls off has a slope of its own.
     texture = gaussian_blur(lightness, _FINEST) - gaussian_blur(lightness, cell / 2)
@@ -120,13 +120,6 @@ def flatness(image: Image, usable: Mask) -> Flatness:
         _falling(trends, noise),
         _folding(shade, contrast, weight > 0),
     )
-
-
-def _inner(shown: Mask) -> Mask:
-    """What is shown, without its border, where a gradient is none of the surface's."""
-    import cv2
-
-    return np.asarray(cv2.erode(shown.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=1) > 0)
 
 
 def _doubled(vectors: np.ndarray) -> np.ndarray:

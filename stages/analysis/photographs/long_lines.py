@@ -3,6 +3,7 @@
 import numpy as np
 
 from texloom.stages.analysis.photographs.line_segments import Frame, line_segments
+from texloom.stages.analysis.photographs.reduced_surface import without_rim
 from texloom.stages.kernels.core.elementary_functions import arctan2
 from texloom.stages.vocabulary.arrays import Image, Mask
 
@@ -25,15 +26,12 @@ def long_lines(image: Image, usable: Mask) -> float:
     ----------
     Ours; lines by [Gioi2010]_.
     """
-    import cv2
-
     frame = Frame((image.height, image.width))
     segments = line_segments(image)
     along = np.abs(segments.ends[:, 1] - segments.ends[:, 0])
     side = float(np.sqrt(np.count_nonzero(usable))) / frame.unit
     straight = arctan2(along.min(axis=1), along.max(axis=1)) < _STRAIGHT
-    reach = 2 * max(1, round(max(usable.shape) / 128)) + 1  # a mask has a rim of its own
-    inner = cv2.erode(usable.astype(np.uint8), np.ones((reach, reach), np.uint8), borderValue=1) > 0
+    inner = without_rim(usable, max(1, round(max(usable.shape) / 128)))
     rows, columns = np.rint(frame.pixels(segments.middles)).astype(int).T
     inside = inner[np.clip(rows, 0, image.height - 1), np.clip(columns, 0, image.width - 1)]
     lengths = segments.lengths[straight & inside & (segments.lengths > _LONG * side)]

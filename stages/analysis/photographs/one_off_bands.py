@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float32
 
 from texloom.stages.analysis.photographs.evenness import without_drift
-from texloom.stages.analysis.photographs.reduced_surface import reduced_surface
+from texloom.stages.analysis.photographs.reduced_surface import reduced_surface, without_rim
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.numerics.filters import gradients
 from texloom.stages.vocabulary.arrays import Image, Mask
@@ -50,7 +50,7 @@ def _rows(lab: Float32[np.ndarray, "h w 3"], shown: Mask) -> Bool[np.ndarray, "h
     """The rows that are in bands."""
     lightness = np.where(shown, lab[..., 0], lab[shown][:, 0].mean())
     steep = [np.abs(slope) * np.float32(_STEEP / 32) for slope in gradients(np.asarray(lightness, np.float32))]
-    inner = _inner(shown)
+    inner = without_rim(shown, 1)
     planes = np.concatenate([lab, np.stack(steep, axis=2)], axis=2) * inner[..., None]
     out, told = np.zeros(len(shown)), np.zeros(len(shown))
     for columns in np.array_split(np.arange(shown.shape[1]), _SECTIONS):
@@ -65,13 +65,6 @@ def _rows(lab: Float32[np.ndarray, "h w 3"], shown: Mask) -> Bool[np.ndarray, "h
     known = told >= 2
     odd = known & (out >= _AGREE * told)
     return _bands(odd, np.flatnonzero(shown.any(axis=1)))
-
-
-def _inner(shown: Mask) -> Mask:
-    """What is shown, without its border, where a gradient is none of the surface's."""
-    import cv2
-
-    return np.asarray(cv2.erode(shown.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1) > 0)
 
 
 def _bands(odd: Bool[np.ndarray, "h"], places: np.ndarray) -> Bool[np.ndarray, "h"]:  # type: ignore[name-defined]

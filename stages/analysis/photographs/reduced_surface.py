@@ -16,3 +16,11 @@ def reduced_surface(
     both = reduced(np.concatenate([image.color * counted, counted], axis=2), side)
     mean = both[..., :3] / np.maximum(both[..., 3:], np.float32(1e-6))
     return lab_from_linear(mean), both[..., 3] > 0.5
+
+
+def without_rim(shown: Mask, reach: int) -> Mask:
+    """What is shown, without ``reach`` px beside what is not, where gradients are none of the surface's."""
+    import cv2
+
+    sides = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    return np.asarray(cv2.erode(shown.astype(np.uint8), sides, borderValue=1) > 0)

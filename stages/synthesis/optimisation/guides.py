@@ -8,8 +8,10 @@ from jaxtyping import Float32
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.synthesis.control_maps.correlation import median_cells
+from texloom.stages.synthesis.optimisation.border import Border
 from texloom.stages.synthesis.optimisation.scale import Scale
-from texloom.stages.vocabulary.arrays import Mask, ScalarMap
+from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap
+from texloom.stages.vocabulary.sizes import format_size
 
 _COARSE_STRENGTH = 0.5  # exponent by which the strength grows as scales become coarser
 _MAX_SAMPLES = 2**16  # target pixels from which the wanted use is estimated
@@ -43,6 +45,32 @@ class Guides:
         target = np.pad(target, [*beyond, (0, 0)], mode="wrap")
         factor = np.float32(scale.factor**-_COARSE_STRENGTH)
         return resize(self.exemplar, *scale.exemplar, bilinear=True) * factor, target * factor
+
+
+def guides_of(
+    image: Image,
+    start: Correspondence,
+    exemplar_guide: Float32[np.ndarray, "h w k"] | None,
+    target_guide: Float32[np.ndarray, "H W k"] | None,
+    border: Border,
+) -> Guides | None:
+    """The guides of an exemplar with its border and of the result of the size of ``start``; none without any.
+
+    Raises
+    ------
+    ValueError
+        only one is given, or they do not fit the exemplar or each other.
+    """
+    if exemplar_guide is None or target_guide is None:
+        if exemplar_guide is not target_guide:
+            raise ValueError("exemplar_guide and target_guide go together")
+        return None
+    if exemplar_guide.shape[:2] != (image.height, image.width) or exemplar_guide.shape[2] != target_guide.shape[2]:
+        raise ValueError(
+            f"guides of shapes {exemplar_guide.shape} and {target_guide.shape} for an exemplar of "
+            f"{format_size(image)}"
+        )
+    return Guides(border.around(exemplar_guide), resize_target(target_guide, start.shape[0], start.shape[1]))
 
 
 def resize_target(target: Float32[np.ndarray, "h w k"], height: int, width: int) -> Float32[np.ndarray, "H W k"]:

@@ -28,7 +28,7 @@ from texloom.stages.synthesis.optimisation.coarse_to_fine import (
 from texloom.stages.synthesis.optimisation.correspondence import Patches, from_layers, to_layers
 from texloom.stages.synthesis.optimisation.features import FeaturesOfScale, PatchFeatures
 from texloom.stages.synthesis.optimisation.fixed import FixedPixels
-from texloom.stages.synthesis.optimisation.guides import Guides, expected_use, resize_target
+from texloom.stages.synthesis.optimisation.guides import Guides, expected_use, guides_of
 from texloom.stages.synthesis.optimisation.inputs import check_inputs, check_patches
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase, min_spacing
 from texloom.stages.synthesis.optimisation.match_search import Search, occurrence_map
@@ -45,7 +45,7 @@ from texloom.stages.vocabulary.declare import stage
 from texloom.stages.vocabulary.facts import NOWHERE
 from texloom.stages.vocabulary.masks import FilledExemplar, tell_holes, valid_pixels, without_usable
 from texloom.stages.vocabulary.scratch import bands
-from texloom.stages.vocabulary.sizes import Size, format_size
+from texloom.stages.vocabulary.sizes import Size
 from texloom.stages.vocabulary.tileable import Tileable, wraps_after
 from texloom.stages.vocabulary.voted_patches import VotedPatches
 
@@ -190,6 +190,7 @@ class _Optimisation:
         fixed: FixedPixels | None,
         share: ScalarMap | None,
         several: SeveralExemplars | None,
+        relaxes: bool,
         params: OptimiseParams,
     ):
         exemplar = FilledExemplar.of(image)
@@ -203,11 +204,12 @@ class _Optimisation:
         self.fixed = fixed
         self.share = share
         self.several = several
+        self.relaxes = relaxes
         self.params = params
         self.final = window(params.patch_size, params.schedule.final_sigma)
         self.wrap = params.tileable or NOWHERE
         self.halved: Float32[np.ndarray, "h w c"] | None = None
-        """features of the exemplar at half its size, from the last scale on"""
+        """features of the exemplar at half its size, from the last scale on, where seams are relaxed"""
 
     @property
     def lab(self) -> Float32[np.ndarray, "h w 3"]:
@@ -232,7 +234,7 @@ class _Optimisation:
         """Improve ``match`` in place at one scale, iteration by iteration."""
         phased = self.compared.phase is not None and (scale.level == 1 or scale.within(_PHASE_SHARE))
         features = self.compared.at(scale, phased, self.params.beyond)
-        if scale.level == scale.count and self.params.relaxed_seams:
+        if scale.level == scale.count and self.relaxes:
             self.halved = self.compared.halved()
         if scale.level == scale.count and self.fixed is None:  # else fixed pixels look at the planes once more
             self.compared.release()
@@ -411,7 +413,7 @@ def optimise(
     wrap = wraps_after(params.tileable, NOWHERE if keep is None else kept.wraps)
     params = params.model_copy(update={"tileable": wrap})
     border = Border(params.patch_size if params.border else 1)
-    guides = _guides(image, start, exemplar_guide, target_guide, border)
+    guides = guides_of(image, start, exemplar_guide, target_guide, border)
     several = None
     if rectangles is not None and guides is None:
         shape = (image.height, image.width)
@@ -434,8 +436,9 @@ def optimise(
     scales = patch_scales(image, start, params, params.occurrence > 0, cells)
     distance = None if guidance is None else border.around(guidance)
     share = None if share is None else border.around(share)
+    relaxes = params.relaxed_seams and all(part is None for part in (keep, guides, phase, rectangles))
     optimisation = _Optimisation(
-        image, start, distance, weight, guides, phase, regularity, fixed, share, several, params
+        image, start, distance, weight, guides, phase, regularity, fixed, share, several, relaxes, params
     )
     del distance
     randoms, tried = rng.spawn(len(scales)), min(_TRIED_SCALES, len(scales) - 1)
@@ -444,8 +447,7 @@ def optimise(
         optimisation, scales, randoms, params.tolerance, checkpoints, others, optimisation.best
     )
 
-    if params.relaxed_seams and keep is None and guides is None and phase is None and rectangles is None:
-        assert optimisation.halved is not None
+    if optimisation.halved is not None:
         relax_seams(match, optimisation.halved, params.patch_size, wrap, scales[-1].allowed, scales[-1].places)
     if params.whole_cells and keep is None and (guides is None or rectangles is not None):
         lab, allowed = optimisation.lab, scales[-1].allowed
@@ -484,22 +486,3 @@ def optimise(
         patches=None if voted is None else voted.patches,
         voting={} if voted is None else voted.record(),
     )
-
-
-def _guides(
-    image: Image,
-    start: Correspondence,
-    exemplar_guide: Float32[np.ndarray, "h w k"] | None,
-    target_guide: Float32[np.ndarray, "H W k"] | None,
-    border: Border,
-) -> Guides | None:
-    if exemplar_guide is None or target_guide is None:
-        if exemplar_guide is not target_guide:
-            raise ValueError("exemplar_guide and target_guide go together")
-        return None
-    if exemplar_guide.shape[:2] != (image.height, image.width) or exemplar_guide.shape[2] != target_guide.shape[2]:
-        raise ValueError(
-            f"guides of shapes {exemplar_guide.shape} and {target_guide.shape} for an exemplar of "
-            f"{format_size(image)}"
-        )
-    return Guides(border.around(exemplar_guide), resize_target(target_guide, start.shape[0], start.shape[1]))
