@@ -10,6 +10,7 @@ from texloom.stages.vocabulary.declare import InputError
 
 _LONGEST = 80  # characters of a value in an error
 _LONGEST_LINE = 2000  # characters of an error
+_MOST_NAMED = 24  # of what there is
 
 
 def one_line(text: str) -> str:
@@ -54,9 +55,12 @@ def closest(word: str, known: Iterable[str]) -> str:
 
 
 def one_of(known: Iterable[str]) -> str:
-    """A hint at all that there is."""
+    """A hint at all that there is, of many at the first of them."""
     names = list(known)
-    return f"; there {'is' if len(names) == 1 else 'are'} {', '.join(names)}" if names else ""
+    if not names:
+        return ""
+    told = names if len(names) <= _MOST_NAMED else [*names[: _MOST_NAMED - 1], f"{len(names) - _MOST_NAMED + 1} more"]
+    return f"; there {'is' if len(names) == 1 else 'are'} {', '.join(told)}"
 
 
 def hint(word: str, known: Iterable[str]) -> str:

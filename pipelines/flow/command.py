@@ -9,7 +9,7 @@ from pathlib import Path
 
 from texloom.pipelines.flow.items import Item
 from texloom.pipelines.flow.model import Flow
-from texloom.pipelines.flow.shipped import shipped_flows
+from texloom.pipelines.flow.shipped import flow_word
 
 
 def command_of(flow: Flow, item: Item | None = None) -> str:
@@ -58,9 +58,8 @@ def _listed(value: str | Sequence[str]) -> list[str]:
 
 
 def _flow_word(path: Path) -> str:
-    shipped = shipped_flows().get(path.stem)
-    is_shipped = shipped is not None and shipped.resolve() == path.resolve()
-    return path.stem if is_shipped else _short(str(path))
+    word = flow_word(path)
+    return word if word == path.stem else _short(word)
 
 
 def _short(path: str) -> str:

@@ -11,7 +11,7 @@ from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.command import option_words, param_words
 from texloom.pipelines.flow.items import Item
 from texloom.pipelines.flow.model import Flow
-from texloom.pipelines.flow.shipped import shipped_flows
+from texloom.pipelines.flow.shipped import flow_word
 from texloom.pipelines.flow.source_choice import absolute
 from texloom.pipelines.flow.step_params import file_params
 
@@ -52,9 +52,8 @@ def command_list(flow: Flow, items: Sequence[Item], store: Path, out: Path, forc
 
 def _run(flow: Flow) -> list[str]:
     overrides = flow.overrides
-    is_shipped = shipped_flows().get(flow.path.stem) == flow.path
     here = Path.cwd()
-    words = ["texloom", "run", flow.path.stem if is_shipped else str(flow.path.absolute())]
+    words = ["texloom", "run", flow_word(flow.path.absolute())]
     words += [absolute(picture, here) for picture in overrides.pictures]
     for name, given in overrides.sources.items():
         words += ["--source", f"{name}={absolute(given if isinstance(given, str) else given[0], here)}"]

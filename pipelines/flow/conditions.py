@@ -48,7 +48,7 @@ def checked_condition(entry: Entry, stages: Mapping[str, Stage]) -> Condition:
         raise entry.fail(f"stage {stages[step].name} has no param '{param}'{hint(param, model.model_fields)}")
     kind = typing.get_type_hints(model, include_extras=True)[param]
     try:
-        value = pydantic.TypeAdapter(kind).validate_python(parse_yaml(text, f"{entry.path}: {entry.place}"))
+        value = pydantic.TypeAdapter(kind).validate_python(parse_yaml(text, entry.where()))
     except pydantic.ValidationError as error:
         told: str = error.errors()[0]["msg"]
         raise entry.fail(f"{param}: {told[0].lower()}{told[1:]}, got {text}") from None

@@ -242,7 +242,7 @@ class Connections:
             raise entry.fail(f"must be a field, but {reference} is an image; export it as .png")
         if takes == "image" and made.plain is not Image:
             raise entry.fail(f"must be an image, whose maps it will bind, but {reference} is {made}")
-        writer.check_installed(f"{entry.path}: {entry.place}")
+        writer.check_installed(entry.where())
         folder = f"{file.removesuffix(writer.suffix)}{writer.companions}"
         if writer.companions and {folder, f"{folder}/"} & set(self.draft.exports):
             raise entry.fail(f"its maps are written into '{folder}', which is another export")

@@ -9,6 +9,7 @@ from typing import Any
 
 from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.schema import FolderPart
+from texloom.pipelines.flow.shipped import flow_word
 from texloom.stages.vocabulary.declare import InputError
 
 EACH = "*"
@@ -25,9 +26,13 @@ class Entry:
     path: Path
     place: str
 
+    def where(self, *more: object) -> str:
+        """This place, or one inside of it, for errors."""
+        return f"{flow_word(self.path)}: {'.'.join([self.place, *map(str, more)])}"
+
     def fail(self, problem: str, *more: object) -> InputError:
         """The error of this place, or of one inside of it."""
-        return refused(f"{self.path}: {'.'.join([self.place, *map(str, more)])}: {problem}")
+        return refused(f"{self.where(*more)}: {problem}")
 
 
 @dataclasses.dataclass(frozen=True)

@@ -26,6 +26,7 @@ from texloom.pipelines.flow.schema import (
     is_optional,
     parse_flow,
 )
+from texloom.pipelines.flow.shipped import flow_word
 from texloom.pipelines.flow.source_choice import SourceChoice
 from texloom.pipelines.flow.step_order import in_order, scoped_steps
 from texloom.pipelines.flow.step_params import StepParams, document_params
@@ -107,11 +108,11 @@ def _seed(seed: int) -> int:
 
 
 def nearest_stage(name: str) -> str:
-    """A hint at the stage that ``name``, with or without its group, may mean; else at all of them."""
+    """A hint at the stage that ``name``, with or without its group, may mean; else at their list."""
     known = stage_names()
     by_word = {stage.rpartition(".")[2]: stage for stage in known}
     close = difflib.get_close_matches(name.rpartition(".")[2], by_word, n=1, cutoff=0.6)
-    return f"; did you mean '{by_word[close[0]]}'?" if close else one_of(known)
+    return f"; did you mean '{by_word[close[0]]}'?" if close else "; `texloom stages` lists them"
 
 
 class _Checker:
@@ -130,7 +131,7 @@ class _Checker:
         self.choice = SourceChoice(draft, overrides)
 
     def fail(self, place: str, problem: str) -> InputError:
-        return refused(f"{self.path}: {place}: {problem}")
+        return refused(f"{flow_word(self.path)}: {place}: {problem}")
 
     def flow(self) -> Flow:
         draft = self.draft

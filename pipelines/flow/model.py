@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from texloom.pipelines.errors import refused
+from texloom.pipelines.flow.shipped import flow_word
 from texloom.pipelines.media.delivery import AS_IS, Delivery
 from texloom.pipelines.media.part import Part
 from texloom.stages.vocabulary.declare import Params, Stage
 
-_SHIPPED = Path(__file__).parents[2] / "configs"
 RUNNERS = {
     "local": "this process, one item after the other",
     "threads": "threads of this process, several steps at a time",
@@ -212,8 +212,7 @@ class Flow:
     def check_sources(self) -> None:
         """`InputError` where a required source has no file."""
         if self.missing:
-            flow = self.path.stem if self.path.parent == _SHIPPED else self.path
-            example = " ".join(["texloom run", str(flow), *self._example_sources()])
+            example = " ".join(["texloom run", flow_word(self.path), *self._example_sources()])
             raise refused(f"{self.where('sources', self.missing[0])}: required, as in: {example}")
 
     def _example_sources(self) -> list[str]:
@@ -233,7 +232,7 @@ class Flow:
 
     def where(self, *place: str) -> str:
         """The name of a place of the flow file, for errors."""
-        return f"{self.path}: {'.'.join(place)}"
+        return f"{flow_word(self.path)}: {'.'.join(place)}"
 
 
 def flat(gather: Mapping[str, Reference | Mapping[str, Reference]]) -> list[Reference]:

@@ -28,6 +28,11 @@ def shipped_flows() -> dict[str, Path]:
     return {path.stem: path for path in sorted(_FOLDER.glob("*.yaml"))}
 
 
+def flow_word(path: Path) -> str:
+    """What names a flow in commands and errors: the name of one that ships, else the path."""
+    return path.stem if path.parent.resolve() == _FOLDER.resolve() else str(path)
+
+
 def plugin_flows() -> dict[str, tuple[Path, str]]:
     """Name to file and origin (distribution and version) of the flows of plug-ins; those that ship come first."""
     import importlib.util

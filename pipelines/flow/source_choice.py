@@ -11,6 +11,7 @@ from texloom.pipelines.errors import hint, refused, shown
 from texloom.pipelines.flow.draft import Draft, Entry
 from texloom.pipelines.flow.model import Each, Overrides
 from texloom.pipelines.flow.schema import REQUIRED, SetPart, is_optional
+from texloom.pipelines.flow.shipped import flow_word
 from texloom.pipelines.flow.source_files import is_pattern, source_of, stack_of
 from texloom.pipelines.flow.step_params import resolved
 from texloom.pipelines.media.material_set import is_map_set
@@ -54,7 +55,7 @@ class SourceChoice:
                 raise refused(f"--source {name}: the flow has no such source{hint(name, known)}")
         if pictures := self.overrides.pictures:
             if not known:
-                raise refused(f"{self.draft.path}: sources: the flow takes no picture, got {shown(pictures[0])}")
+                raise refused(f"{flow_word(self.draft.path)}: sources: the flow takes no picture, got {shown(pictures[0])}")
             first = next(iter(known))
             if first in chosen:
                 raise refused(f"--source {first}: {pictures[0]} is given as '{first}' too; give one of them")

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.draft import Draft
 from texloom.pipelines.flow.model import Each, Scope, Step, flat
+from texloom.pipelines.flow.shipped import flow_word
 
 
 def in_order(steps: Mapping[str, Step], draft: Draft) -> dict[str, Step]:
@@ -17,7 +18,7 @@ def in_order(steps: Mapping[str, Step], draft: Draft) -> dict[str, Step]:
     try:
         graphlib.TopologicalSorter({name: step.needs for name, step in steps.items()}).prepare()
     except graphlib.CycleError as error:
-        raise refused(f"{draft.path}: steps: a cycle: {' <- '.join(error.args[1])}") from None
+        raise refused(f"{flow_word(draft.path)}: steps: a cycle: {' <- '.join(error.args[1])}") from None
     places = {name: place for place, name in enumerate(steps)}
     waits_for = {name: len(step.needs) for name, step in steps.items()}
     taken_by: dict[str, list[str]] = {name: [] for name in steps}

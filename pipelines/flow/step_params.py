@@ -59,7 +59,7 @@ class StepParams:
                 continue
             values[name] = {param: entry.value for param, entry in step.params.items()}
             for param, entry in step.params.items():
-                where = f"{entry.path}: {entry.place}"
+                where = entry.where()
                 places[name, param] = where
                 _resolve_files(values[name], param, self.stages[name].params, entry.path.parent, where)
         for target, value in given.items():

@@ -241,8 +241,8 @@ WRONG = {  # change of GOOD => error
         "steps.structure.stage: no stage 'analysis.ostu'; did you mean 'analysis.otsu'?"
     ),
     "analysis.otsu => otsu": "steps.structure.stage: no stage 'otsu'; did you mean 'analysis.otsu'?",
-    "analysis.otsu => zzzz": "steps.structure.stage: no stage 'zzzz'; there are …analysis.edges, ",
-    "synthesis.initialise => synthesis._vote": "steps.start.stage: no stage 'synthesis._vote'; there are ",
+    "analysis.otsu => zzzz": "steps.structure.stage: no stage 'zzzz'; `texloom stages` lists them",
+    "synthesis.initialise => synthesis._vote": "steps.start.stage: no stage 'synthesis._vote'; `texloom stages` lists them",
     "analysis.otsu => 7": "steps.structure.stage: must name a stage, got 7",
     "stage: analysis.otsu,  => ": "steps.structure.stage: must name a stage, got nothing",
     "finest => finset": "steps.edges.params.finset: no such param; did you mean 'finest'?",
