@@ -59,7 +59,8 @@ def one_of(known: Iterable[str]) -> str:
     names = list(known)
     if not names:
         return ""
-    told = names if len(names) <= _MOST_NAMED else [*names[: _MOST_NAMED - 1], f"{len(names) - _MOST_NAMED + 1} more"]
+    more = len(names) - _MOST_NAMED
+    told = [*names[:_MOST_NAMED], f"{more} more"] if more > 1 else names
     return f"; there {'is' if len(names) == 1 else 'are'} {', '.join(told)}"
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.errors import hint, one_of, refused, shown
+from texloom.pipelines.errors import hint, refused, shown
 from texloom.pipelines.flow.compose import compose
 from texloom.pipelines.flow.conditions import conditions, is_condition
 from texloom.pipelines.flow.connections import Connections

@@ -20,6 +20,8 @@ WRITTEN = f"{', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}"
 """the ends of names of files that can be written, in words"""
 FILE_NAME = f"a file name of letters, digits, '.', '_' and '-' that ends in {WRITTEN}, or in / for a folder"
 """what `EXPORT` matches"""
+FORMAT = 1
+"""of flow files: a file of a later one would mean something else here"""
 REQUIRED = "required"
 """in place of a source's file: whoever runs the flow must give one"""
 OPTIONAL = "optional"
@@ -70,6 +72,14 @@ def _seeds(value: Any) -> list[int]:
     if len(set(seeds)) < len(seeds):
         _fail(f"the same one twice in {shown(seeds)}", "whole")
     return seeds
+
+
+def _format(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        _fail(f"must be the number of a format, up to {FORMAT}")
+    if value > FORMAT:
+        _fail(f"must be {FORMAT}, the newest that this texloom reads; update texloom")
+    return value
 
 
 def _rounds(value: Any) -> int:
@@ -250,6 +260,7 @@ class TakenPart(_Part):
 class FlowPart(VariantPart):
     """A flow file."""
 
+    format: Annotated[int, BeforeValidator(_format)] = FORMAT
     flow: Annotated[str, BeforeValidator(_flow_name)] | None = None
     group: Annotated[str, BeforeValidator(_group)] | None = None
     listed: Annotated[bool, _expect(bool, "must be true or false")] = True
@@ -265,8 +276,8 @@ class FlowPart(VariantPart):
 
 
 _FIELDS = (
-    "flow", "group", "listed", "seed", "runner", "delivery", "part", "include", "with", "for", "repeat", "sources",
-    "steps", "params", "exports",
+    "format", "flow", "group", "listed", "seed", "runner", "delivery", "part", "include", "with", "for", "repeat",
+    "sources", "steps", "params", "exports",
 )  # fmt: skip
 _VARIANT_FIELDS = ("include", "with", "sources", "steps", "exports")
 _PARTS: dict[str, tuple[str, ...]] = {

@@ -55,7 +55,8 @@ class SourceChoice:
                 raise refused(f"--source {name}: the flow has no such source{hint(name, known)}")
         if pictures := self.overrides.pictures:
             if not known:
-                raise refused(f"{flow_word(self.draft.path)}: sources: the flow takes no picture, got {shown(pictures[0])}")
+                told = f"sources: the flow takes no picture, got {shown(pictures[0])}"
+                raise refused(f"{flow_word(self.draft.path)}: {told}")
             first = next(iter(known))
             if first in chosen:
                 raise refused(f"--source {first}: {pictures[0]} is given as '{first}' too; give one of them")

@@ -20,6 +20,7 @@ from texloom.pipelines.errors import one_line
 from texloom.pipelines.flow.command import command_of
 from texloom.pipelines.flow.items import own_names
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference
+from texloom.pipelines.flow.schema import FORMAT
 from texloom.pipelines.flow.shipped import shipped_flows
 from texloom.pipelines.media.arrays import file_source, masked
 from texloom.pipelines.media.material_set import holds_one_material
@@ -182,7 +183,7 @@ def flow_file(recipe: Recipe, flow: Flow, file: str, library: Library) -> str:
         for target in flow.params.get(name, (name,)):
             step, _, param = target.partition(".")
             steps.setdefault(step, {"params": {}})["params"][param] = _in_file(name, value)
-    document: dict[str, Any] = {"flow": flow.name, "seed": recipe.seed, "include": recipe.flow}
+    document: dict[str, Any] = {"format": FORMAT, "flow": flow.name, "seed": recipe.seed, "include": recipe.flow}
     delivery = {"layout": recipe.layout, "udim": recipe.udim, "material": recipe.material}
     if any(delivery.values()):
         document["delivery"] = {name: value for name, value in delivery.items() if value}

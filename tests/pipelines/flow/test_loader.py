@@ -242,7 +242,7 @@ WRONG = {  # change of GOOD => error
     ),
     "analysis.otsu => otsu": "steps.structure.stage: no stage 'otsu'; did you mean 'analysis.otsu'?",
     "analysis.otsu => zzzz": "steps.structure.stage: no stage 'zzzz'; `texloom stages` lists them",
-    "synthesis.initialise => synthesis._vote": "steps.start.stage: no stage 'synthesis._vote'; `texloom stages` lists them",
+    "synthesis.initialise => synthesis._vote": "steps.start.stage: no stage 'synthesis._vote'; `texloom stages` ",
     "analysis.otsu => 7": "steps.structure.stage: must name a stage, got 7",
     "stage: analysis.otsu,  => ": "steps.structure.stage: must name a stage, got nothing",
     "finest => finset": "steps.edges.params.finset: no such param; did you mean 'finest'?",
@@ -301,13 +301,15 @@ WRONG = {  # change of GOOD => error
     "pictures/wall.png => {}": "sources.exemplar.each: must be a pattern like 'folder/*.png', got nothing",
     "pictures/wall.png => {each: 3}": "sources.exemplar.each: must be a pattern like 'folder/*.png', got 3",
     "pictures/wall.png => {each: '*', pair: 3}": "sources.exemplar.pair: must be another source, got 3",
+    "seed: 3 => format: 2": "format: must be 1, the newest that this texloom reads; update texloom, got 2",
+    "seed: 3 => format: '1'": "format: must be the number of a format, up to 1, got '1'",
     # unknown fields
     f"{EDGES} => each: a, {EDGES}": "steps.edges.each: unknown; there are stage",
     f"{EDGES} => parms: 1, {EDGES}": "steps.edges.parms: unknown; did you mean 'params'?",
     "exports: => export:": "export: unknown; did you mean 'exports'?",
     "exports: => zzz:": (
-        "zzz: unknown; there are flow, group, listed, seed, runner, delivery, part, include, with, for, repeat, "
-        "sources, steps, params, exports"
+        "zzz: unknown; there are format, flow, group, listed, seed, runner, delivery, part, include, with, for, "
+        "repeat, sources, steps, params, exports"
     ),
     'exports: => "a\\nb\\e[0m":': "a\\nb\\x1b[0m: unknown",
     # flow, seed, exports
