@@ -11,6 +11,7 @@ from texloom.stages.kernels.core.elementary_functions import exp, log
 from texloom.stages.kernels.core.threads import spans
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.correspondence import Patches
+from texloom.stages.synthesis.optimisation.overuse import Overuse
 from texloom.stages.synthesis.optimisation.several_exemplars import Balance
 from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.scratch import bands, empty, run_bands, run_released
@@ -80,7 +81,7 @@ class Search:
     allowed : the permitted exemplar patches, which include all initial matches; none permits all.
     expected : use of each exemplar patch, relative to even use, at which its occurrence penalty is ``occurrence``;
         none for even use of all.
-    balance : of several exemplars, each of which is to give its share; none for one.
+    balance : a price on exemplars that give more than their share, or on regions that are used too often; or none.
     """
 
     def __init__(
@@ -95,7 +96,7 @@ class Search:
         overuse: float,
         allowed: Allowed | None = None,
         expected: Float32[np.ndarray, "p q"] | None = None,
-        balance: Balance | None = None,
+        balance: Balance | Overuse | None = None,
     ):
         from texloom.stages.kernels.patchmatch.search import ALL_ACTIVE, PatchShape
 

@@ -32,10 +32,11 @@ from texloom.stages.synthesis.optimisation.guides import Guides, expected_use, g
 from texloom.stages.synthesis.optimisation.inputs import check_inputs, check_patches
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase, min_spacing
 from texloom.stages.synthesis.optimisation.match_search import Search, occurrence_map
+from texloom.stages.synthesis.optimisation.overuse import Overuse
 from texloom.stages.synthesis.optimisation.scale import Rounds
 from texloom.stages.synthesis.optimisation.seam_relaxation import relax_seams
 from texloom.stages.synthesis.optimisation.several_cells import completion_of
-from texloom.stages.synthesis.optimisation.several_exemplars import SeveralExemplars, largest_block
+from texloom.stages.synthesis.optimisation.several_exemplars import Balance, SeveralExemplars, largest_block
 from texloom.stages.synthesis.optimisation.starts import best_start
 from texloom.stages.synthesis.optimisation.vote import HistogramVote, mean_vote, result_image, vote_pixels, window
 from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, ScalarMap, Vectors
@@ -71,6 +72,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "border": False,
         "whole_cells": False,
         "relaxed_seams": False,
+        "most_use": None,
     },
     "default": {},
     "fast": {
@@ -115,6 +117,10 @@ class OptimiseParams(CoarseToFineParams):
     occurrence_coarse: float = Field(30.0, ge=0, le=1e4)
     """the same weight at the coarsest scale, interpolated logarithmically between; no effect if `occurrence` is
     0"""
+    most_use: float | None = Field(1.2, ge=1, le=100)
+    """use of a region of a twelfth of the exemplar's side, relative to its fair share, above which its patches
+    become dearer, so that what is easily recognised does not return everywhere; null: no such limit; no effect
+    where a lattice is enforced, there are several exemplars, or `occurrence` is 0"""
     histogram_share: float = Field(0.5, ge=0, le=1)
     """share of the scales, coarsest first, at which votes also match the exemplar's histograms"""
     regularity: float = Field(64.0, ge=0, le=100)
@@ -247,7 +253,11 @@ class _Optimisation:
         exemplar, given, where = features
         channels = exemplar.shape[1] // scale.exemplar[1]
         expected, expected_places = self._expected(scale)
-        balance = None if self.several is None else self.several.at(scale.exemplar, size, scale.places)
+        balance: Balance | Overuse | None = None
+        if self.several is not None:
+            balance = self.several.at(scale.exemplar, size, scale.places)
+        elif self.compared.phase is None and params.most_use is not None and params.occurrence > 0:
+            balance = Overuse(scale.places, params.most_use, scale.allowed, expected_places)
         search = Search(
             exemplar, channels, size, scale.places, scale.patches, wrap, params.occurrence_at(scale), _OVERUSE,
             scale.allowed, expected_places, balance,

@@ -1,0 +1,79 @@
+"""A price on regions of an exemplar that a result shows more often than others."""
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int32, Int64
+
+from texloom.stages.synthesis.optimisation.allowed import Allowed
+
+_REGIONS = 12  # along each side of the exemplar
+_CELLS = 4  # of the grid, along a region
+_RISE = 0.05  # of the mean distance, for a region that is used once more than is fair than it may be
+_FALL = 0.5  # of that, where use is less
+_MOST = 0.5  # of the mean distance
+_LEAST_COPIES = 1.5  # which no region has to answer for: a small result shows what it shows
+_SHARES = 1024  # steps of expected use, so that sums are exact
+
+
+class Overuse:
+    """Multipliers of an augmented Lagrangian: the price of a region rises while it is used too often, else falls.
+
+    A fixed occurrence penalty is small beside the distances of coarse scales, at which a result decides how often
+    it shows what. What is used little is not made cheaper: it fits badly, and costs more in joints than it gives.
+    Not in the paper.
+
+    Parameters
+    ----------
+    places : exemplar patches down and across.
+    most_use : that a region may have, relative to its fair share.
+    allowed : the permitted patches; none for all.
+    expected : use of each patch that is wanted, relative to even use; none for even use of all.
+    """
+
+    def __init__(
+        self,
+        places: tuple[int, int],
+        most_use: float,
+        allowed: Allowed | None,
+        expected: Float32[np.ndarray, "p q"] | None,
+    ):
+        self.firsts = [np.arange(0, count, max(1, count // (_REGIONS * _CELLS))) for count in places]
+        self.cells = [
+            np.searchsorted(firsts, np.arange(count), "right") - 1
+            for firsts, count in zip(self.firsts, places, strict=True)
+        ]
+        own = np.ones(places, np.int64) if allowed is None else allowed.places.astype(np.int64)
+        wanted = own * _SHARES if expected is None else np.rint(own * expected * _SHARES).astype(np.int64)
+        self.whole = float(wanted.sum())
+        self.fair = self._of_regions(wanted)
+        self.area = self._of_regions(own)
+        self.most_use = most_use
+        self.prices = np.zeros(self.fair.shape)
+        """of each cell, relative to the mean distance"""
+        self.distance = 0.0
+
+    def adjust(self, counts: Int32[np.ndarray, "p q"], distance: float) -> None:
+        """Adjust the prices to how often each patch is a match.
+
+        ``distance`` is how much patches differ from their matches on average, CIELAB units squared.
+        """
+        fair = self.fair * (float(counts.sum(dtype=np.int64)) / self.whole)
+        limit = np.maximum(np.maximum(self.most_use * fair, _LEAST_COPIES * self.area), 1e-9)
+        excess = self.most_use * (self._of_regions(counts.astype(np.int64)) / limit - 1)
+        self.prices += _RISE * np.where(excess > 0, excess, _FALL * excess)
+        np.clip(self.prices, 0, _MOST, out=self.prices)
+        self.distance = distance
+
+    def penalty(self, unit: int) -> Float32[np.ndarray, "p q"]:
+        """Of each patch, whole numbers, in ``unit`` parts of CIELAB units squared."""
+        return np.rint(self.prices * (self.distance * unit)).astype(np.float32)[np.ix_(*self.cells)]
+
+    def _of_regions(self, values: Int64[np.ndarray, "p q"]) -> Float64[np.ndarray, "rows columns"]:
+        """Sums over the region around each cell of the grid, as far as it is inside."""
+        sums = np.add.reduceat(np.add.reduceat(values, self.firsts[0], axis=0), self.firsts[1], axis=1)
+        reach = _CELLS // 2
+        for axis, count in enumerate(sums.shape):
+            total = np.concatenate([np.zeros_like(sums.take([0], axis)), np.cumsum(sums, axis=axis)], axis=axis)
+            middle = np.arange(count)
+            last, first = np.minimum(middle + reach + 1, count), np.maximum(middle - reach, 0)
+            sums = total.take(last, axis) - total.take(first, axis)
+        return np.asarray(sums, np.float64)
