@@ -120,7 +120,7 @@ def track_lattice(
 def _tracked(
     plane: ScalarMap, generators: Float64[np.ndarray, "2 2"], reach: float, known: _Found | None = None
 ) -> _Found:
-    """The vertices by one plane; where those by another are known, the mean of their cells is the first template."""
+    """The vertices by one plane; the first template is the mean of the cells at those by another, if known."""
     offsets = lattice_cells.cell_offsets(generators)
     radius = max(2.0, reach * float(np.hypot(*generators.T).min()))
 
