@@ -21,7 +21,7 @@ _LENGTH_COST = 0.05  # of a px of the outline, in mean costs
 _AROUND = 1 / 24  # of the shorter generator, over which contrast is measured
 _FLAT = 0.25  # of the mean variation, added to contrast: flat places where cells are alike hide joints too
 _MIN_TILES = 0.75  # share of the largest number of whole cells that an outline must leave
-_FEW_TILES = 4  # whole cells below which every one counts more than how a joint shows
+_FEW_TILES = 8  # whole cells below which their number counts more than how a joint shows
 _LOOPS = ((0, 1), (1, 0), (1, 1), (1, -1))  # generators that the first line may follow
 _SIDES = ((0, 1), (1, 0), (1, 1), (1, -1))  # steps to the corners that a line may continue at
 
@@ -178,7 +178,7 @@ def cell_outline(
     Two lines divide the plane into cells. The first follows a generator, or the sum or difference of both, from a
     point to its copy: of all such lines the one of least `visibility`. The second, found in the same way,
     joins the first one and its copy. Of the pairs that leave nearly as many whole cells as any, that of least cost
-    is returned. Where that leaves fewer than four, lines of least `variation` are taken if these leave more.
+    is returned. Where that leaves fewer than eight, lines of least `variation` are taken if these leave more.
 
     Parameters
     ----------
