@@ -60,7 +60,9 @@ def periods_of_directions(lightness: ScalarMap, generators: np.ndarray) -> float
     if sum(float((plane**2).mean()) for plane in turns) < _MIN_TURN**2:
         return np.inf
     height, width = turns[0].shape
-    window = np.hanning(height)[:, None] * np.hanning(width)
+    # Welch's window
+    down, across = (1 - np.square(np.linspace(-1, 1, side + 2)[1:-1]) for side in (height, width))
+    window = down[:, None] * across
     size = (_PADDED * height, _PADDED * width)
     power = np.sum([np.abs(np.fft.rfft2(plane * window, size)) ** 2 for plane in turns], axis=0)
     row, column = np.unravel_index(int(np.argmax(power)), power.shape)
