@@ -11,21 +11,15 @@ from pydantic import Field
 from texloom.stages.analysis.regularity.course_tracking import track_courses
 from texloom.stages.analysis.regularity.courses import clearest_plane
 from texloom.stages.analysis.regularity.lattice import valid_lightness
+from texloom.stages.analysis.regularity.lattice_tracking import MIN_VERTICES, track_lattice
 from texloom.stages.analysis.regularity.vertices import Vertices, read_vertices
-from texloom.stages.common.regularity import lattice_cells
 from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.numerics.matrices import determinant, inverse_of, least_squares, matrix_product, solve_symmetric
-from texloom.stages.vocabulary.arrays import Channels, Image, ScalarMap, Vectors
-from texloom.stages.vocabulary.color import lab_from_linear
+from texloom.stages.vocabulary.arrays import Channels, Image, Vectors
 from texloom.stages.vocabulary.declare import InputError, InputFile, Params, stage
 from texloom.stages.vocabulary.masks import valid_pixels
 from texloom.stages.vocabulary.sizes import format_size
 
-_MAX_GENERATOR = 48.0  # px; the exemplar is reduced so that no generator is longer while vertices are tracked
-_SEEDS = 3  # a side: cells of the exemplar that are tried as the first template
-_PASSES = 2  # with the mean of the detected cells as template
-_MIN_CORRELATION = 0.25  # of a vertex with the template
-_MIN_VERTICES = 4  # of a lattice
 _COURSE_SIDE = 2.0  # length of a cell along courses, as a multiple of their period
 _FILE_WEIGHT = 1e4  # of a vertex from a file; a detected one has at most 1
 _REJECTION = 4.0  # standard deviations from its neighbours at which a vertex gets no weight
@@ -121,45 +115,6 @@ def _regular_fit(vertices: Vertices) -> tuple[Float64[np.ndarray, "2 2"], Float6
     return fit[:2], fit[2]
 
 
-def _tracked(image: Image, generators: np.ndarray, reach: float) -> tuple[Vertices, Float64[np.ndarray, "n"]]:  # type: ignore[name-defined]
-    """The vertices detected in the exemplar, and the correlation of each with the mean cell, 0..1.
-
-    Vertices are where the exemplar correlates with a template of the lattice's cell. The first template is the cell
-    of the exemplar that detects most others; later ones are the mean of the detected cells.
-    """
-    tone, scale = _reduced(image, generators)
-    short = generators / scale
-    offsets = lattice_cells.cell_offsets(short)
-    radius = max(2.0, reach * float(np.hypot(*short.T).min()))
-
-    def track_by(template: np.ndarray) -> tuple[lattice_cells.Peaks, lattice_cells.Tracked]:
-        likeness = lattice_cells.correlation(tone, offsets, lattice_cells.normalised(template[None])[0])
-        peaks = lattice_cells.peaks(likeness, _MIN_CORRELATION, radius)
-        return peaks, lattice_cells.track(short, peaks)
-
-    def total_correlation(result: tuple[lattice_cells.Peaks, lattice_cells.Tracked]) -> float:
-        places = np.rint(result[1].places[result[1].detected]).astype(int)
-        return float(np.maximum(result[0].likeness[tuple(places.T)], 0).sum())
-
-    seeds = _seed_positions(tone.shape, offsets)
-    best = max((track_by(lattice_cells.cut(tone, seed[None], offsets)[0]) for seed in seeds), key=total_correlation)
-    for _ in range(_PASSES):
-        places = best[1].places[best[1].detected]
-        if len(places) < _MIN_VERTICES:
-            break
-        best = track_by(lattice_cells.normalised(lattice_cells.cut(tone, places, offsets)).mean(axis=0))
-    peaks, track = best
-    if int(track.detected.sum()) < _MIN_VERTICES or track.fitted() is None:
-        raise InputError(
-            "image: the lattice's cells are not detected in the exemplar; give its vertices in a file, or use "
-            "self_tuning, or wang_tiles for a plane without end"
-        )
-    likeness = peaks.likeness[tuple(np.rint(track.places[track.detected]).astype(int).T)]
-    # Pixel centres are at integers, so that a reduced pixel lies over the middle of those it averages.
-    places = (track.places[track.detected] + 0.5) * scale - 0.5
-    return Vertices(track.steps[track.detected], places, None), np.clip(likeness.astype(np.float64), 0, 1)
-
-
 def _tracked_courses(image: Image, period: np.ndarray, reach: float) -> tuple[Vertices, Float64[np.ndarray, "n"]]:  # type: ignore[name-defined]
     """The vertices detected on courses, with cells of a given length along them, and their correlations, 0..1."""
     along = np.array([-period[1], period[0]])
@@ -167,7 +122,7 @@ def _tracked_courses(image: Image, period: np.ndarray, reach: float) -> tuple[Ve
     along *= min(_COURSE_SIDE, width / (3 * float(matrix_product(period, period))))
     plane = clearest_plane(valid_lightness(image), valid_pixels(image), period)
     known, correlations = track_courses(plane, period, along, reach)
-    if len(known.steps) < _MIN_VERTICES or (np.ptp(known.steps, axis=0) == 0).any():
+    if len(known.steps) < MIN_VERTICES or (np.ptp(known.steps, axis=0) == 0).any():
         raise InputError("image: the courses are not detected in the exemplar; give a lattice's vertices in a file")
     # Few strips would not determine the courses' direction better than their detection did.
     unit = period / np.hypot(*period)
@@ -175,27 +130,6 @@ def _tracked_courses(image: Image, period: np.ndarray, reach: float) -> tuple[Ve
     spacing = least_squares(line, matrix_product(known.places, unit) * correlations)[0]
     generators = np.array([spacing * unit, along])
     return Vertices(known.steps, known.places, generators), correlations
-
-
-def _reduced(image: Image, generators: np.ndarray) -> tuple[ScalarMap, np.ndarray]:
-    """Lightness, reduced so that no generator exceeds `_MAX_GENERATOR`, and the image's px per reduced px."""
-    import cv2
-
-    tone = lab_from_linear(image.color)[..., 0]
-    factor = min(1.0, _MAX_GENERATOR / float(np.hypot(*generators.T).max()))
-    if factor < 1:
-        sides = (round(tone.shape[1] * factor), round(tone.shape[0] * factor))
-        tone = cv2.resize(tone, sides, interpolation=cv2.INTER_AREA)
-    return tone, np.array(image.pixels.shape[:2]) / tone.shape
-
-
-def _seed_positions(shape: tuple[int, ...], offsets: np.ndarray) -> np.ndarray:
-    """Evenly spaced positions, (n, 2), whose cells lie inside the exemplar."""
-    low, high = -offsets.min(axis=0), np.array(shape) - 1 - offsets.max(axis=0)
-    if (high < low).any():
-        raise InputError("image: the exemplar does not contain one whole cell of its lattice")
-    axes = (np.linspace(first, last, 2 * _SEEDS + 1)[1::2] for first, last in zip(low, high, strict=True))
-    return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
 
 
 def _steps_near(
@@ -292,14 +226,15 @@ def _drawn(
     return Image(canvas, ("R", "G", "B"))
 
 
-@stage(version=1, check=check_vertices)
+@stage(version=2, check=check_vertices)
 def deformed_lattice(
     image: Image, params: DeformedLatticeParams, generators: Vectors | None = None
 ) -> DeformedLattice:
     """Detect the vertices of the lattice of a near-regular exemplar, or read them from a file.
 
     Starting from one vertex, each neighbour is searched for one generator away, where the exemplar correlates most
-    with the lattice's mean cell, so that slow bends are followed. Courses are compared with the mean course, strip
+    with the lattice's mean cell, so that slow bends are followed: by lightness, or by contours where tiles have
+    many tones. Courses are compared with the mean course, strip
     by strip, and get cells of twice their period. Vertices are then smoothed; outliers and missing
     vertices follow the others. The regular lattice is the least squares fit to the detected vertices.
 
@@ -327,7 +262,7 @@ def deformed_lattice(
         known, correlations = _tracked_courses(image, generators[0].astype(np.float64), params.reach)
         weights = correlations**2
     elif generators is not None and len(generators) == 2:
-        known, correlations = _tracked(image, generators.astype(np.float64), params.reach)
+        known, correlations = track_lattice(image, generators.astype(np.float64), params.reach)
         weights = correlations**2
     else:
         raise InputError(

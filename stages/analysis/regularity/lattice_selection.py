@@ -24,7 +24,7 @@ from texloom.stages.analysis.regularity.lattice import (
 )
 from texloom.stages.analysis.regularity.lines import line_period, refined_period
 from texloom.stages.analysis.regularity.pattern_search import autocorrelation_splines, refined_generators
-from texloom.stages.analysis.regularity.shown import elements, mirror_symmetry, periods
+from texloom.stages.analysis.regularity.shown import elements, mirror_symmetry, periods, periods_of_directions
 from texloom.stages.analysis.regularity.superlattice import superlattice
 from texloom.stages.common.grids.working_size import working_image
 from texloom.stages.common.regularity.lattice_cells import reduced
@@ -91,7 +91,8 @@ class LatticeSelection:
     chosen: str
     """`features`, `autocorrelation`, `short offsets`, `gradients`, `courses`, `lines`, `known`, or `none`"""
     shown: float = 0.0
-    """how often the exemplar shows its structure: the number of periods, in the direction of fewest, or without a
+    """how often the exemplar shows its structure: the number of periods, in the direction of fewest, fewer where
+    directions change from cell to cell, as in a herringbone of which only the planks' width repeats; or without a
     lattice the number of elements, within a factor of two; 1 for a single symmetric ornament"""
     cells: float = 0.0
     """number of cells of the lattice, of courses, or as ``shown`` of elements that the exemplar shows"""
@@ -100,7 +101,7 @@ class LatticeSelection:
 Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "courses", "lines"]
 
 
-@stage(version=4)
+@stage(version=5)
 def lattice_selection(
     image: Image, density: ScalarMap, params: LatticeSelectionParams, known: Vectors | None = None
 ) -> LatticeSelection:
@@ -192,6 +193,8 @@ def _selected(image: Image, density: ScalarMap, params: LatticeSelectionParams) 
     elif mirror_symmetry(lightness) >= _SYMMETRIC:
         cells = shown = min(shown, 1.0)
     if len(selected.generators) == 2:
+        if valid is None:
+            shown = min(shown, periods_of_directions(lightness, selected.generators))
         cells = lightness.size / abs(float(determinant(selected.generators.astype(np.float64))))
     report(Progress(1.0))
     return dataclasses.replace(selected, shown=shown, cells=cells)

@@ -1,4 +1,4 @@
-"""The outline of a lattice's cell: the closed line along which the cells of an exemplar are most alike."""
+"""The outline of a lattice's cell: the closed line along which a joint of two cells of an exemplar shows least."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -21,6 +21,7 @@ _LENGTH_COST = 0.05  # of a px of the outline, in mean costs
 _AROUND = 1 / 24  # of the shorter generator, over which contrast is measured
 _FLAT = 0.25  # of the mean variation, added to contrast: flat places where cells are alike hide joints too
 _MIN_TILES = 0.75  # share of the largest number of whole cells that an outline must leave
+_FEW_TILES = 8  # whole cells below which their number counts more than how a joint shows
 _LOOPS = ((0, 1), (1, 0), (1, 1), (1, -1))  # generators that the first line may follow
 _SIDES = ((0, 1), (1, 0), (1, 1), (1, -1))  # steps to the corners that a line may continue at
 
@@ -114,7 +115,8 @@ def visibility(
 ) -> Float64[np.ndarray, "p q"]:
     """The `variation` over the contrast around each sample: how much a joint of two cells would show there.
 
-    Contours hide it, as of bricks in mortar that is not laid evenly; it shows inside bricks of different colours.
+    Contours hide it, as of bricks in mortar that is not laid evenly; it shows inside bricks of different colours,
+    even where these vary less between cells than the mortar does.
     """
     sigma = max(1.0, _AROUND * float(np.hypot(*np.asarray(generators).T).min()))
     means, squares = (
@@ -170,14 +172,13 @@ def cell_outline(
     vertices: Float64[np.ndarray, "vertices 2"],
     generators: Float64[np.ndarray, "2 2"],
     reach: float,
-    cost: Float64[np.ndarray, "p q"] | None = None,
 ) -> CellOutline:
-    """The outline along which the exemplar's cells are most alike, of any shape: it follows the joints of tiles.
+    """The outline along which joints of the exemplar's cells show least, of any shape: it follows those of tiles.
 
     Two lines divide the plane into cells. The first follows a generator, or the sum or difference of both, from a
-    point to its copy: of all such lines the one along which cells vary least. The second, found in the same way,
+    point to its copy: of all such lines the one of least `visibility`. The second, found in the same way,
     joins the first one and its copy. Of the pairs that leave nearly as many whole cells as any, that of least cost
-    is returned.
+    is returned. Where that leaves fewer than eight, lines of least `variation` are taken if these leave more.
 
     Parameters
     ----------
@@ -185,21 +186,29 @@ def cell_outline(
     valid : which of its pixels may be used.
     vertices, generators : of its lattice, px.
     reach : px around a cell that have to be seen too.
-    cost : of a line at each sample of a cell; their `variation` where it is not given.
 
     References
     ----------
     [EricksonHarPeled2004]_: two shortest loops cut a torus, here a lattice's cell, into a disk.
     """
-    if cost is None:
-        cost = variation(features, valid, vertices, generators)
-    found = []
-    for loop in _LOOPS:
-        length, outline = _cheapest(cost, generators, loop)
-        low, high = outline.box
-        inside = (vertices + low - reach >= 0) & (vertices + high + reach <= np.array(valid.shape) - 1)
-        found.append((length, int(inside.all(axis=1).sum()), outline))
+
+    def outlines(cost: Float64[np.ndarray, "p q"]) -> list[tuple[float, int, CellOutline]]:
+        """Of all first lines: cost, number of whole cells, and outline."""
+        found = []
+        for loop in _LOOPS:
+            length, outline = _cheapest(cost, generators, loop)
+            low, high = outline.box
+            inside = (vertices + low - reach >= 0) & (vertices + high + reach <= np.array(valid.shape) - 1)
+            found.append((length, int(inside.all(axis=1).sum()), outline))
+        return found
+
+    found = outlines(visibility(features, valid, vertices, generators))
     most = max(count for _, count, _ in found)
+    if most < _FEW_TILES:
+        others = outlines(variation(features, valid, vertices, generators))
+        more = max(count for _, count, _ in others)
+        if most < _MIN_TILES * more:
+            found, most = others, more
     return min((entry for entry in found if entry[1] >= _MIN_TILES * most), key=lambda entry: entry[0])[2]
 
 

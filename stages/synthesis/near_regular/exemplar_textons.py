@@ -102,7 +102,7 @@ def find_textons(
 ) -> Textons | None:
     """Partition an exemplar into the cells of its lattice; none if it shows no whole cell.
 
-    Their outline is the one along which cells are most alike, see `cell_outline`.
+    Their outline is the one along which joints show least, see `cell_outline`.
 
     Parameters
     ----------

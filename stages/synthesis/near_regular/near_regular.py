@@ -257,7 +257,7 @@ class _Tiling:
         return image, np.ascontiguousarray(self.tile_source.places[match[..., 0], match[..., 1]])
 
 
-@stage(version=1, check=partial(check_exemplar, min_side=_MIN_SIDE))
+@stage(version=2, check=partial(check_exemplar, min_side=_MIN_SIDE))
 def near_regular(
     image: Image,
     generators: Vectors,
@@ -269,10 +269,11 @@ def near_regular(
 ) -> NearRegular:
     """Lay tiles of a near-regular exemplar on its lattice.
 
-    Every whole cell of the exemplar becomes a tile. Its outline is the one along which cells are most alike, of any
-    shape: it follows the joints of tiles, hexagons, planks of a herringbone, the ground between ornaments. Cells of
-    the result are filled row by row; each tile is drawn from those that match their neighbours best, shifted by a
-    few pixels at most, and cut out by a minimum cut within a band along its outline, so that it keeps its colour.
+    Every whole cell of the exemplar becomes a tile. Its outline is the one along which joints of cells show least,
+    of any shape: it follows the joints of tiles, hexagons, planks of a herringbone, the ground between ornaments.
+    Cells of the result are filled row by row; each tile is drawn from those that match their neighbours best,
+    shifted by a few pixels at most, and cut out by a minimum cut within a band along its outline, so that it keeps
+    its colour.
     The lattice of the result is exact, so that errors do not accumulate. Tiles are compared by all maps and contain
     no masked pixel; see `usable`. Blended normals keep unit length.
 

@@ -52,7 +52,7 @@ class RegularisedPatches(Stitched):
     """of the result's lattice before the deformation, px"""
 
 
-@stage(version=1, check=partial(check_exemplar, min_side=_MIN_SIDE))
+@stage(version=2, check=partial(check_exemplar, min_side=_MIN_SIDE))
 def regularised_patches(
     image: Image,
     source: Positions,

@@ -17,7 +17,6 @@ from texloom.stages.synthesis.near_regular.cell_outline import (
     CellOutline,
     cell_outline,
     course_outline,
-    visibility,
 )
 from texloom.stages.synthesis.near_regular.course_cells import course_cells
 from texloom.stages.synthesis.near_regular.lattice_tiles import Window, whole
@@ -140,8 +139,7 @@ def cell_texture(
                 f"{_ADVICE}"
             )
     else:
-        cost = visibility(source.features, source.valid, points, frame)
-        outline = cell_outline(source.features, source.valid, points, frame, 1.0, cost)
+        outline = cell_outline(source.features, source.valid, points, frame, 1.0)
     short = float(np.hypot(*frame.T).min())
     around = Window.of(outline, _WIDEST * short)
     if runs is not None:

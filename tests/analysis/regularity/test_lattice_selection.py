@@ -11,8 +11,10 @@ from texloom.stages.analysis.regularity.lattice_selection import (
     most_confident,
 )
 from texloom.stages.analysis.regularity.offset_statistics import OffsetStatisticsParams, offset_statistics
+from texloom.stages.analysis.regularity.shown import periods_of_directions
 from texloom.stages.common.grids import working_size
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.progress import listening
 
 SQUARE, DOUBLE = (np.diag(sides).astype(np.float32) for sides in ((20.0, 20.0), (20.0, 40.0)))
@@ -234,6 +236,35 @@ def test_structure_that_shows_less_than_twice_is_a_warning(seed: int, caplog: py
     motif = 0.4 + 0.3 * np.sin(np.hypot(row, column) / 3) * (np.hypot(row, column) < 80)
     assert 0 < shown(picture(motif + 0.02 * rng.random((256, 256)))) < 2
     assert [record.levelname for record in caplog.records] == ["WARNING"]
+    assert "shows its structure about" in caplog.text
+
+
+def zigzag(shape: tuple[int, int], period: int, rng: np.random.Generator) -> Image:
+    """Planks 24 px wide in a herringbone whose rows are half a period wide, with a short joint each 24 px along."""
+    row, column = np.indices(shape)
+    turned = (column // (period // 2)) % 2 == 1
+    across, along = np.where(turned, row + column, row - column), np.where(turned, row - column, row + column)
+    number = across // 34
+    is_joint = (across % 34 < 4) | ((along % 34 < 4) & (number % 2 == 0))
+    tone = 0.3 + 0.05 * rng.random(200)[number % 200]
+    return picture(np.where(is_joint, 0.02, tone) + 0.01 * rng.random(shape))
+
+
+@pytest.mark.parametrize(("period", "expected"), [(300, 1.0), (150, 2.0), (120, 2.5)])
+def test_periods_are_of_directions_that_change(period: int, expected: float, rng: np.random.Generator) -> None:
+    """The planks' width repeats in both rows of a herringbone, also where it shows one pair of rows."""
+    generators = np.array([[17.0, 17.0], [17.0, -17.0]], np.float32)
+    lightness = lab_from_linear(zigzag((220, 300), period, rng).color)[..., 0]
+    assert periods_of_directions(lightness, generators) == pytest.approx(expected, abs=0.4)
+    weave = tiled(smooth_noise((24, 30, 3), 3.0, rng), 0, (120, 150))[0]
+    lightness = lab_from_linear(weave.color)[..., 0]
+    assert periods_of_directions(lightness, np.array([[24, 0], [0, 30]], np.float32)) == np.inf
+
+
+def test_one_pair_of_rows_of_a_herringbone_is_a_warning(
+    rng: np.random.Generator, caplog: pytest.LogCaptureFixture
+) -> None:
+    assert 1 <= shown(zigzag((220, 300), 300, rng)) < 2
     assert "shows its structure about" in caplog.text
 
 
