@@ -1,12 +1,12 @@
 """A price on regions of an exemplar that a result shows more often than others."""
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int32, Int64
+from jaxtyping import Float32, Float64, Int32
 
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 
-_REGIONS = 12  # along each side of the exemplar
-_CELLS = 4  # of the grid, along a region
+_CELLS = 60  # of a grid over the exemplar, along a side
+_REGION = 5  # cells along a region: a twelfth of the side
 _RISE = 0.05  # of the mean distance, for a region that is used once more than is fair than it may be
 _FALL = 0.5  # of that, where use is less
 _MOST = 0.5  # of the mean distance
@@ -36,14 +36,16 @@ class Overuse:
         allowed: Allowed | None,
         expected: Float32[np.ndarray, "p q"] | None,
     ):
-        self.firsts = [np.arange(0, count, max(1, count // (_REGIONS * _CELLS))) for count in places]
-        self.cells = [
-            np.searchsorted(firsts, np.arange(count), "right") - 1
-            for firsts, count in zip(self.firsts, places, strict=True)
-        ]
-        own = np.ones(places, np.int64) if allowed is None else allowed.places.astype(np.int64)
-        wanted = own * _SHARES if expected is None else np.rint(own * expected * _SHARES).astype(np.int64)
-        self.whole = float(wanted.sum())
+        self.firsts = [np.arange(0, count, -(-count // _CELLS)) for count in places]
+        self.cells = np.ix_(
+            *(
+                np.searchsorted(firsts, np.arange(count), "right") - 1
+                for firsts, count in zip(self.firsts, places, strict=True)
+            )
+        )
+        own = np.ones(places, np.int32) if allowed is None else allowed.places.astype(np.int32)
+        wanted = own if expected is None else np.rint(own * expected * _SHARES).astype(np.int32)
+        self.whole = float(wanted.sum(dtype=np.int64))
         self.fair = self._of_regions(wanted)
         self.area = self._of_regions(own)
         self.most_use = most_use
@@ -58,22 +60,20 @@ class Overuse:
         """
         fair = self.fair * (float(counts.sum(dtype=np.int64)) / self.whole)
         limit = np.maximum(np.maximum(self.most_use * fair, _LEAST_COPIES * self.area), 1e-9)
-        excess = self.most_use * (self._of_regions(counts.astype(np.int64)) / limit - 1)
+        excess = self.most_use * (self._of_regions(counts) / limit - 1)
         self.prices += _RISE * np.where(excess > 0, excess, _FALL * excess)
         np.clip(self.prices, 0, _MOST, out=self.prices)
         self.distance = distance
 
     def penalty(self, unit: int) -> Float32[np.ndarray, "p q"]:
         """Of each patch, whole numbers, in ``unit`` parts of CIELAB units squared."""
-        return np.rint(self.prices * (self.distance * unit)).astype(np.float32)[np.ix_(*self.cells)]
+        return np.rint(self.prices * (self.distance * unit)).astype(np.float32)[self.cells]
 
-    def _of_regions(self, values: Int64[np.ndarray, "p q"]) -> Float64[np.ndarray, "rows columns"]:
+    def _of_regions(self, values: Int32[np.ndarray, "p q"]) -> Float64[np.ndarray, "rows columns"]:
         """Sums over the region around each cell of the grid, as far as it is inside."""
-        sums = np.add.reduceat(np.add.reduceat(values, self.firsts[0], axis=0), self.firsts[1], axis=1)
-        reach = _CELLS // 2
-        for axis, count in enumerate(sums.shape):
-            total = np.concatenate([np.zeros_like(sums.take([0], axis)), np.cumsum(sums, axis=axis)], axis=axis)
-            middle = np.arange(count)
-            last, first = np.minimum(middle + reach + 1, count), np.maximum(middle - reach, 0)
-            sums = total.take(last, axis) - total.take(first, axis)
-        return np.asarray(sums, np.float64)
+        import cv2
+
+        columns = np.add.reduceat(values, self.firsts[1], axis=1, dtype=np.int64)
+        sums = np.add.reduceat(columns, self.firsts[0], axis=0).astype(np.float64)  # whole: added in any order
+        border = cv2.BORDER_CONSTANT
+        return np.asarray(cv2.boxFilter(sums, -1, (_REGION, _REGION), normalize=False, borderType=border))
