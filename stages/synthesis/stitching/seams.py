@@ -5,7 +5,6 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float32, Int8, Int32, Int64
 
-from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.vocabulary.scratch import bands
 
 UNIT = 512
@@ -98,7 +97,9 @@ def cheapest_cut(
     if not (state == FREE).any():
         return filled, 0
     taken = filled.copy()
-    taken[state == FREE] = _sink_side(*_graph(costs, old, new, state))
+    from texloom.stages.kernels.cells.cell_cuts import push_flow
+
+    taken[state == FREE] = push_flow(*_graph(costs, old, new, state)) >= 0
     untouched, changed = (
         _energy(costs, np.where(chosen[..., None], new, old), state) for chosen in (filled, taken)
     )
@@ -109,14 +110,14 @@ def cheapest_cut(
 
 def _graph(
     costs: SeamCosts, old: Sources, new: Sources, state: Int8[np.ndarray, "m n"]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Terminal costs of keeping and of replacing each free pixel, and tails, heads and capacities of the arcs."""
-    node = np.full(state.shape, -1)
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Terminal costs of keeping and of replacing each free pixel, its neighbours and arcs to these."""
+    node = np.full(state.shape, -1, np.int32)
     free = state == FREE
     count = int(free.sum())
     node[free] = np.arange(count)
     keep, take = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    tails, heads, capacities = [], [], []
+    beside, capacity = np.full((count, 4), -1, np.int32), np.zeros((count, 4), np.int64)
     for axis in (0, 1):
         states = pairs(state, axis)
         nodes = pairs(node, axis)
@@ -133,16 +134,15 @@ def _graph(
         share = np.clip(stay // 2, stay - left, right)
         np.add.at(keep, s, share)
         np.add.at(keep, t, stay - share)
-        tails += [s, t]
-        heads += [t, s]
-        capacities += [right - share, left - (stay - share)]
+        beside[s, axis], beside[t, axis + 2] = t, s
+        capacity[s, axis], capacity[t, axis + 2] = right - share, left - (stay - share)
 
         for a, b in ((0, 1), (1, 0)):
             edge = (states[a] == FREE) & fixed[b]
             for terminal, own in ((keep, olds[a]), (take, news[a])):
                 pair = (own[edge], fixed_sources[b][edge])
                 np.add.at(terminal, nodes[a][edge], costs.between(axis, *(pair if a == 0 else pair[::-1])))
-    return keep, take, np.concatenate(tails), np.concatenate(heads), np.concatenate(capacities)
+    return keep, take, beside, capacity
 
 
 def _energy(costs: SeamCosts, match: Sources, state: Int8[np.ndarray, "m n"]) -> int:
@@ -153,28 +153,3 @@ def _energy(costs: SeamCosts, match: Sources, state: Int8[np.ndarray, "m n"]) ->
         one, other = pairs(match, axis)
         total += int(costs.between(axis, one[present], other[present]).sum())
     return total
-
-
-def _sink_side(
-    keep: np.ndarray, take: np.ndarray, tails: np.ndarray, heads: np.ndarray, capacities: np.ndarray
-) -> Bool[np.ndarray, "n"]:  # type: ignore[name-defined]
-    """The pixels on the sink's side of the minimum cut, which take the new patch; the fewest of several cuts."""
-    sparse = loaded("scipy.sparse")
-    csgraph = loaded("scipy.sparse.csgraph")
-    count = len(keep)
-    source, sink = count, count + 1
-    every = np.arange(count)
-    both = np.minimum(keep, take)
-    tails = np.concatenate([tails, np.full(count, source), every])
-    heads = np.concatenate([heads, every, np.full(count, sink)])
-    values = np.concatenate([capacities, take - both, keep - both]).astype(np.int32)
-    graph = sparse.csr_array((values, (tails, heads)), shape=(count + 2, count + 2))
-    graph.sum_duplicates()
-    graph.eliminate_zeros()
-    residual = sparse.csr_array(graph - csgraph.maximum_flow(graph, source, sink, method="dinic").flow)
-    residual.data[residual.data < 0] = 0
-    residual.eliminate_zeros()
-    reaching = csgraph.breadth_first_order(sparse.csr_array(residual.T), sink, return_predecessors=False)
-    side = np.zeros(count + 2, bool)
-    side[reaching] = True
-    return side[:count]
