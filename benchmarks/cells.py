@@ -21,8 +21,8 @@ import numpy as np
 from PIL import Image as Pillow
 
 import texloom
-from texloom.stages.synthesis.optimisation.border import Border
-from texloom.stages.synthesis.optimisation.contour_cells import ContourCells
+from texloom.stages.analysis.structure.contour_cells import ContourCells
+from texloom.stages.common.grids.border import Border
 from texloom.stages.vocabulary.color import lab_from_linear
 
 _MIN_PART = 0.06  # of a cell's area

@@ -214,7 +214,10 @@ OFFERS = {
             ),
             Choice(label="Sets", settings=(_set("corners and paths"), _set("corners, sooner", sets="corners"))),
         ),
-        controls=(_number("match_tone", "Match tones", 0, 1, 0.0, ("as they are", "all alike")),),
+        controls=(
+            _number("waves", "Borders", 0, 0.5, 0.3, ("straight", "wandering")),
+            _number("match_tone", "Match tones", 0, 1, 0.0, ("as they are", "all alike")),
+        ),
         views=(
             ResultPicture(file="preview.png", name="Map"),
             ResultPicture(file="corners.png", name="Corners"),

@@ -138,7 +138,7 @@ def cut_window(lab, slopes, inside, offset, unit, most, old, new, state, taken, 
                 else:
                     keep[second] += left if one == FILLED else stay
                     take[second] += 0 if one == FILLED else right
-    reaches = _flow(keep, take, beside, capacity)
+    reaches = push_flow(keep, take, beside, capacity)
     for y in range(height):
         for x in range(width):
             taken[y, x] = state[y, x] == FILLED or (node[y, x] >= 0 and reaches[node[y, x]] >= 0)
@@ -165,7 +165,7 @@ def cut_window(lab, slopes, inside, offset, unit, most, old, new, state, taken, 
 
 
 @compiled
-def _flow(keep, take, beside, capacity):
+def push_flow(keep, take, beside, capacity):
     """Push a maximum flow from ``take``, arcs from the source, to ``keep``, arcs to the sink, by Dinic's levels.
 
     What is left of all arcs remains in place. Returns how many arcs with capacity left lead from each node to the
@@ -174,7 +174,7 @@ def _flow(keep, take, beside, capacity):
     Parameters
     ----------
     keep, take : (n,) int64
-    beside : (n, 4) int32, neighbour on each side; -1 for none
+    beside : (n, 4) int32, neighbour below, right, above and left; -1 for none
     capacity : (n, 4) int64, to the neighbour on each side
     """
     count = len(keep)

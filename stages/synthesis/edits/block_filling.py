@@ -67,6 +67,9 @@ class BlockFilling:
         self.choose = choose
         self.given = given
         self.match = match
+        wide = padded(self.filled, block // 2, wrap.modes("constant"))
+        self.around = _box_sums(wide, block)[: self.shape[0], : self.shape[1]]
+        """how many pixels are filled of the block that has each pixel in its middle"""
 
     def run(self) -> None:
         """Fill all empty pixels, those with most filled pixels around them first."""
@@ -77,14 +80,8 @@ class BlockFilling:
 
     def _next(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows and columns of the block around the empty pixel with most filled pixels around it."""
-        import cv2
-
         margin = self.block // 2
-        wide = padded(self.filled.astype(np.float32), margin, self.wrap.modes("constant"))
-        sums = cv2.boxFilter(wide, -1, (self.block, self.block), normalize=False, borderType=cv2.BORDER_CONSTANT)
-        counts = np.rint(sums[margin : margin + self.shape[0], margin : margin + self.shape[1]])
-        counts[self.filled] = -1
-        middle = np.unravel_index(int(np.argmax(counts)), self.shape)
+        middle = np.unravel_index(int(np.argmax(np.where(self.filled, -1, self.around))), self.shape)
         lines = []
         for at, side, around in zip(middle, self.shape, self.wrap, strict=True):
             first = int(at) - margin
@@ -116,6 +113,20 @@ class BlockFilling:
         taken, _ = cheapest_cut(self.costs, old, new, state)
         self.match[at] = np.where(taken[..., None], new, old)
         self.filled[at] = True
+        self._count(corner, ~filled_pixels)
+
+    def _count(self, corner: Int32[np.ndarray, "2"], more: Bool[np.ndarray, "m n"]) -> None:
+        """Count pixels that a block has filled at those around it."""
+        reach = self.block - 1
+        sums = _box_sums(np.pad(more, reach), self.block)
+        lines = []
+        for axis, (first, side, around) in enumerate(zip(corner, self.shape, self.wrap, strict=True)):
+            line = int(first) - reach + self.block // 2 + np.arange(sums.shape[axis])
+            if not around:
+                inside = (line >= 0) & (line < side)
+                line, sums = line[inside], sums.compress(inside, axis)
+            lines.append(line % side)
+        np.add.at(self.around, np.ix_(*lines), sums)  # a line may be there twice
 
     def _new_corner(
         self,
@@ -130,3 +141,9 @@ class BlockFilling:
             errors = np.zeros(self.forbidden.shape, np.float32)
         errors[self.forbidden] = np.inf
         return self.choose(errors, corner)
+
+
+def _box_sums(marked: Bool[np.ndarray, "m n"], side: int) -> Int32[np.ndarray, "p q"]:
+    """How many pixels are marked of the square at every place where a whole one fits."""
+    sums = np.pad(marked.cumsum(0, np.int32).cumsum(1, np.int32), ((1, 0), (1, 0)))
+    return np.asarray(sums[side:, side:] - sums[:-side, side:] - sums[side:, :-side] + sums[:-side, :-side])

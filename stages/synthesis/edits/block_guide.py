@@ -3,10 +3,12 @@
 import numpy as np
 from jaxtyping import Float32, Int32
 
+from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.numerics.filters import padded
 from texloom.stages.synthesis.stitching.overlap import Errors
 from texloom.stages.vocabulary.facts import Wraps
 
+_PIECES = 4  # of work that threads share
 _UNITS = 100.0**2  # CIELAB units squared, of what counts as much as black against white
 
 
@@ -24,19 +26,22 @@ class BlockGuide:
         self, own: Float32[np.ndarray, "h w k"], wanted: Float32[np.ndarray, "H W k"], block: int, wrap: Wraps
     ):
         planes = [*np.moveaxis(own, 2, 0), (own**2).sum(axis=2)]
-        *self.means, self.squares = (_block_means(plane, block) for plane in planes)
+        *means, self.squares = (_block_means(plane, block) for plane in planes)
+        self.means = np.stack(means)
         beyond = [padded(plane, block, wrap.modes("edge")) for plane in np.moveaxis(wanted, 2, 0)]
         inside = [plane[block:, block:] for plane in beyond]
         planes = [*inside, np.sum([plane**2 for plane in inside], axis=0)]
-        *self.wanted, self.wanted_squares = (_block_means(plane, block) for plane in planes)
+        *wanted_means, self.wanted_squares = (_block_means(plane, block) for plane in planes)
+        self.wanted = np.stack(wanted_means)
 
-    def errors(self, corner: Int32[np.ndarray, "2"]) -> Errors:
-        """Mean squared difference at every place, in the units of `OverlapSearch`, of means over a block."""
+    def add_to(self, errors: Errors, corner: Int32[np.ndarray, "2"]) -> None:
+        """Add the squared difference at every place, in the units of `OverlapSearch`, of means over a block."""
+        from texloom.stages.kernels.seams.guide_difference import add_guide_difference
+
         row, column = corner
-        errors = self.squares + self.wanted_squares[row, column]
-        for own, wanted in zip(self.means, self.wanted, strict=True):
-            errors = errors - 2 * own * wanted[row, column]
-        return np.asarray(np.maximum(errors, 0) / _UNITS, np.float32)
+        wanted, square = np.ascontiguousarray(self.wanted[:, row, column]), self.wanted_squares[row, column]
+        given = (self.means, self.squares, wanted, square, _UNITS, errors)
+        run_spans(add_guide_difference, given, len(errors), _PIECES)
 
 
 def _block_means(plane: np.ndarray, block: int) -> np.ndarray:

@@ -182,7 +182,7 @@ class _RegionBlocks:
         """The place of a block at ``corner`` of the target."""
         errors = self._in_phase(errors, corner)
         if self.guide is not None:
-            errors += self.guide.errors(corner)
+            self.guide.add_to(errors, corner)
         if self.reused is not None:
             errors += errors[np.isfinite(errors)].mean() * self.reused
         places: list[tuple[int, int]] = []
@@ -203,13 +203,17 @@ class _RegionBlocks:
 
     def _count(self, place: Int32[np.ndarray, "2"], shape: tuple[int, ...]) -> None:
         """Add a block to `reused`."""
-        down, across = (
-            np.maximum(0, 1 - np.abs(np.arange(side, dtype=np.float32) - at) / np.float32(self.block))
-            for side, at in zip(shape, place, strict=True)
-        )
         if self.reused is None:
             self.reused = np.zeros(shape, np.float32)
-        self.reused += down[:, None] * across
+        near = [
+            np.arange(max(0, at - self.block), min(side, at + self.block + 1))
+            for side, at in zip(shape, place, strict=True)
+        ]
+        down, across = (
+            1 - np.abs(lines - at).astype(np.float32) / np.float32(self.block)
+            for lines, at in zip(near, place, strict=True)
+        )
+        self.reused[np.ix_(*near)] += down[:, None] * across
 
     def _in_phase(self, errors: Errors, corner: Int32[np.ndarray, "2"]) -> Errors:
         """A copy of ``errors``, infinite at places out of phase; only a copy where no other place is open."""

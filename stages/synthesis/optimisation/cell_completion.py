@@ -6,9 +6,9 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int16, Int64
 
+from texloom.stages.analysis.structure.contour_cells import ContourCells, boxes_of
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.cells import most_frequent
-from texloom.stages.synthesis.optimisation.contour_cells import ContourCells, boxes_of
 from texloom.stages.synthesis.optimisation.correspondence import Patches
 from texloom.stages.synthesis.optimisation.target_windows import target_windows
 from texloom.stages.synthesis.stitching.seams import MAX_COST, UNIT, SeamCosts, pairs

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt32
 from pydantic import Field
 
+from texloom.stages.common.grids.border import Border
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.common.grids.working_size import Halvings
 from texloom.stages.common.similarity.neighbourhoods import Rectangles
 from texloom.stages.synthesis.optimisation import correspondence
-from texloom.stages.synthesis.optimisation.border import Border
 from texloom.stages.synthesis.optimisation.cells import complete_cells
 from texloom.stages.synthesis.optimisation.coarse_to_fine import (
     CoarserPatches,

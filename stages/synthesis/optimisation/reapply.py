@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from texloom.stages.common.grids.border import Border
 from texloom.stages.synthesis.optimisation import correspondence
-from texloom.stages.synthesis.optimisation.border import Border
 from texloom.stages.synthesis.optimisation.vote import result_image, vote_pixels, window
 from texloom.stages.vocabulary.arrays import Correspondence, Image
 from texloom.stages.vocabulary.declare import InputError, NoParams, stage

@@ -6,12 +6,12 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
+from texloom.stages.analysis.structure.contour_cells import MIN_CELLS, ContourCells
+from texloom.stages.common.grids.border import Border
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
 from texloom.stages.synthesis.optimisation.allowed import Allowed
-from texloom.stages.synthesis.optimisation.border import Border
 from texloom.stages.synthesis.optimisation.cell_completion import MIN_SEAM, CellCompletion, Shown
 from texloom.stages.synthesis.optimisation.cells import most_frequent
-from texloom.stages.synthesis.optimisation.contour_cells import MIN_CELLS, ContourCells
 from texloom.stages.synthesis.stitching.seams import UNIT, pairs
 from texloom.stages.vocabulary.arrays import ScalarMap
 

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float32, Float64, Int32
 
+from texloom.stages.common.grids.border import Border
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
 from texloom.stages.kernels.core.elementary_functions import log
 from texloom.stages.synthesis.optimisation.block_sides import MIN_BLOCK
-from texloom.stages.synthesis.optimisation.border import Border
 from texloom.stages.vocabulary.arrays import Mask, ScalarMap
 
 _BLOCKS_OF_EACH = 8  # on average, so that the shares can be met

@@ -5,13 +5,15 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float32, Int64
 
-from texloom.stages.kernels.core.elementary_functions import complex_product, power
+from texloom.stages.kernels.core.elementary_functions import power
 from texloom.stages.kernels.core.loading import loaded
+from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.vocabulary.arrays import Image
 
 WEIGHTS = (0.299, 0.587, 0.114)
 """share of red, green and blue in a difference"""
 
+_PIECES = 4  # of work that threads share
 _NOISE = 2e-6  # error of a transform in single precision, as a share of the sum
 
 Errors: TypeAlias = Float32[np.ndarray, "p q"]
@@ -48,8 +50,8 @@ class OverlapSearch:
         # Differences are invariant to an offset, and centred values lose less precision in the transforms.
         self.middle = features.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)
         centred = (features - self.middle).astype(np.float32)
-        self._planes = fft.rfft2(np.moveaxis(centred, 2, 0), self.padded, workers=1)
-        self._squares = fft.rfft2((centred**2).sum(axis=2), self.padded, workers=1)
+        planes = [*np.moveaxis(centred, 2, 0), (centred**2).sum(axis=2)]
+        self._spectra = np.stack([fft.rfft2(plane, self.padded, workers=1) for plane in planes])
 
     def errors(self, template: Float32[np.ndarray, "m n c"], mask: Bool[np.ndarray, "m n"]) -> Errors:
         """Mean squared difference where ``mask`` is true, at every place where the whole template fits.
@@ -59,13 +61,16 @@ class OverlapSearch:
         template : features; any finite values where ``mask`` is false.
         mask : true somewhere; no larger than the exemplar.
         """
+        from texloom.stages.kernels.seams.template_spectrum import template_spectrum
+
         fft = loaded("scipy.fft")
         centred = np.where(mask[..., None], template - self.middle, np.float32(0))
-        planes = fft.rfft2(np.moveaxis(centred, 2, 0), self.padded, workers=1)
-        support = fft.rfft2(mask.astype(np.float32), self.padded, workers=1)
-        spectrum = complex_product(np.conj(support), self._squares)
-        for exemplar_plane, template_plane in zip(self._planes, planes, strict=True):
-            spectrum -= 2 * complex_product(np.conj(template_plane), exemplar_plane)
+        planes = np.stack([*np.moveaxis(centred, 2, 0), mask.astype(np.float32)])
+        # The rows first, so that those beyond the template, which are all zero, are not transformed.
+        spectra = fft.fft(fft.rfft(planes, self.padded[1], axis=2, workers=1), self.padded[0], axis=1, workers=1)
+        both = spectra.view(np.float32), self._spectra.view(np.float32)
+        run_spans(template_spectrum, both, self.padded[0], _PIECES)
+        spectrum = spectra[-1]
         places = tuple(side - size + 1 for side, size in zip(self.shape, mask.shape, strict=True))
         errors = fft.irfft2(spectrum, self.padded, workers=1)[: places[0], : places[1]]
         errors += float((centred.astype(np.float64) ** 2).sum())

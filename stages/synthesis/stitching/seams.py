@@ -5,7 +5,6 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float32, Int8, Int32, Int64
 
-from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.vocabulary.scratch import bands
 
 UNIT = 512
@@ -38,37 +37,29 @@ class SeamCosts:
     def __init__(
         self, features: Float32[np.ndarray, "h w c"], gradients: bool, squared: bool = False, offset: float = 0.5
     ):
-        self.squared, self.offset = squared, offset
-        self.shape = features.shape[:2]
-        self.pixels = features.reshape(-1, features.shape[2])
-        self.slopes = np.empty((2 * gradients, len(self.pixels)), features.dtype)
+        self.shape = height, width = features.shape[:2]
+        self.slopes = np.empty((2, height, width) if gradients else (0, 0, 0), np.float32)
         """of each axis and pixel"""
-        last = self.shape[0] - 1
-        for band in bands(self.shape[0]) if gradients else ():
-            rows = np.arange(self.shape[0])[band]
+        last = height - 1
+        for band in bands(height) if gradients else ():
+            rows = np.arange(height)[band]
             wide = np.pad(features[band], ((0, 0), (1, 1), (0, 0)), mode="edge")
             down = features[np.minimum(rows + 1, last)] - features[np.maximum(rows - 1, 0)]
             for slopes, difference in zip(self.slopes, (down, wide[:, 2:] - wide[:, :-2]), strict=True):
-                slopes.reshape(self.shape)[band] = np.linalg.norm(difference, axis=2) / 2
+                slopes[band] = np.linalg.norm(difference, axis=2) / 2
+        unit, most = np.float32(UNIT), np.float32(MAX_COST)
+        self.given = (np.ascontiguousarray(features), self.slopes, np.float32(offset), unit, most, squared)
+        """for kernels, see `seam_cost`"""
 
     def between(
         self, axis: int, one: Int32[np.ndarray, "n 2"], other: Int32[np.ndarray, "n 2"]
     ) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
         """Cost of each pair of neighbours along ``axis`` with sources ``one`` and ``other`` in the exemplar."""
-        cost = np.zeros(len(one), np.int64)
-        seam = np.flatnonzero((one + _AXES[axis] != other).any(axis=1))
-        here, there = one[seam], other[seam]
-        places = [self._flat(at) for at in (here, here + _AXES[axis], there - _AXES[axis], there)]
-        first, second, third, fourth = (self.pixels.take(at, axis=0) for at in places)
-        squares = [((a - b) ** 2).sum(axis=1) for a, b in ((first, third), (second, fourth))]
-        value = sum(squares if self.squared else [np.sqrt(square) for square in squares])
-        if len(self.slopes):
-            value = value / (sum(self.slopes[axis].take(at) for at in places) + np.float32(self.offset))
-        cost[seam] = np.minimum(np.rint(value * np.float32(UNIT)), MAX_COST).astype(np.int64)
-        return cost
+        from texloom.stages.kernels.seams.block_seams import seam_costs
 
-    def _flat(self, at: np.ndarray) -> np.ndarray:
-        return np.asarray(np.ravel_multi_index((at[:, 0], at[:, 1]), self.shape, mode="clip"))
+        found = np.empty(len(one), np.int64)
+        seam_costs(self.given, axis, one, other, found)
+        return found
 
 
 def pairs(array: np.ndarray, axis: int) -> tuple[np.ndarray, np.ndarray]:
@@ -94,87 +85,25 @@ def cheapest_cut(
     their own, which gives the same cut ([Kolmogorov2004]_ section 4.1). Where costs break the triangle inequality
     an old seam counts as no more than both new ones.
     """
+    from texloom.stages.kernels.cells.cell_cuts import push_flow
+    from texloom.stages.kernels.seams.block_seams import seam_graph, seams_between
+
     filled = state == FILLED
     if not (state == FREE).any():
         return filled, 0
+    free = state == FREE
+    old, new = np.ascontiguousarray(old), np.ascontiguousarray(new)
+    count = int(free.sum())
+    node = np.zeros(state.shape, np.int32)
+    node[free] = np.arange(count)
+    keep, take = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    beside, capacity = np.full((count, 4), -1, np.int32), np.zeros((count, 4), np.int64)
+    seam_graph(costs.given, old, new, state, node, keep, take, beside, capacity)
     taken = filled.copy()
-    taken[state == FREE] = _sink_side(*_graph(costs, old, new, state))
+    taken[free] = push_flow(keep, take, beside, capacity) >= 0
     untouched, changed = (
-        _energy(costs, np.where(chosen[..., None], new, old), state) for chosen in (filled, taken)
+        int(seams_between(costs.given, np.where(chosen[..., None], new, old), state)) for chosen in (filled, taken)
     )
     if changed > untouched:
         return filled, 0
     return taken, untouched - changed
-
-
-def _graph(
-    costs: SeamCosts, old: Sources, new: Sources, state: Int8[np.ndarray, "m n"]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Terminal costs of keeping and of replacing each free pixel, and tails, heads and capacities of the arcs."""
-    node = np.full(state.shape, -1)
-    free = state == FREE
-    count = int(free.sum())
-    node[free] = np.arange(count)
-    keep, take = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    tails, heads, capacities = [], [], []
-    for axis in (0, 1):
-        states = pairs(state, axis)
-        nodes = pairs(node, axis)
-        olds, news = pairs(old, axis), pairs(new, axis)
-        fixed = pairs((state == KEPT) | (state == FILLED), axis)
-        fixed_sources = pairs(np.where((state == FILLED)[..., None], new, old), axis)
-
-        both = (states[0] == FREE) & (states[1] == FREE)
-        s, t = nodes[0][both], nodes[1][both]
-        stay = costs.between(axis, olds[0][both], olds[1][both])
-        right = costs.between(axis, olds[0][both], news[1][both])
-        left = costs.between(axis, news[0][both], olds[1][both])
-        stay = np.minimum(stay, left + right)
-        share = np.clip(stay // 2, stay - left, right)
-        np.add.at(keep, s, share)
-        np.add.at(keep, t, stay - share)
-        tails += [s, t]
-        heads += [t, s]
-        capacities += [right - share, left - (stay - share)]
-
-        for a, b in ((0, 1), (1, 0)):
-            edge = (states[a] == FREE) & fixed[b]
-            for terminal, own in ((keep, olds[a]), (take, news[a])):
-                pair = (own[edge], fixed_sources[b][edge])
-                np.add.at(terminal, nodes[a][edge], costs.between(axis, *(pair if a == 0 else pair[::-1])))
-    return keep, take, np.concatenate(tails), np.concatenate(heads), np.concatenate(capacities)
-
-
-def _energy(costs: SeamCosts, match: Sources, state: Int8[np.ndarray, "m n"]) -> int:
-    total = 0
-    for axis in (0, 1):
-        first, second = pairs(state != ABSENT, axis)
-        present = first & second
-        one, other = pairs(match, axis)
-        total += int(costs.between(axis, one[present], other[present]).sum())
-    return total
-
-
-def _sink_side(
-    keep: np.ndarray, take: np.ndarray, tails: np.ndarray, heads: np.ndarray, capacities: np.ndarray
-) -> Bool[np.ndarray, "n"]:  # type: ignore[name-defined]
-    """The pixels on the sink's side of the minimum cut, which take the new patch; the fewest of several cuts."""
-    sparse = loaded("scipy.sparse")
-    csgraph = loaded("scipy.sparse.csgraph")
-    count = len(keep)
-    source, sink = count, count + 1
-    every = np.arange(count)
-    both = np.minimum(keep, take)
-    tails = np.concatenate([tails, np.full(count, source), every])
-    heads = np.concatenate([heads, every, np.full(count, sink)])
-    values = np.concatenate([capacities, take - both, keep - both]).astype(np.int32)
-    graph = sparse.csr_array((values, (tails, heads)), shape=(count + 2, count + 2))
-    graph.sum_duplicates()
-    graph.eliminate_zeros()
-    residual = sparse.csr_array(graph - csgraph.maximum_flow(graph, source, sink, method="dinic").flow)
-    residual.data[residual.data < 0] = 0
-    residual.eliminate_zeros()
-    reaching = csgraph.breadth_first_order(sparse.csr_array(residual.T), sink, return_predecessors=False)
-    side = np.zeros(count + 2, bool)
-    side[reaching] = True
-    return side[:count]

@@ -8,6 +8,7 @@ from jaxtyping import Float32, Int64
 from texloom.stages.analysis.control.guide import LABEL_STRENGTH, contrast
 from texloom.stages.common.grids.wang import WangSet
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
+from texloom.stages.synthesis.tiles.border_waves import Displacement
 from texloom.stages.vocabulary.arrays import Image
 
 _STRENGTH = 1.0  # of that of labels, which would cut elements in two
@@ -29,15 +30,30 @@ class TileMaterials:
         numbers = numbers_in(rectangles, image.height, image.width)
         return cls(np.eye(len(rectangles) + 1, dtype=np.float32)[numbers][..., 1:] * strength, strength)
 
-    def between(self, points: Int64[np.ndarray, "m n"], rows: int, columns: int) -> Float32[np.ndarray, "H W k"]:
-        """The same of a torus, from the materials at equally spaced points of it, the first at its origin."""
-        at = np.eye(self.exemplar.shape[2], dtype=np.float32)[points]
-        for axis, side in enumerate((rows, columns)):
-            place = (np.arange(side) + 0.5) * (points.shape[axis] / side)
-            first = np.floor(place).astype(np.int64)
-            part = (place - first).astype(np.float32).reshape((-1, 1, 1) if axis == 0 else (1, -1, 1))
-            before, after = (np.take(at, (first + step) % points.shape[axis], axis) for step in (0, 1))
-            at = before * (1 - part) + after * part
+    def between(
+        self, points: Int64[np.ndarray, "m n"], rows: int, columns: int, displacement: Displacement | None = None
+    ) -> Float32[np.ndarray, "H W k"]:
+        """The same of a torus, from the materials at equally spaced points of it, the first at its origin.
+
+        With a ``displacement`` each pixel has the material from there.
+        """
+        places: tuple[np.ndarray, ...] = np.arange(rows)[:, None] + 0.5, np.arange(columns)[None] + 0.5
+        if displacement is not None:
+            places = tuple(place + away for place, away in zip(places, displacement, strict=True))
+        places = tuple(
+            place * (count / side) for place, count, side in zip(places, points.shape, (rows, columns), strict=True)
+        )
+        (top, left), (down, across) = zip(
+            *((np.floor(place).astype(np.int64), (place % 1).astype(np.float32)[..., None]) for place in places),
+            strict=True,
+        )
+        materials = np.eye(self.exemplar.shape[2], dtype=np.float32)[points]
+        before, after = (
+            materials[top % points.shape[0], column] * (1 - down)
+            + materials[(top + 1) % points.shape[0], column] * down
+            for column in (left % points.shape[1], (left + 1) % points.shape[1])
+        )
+        at = before * (1 - across) + after * across
         shares = np.square(np.square(at))  # so that little lies between two materials
         return np.asarray(self.strength * shares / shares.sum(axis=2, keepdims=True), np.float32)
 

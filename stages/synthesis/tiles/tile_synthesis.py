@@ -16,6 +16,7 @@ from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, i
 from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
 from texloom.stages.synthesis.stitching.overlap import compared
 from texloom.stages.synthesis.stitching.seams import FILLED, FREE, KEPT, SeamCosts, cheapest_cut
+from texloom.stages.synthesis.tiles.border_waves import Displacement
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
@@ -132,6 +133,7 @@ class Synthesis:
         rng: np.random.Generator,
         parts: Int64[np.ndarray, "H W"] | None = None,
         wanted: Float32[np.ndarray, "H W k"] | None = None,
+        displacement: Displacement | None = None,
     ) -> Torus:
         """A torus that fits to the pixels of ``keep``, and has those of ``shared`` among them unchanged.
 
@@ -140,11 +142,12 @@ class Synthesis:
         line, since patches across it are averaged on one side only.
 
         Of several starts it is the one with least difference between the mean colours of its ``parts``, numbers
-        from 1, and that of the exemplar; not where there are several, whose materials ``points`` has. ``wanted``
-        is what the guide of the exemplar is to be where.
+        from 1, and that of the exemplar; not where there are several, whose materials ``points`` has, and which
+        ``displacement`` moves. ``wanted`` is what the guide of the exemplar is to be where.
         """
         if self.materials is not None:
-            wanted, parts = self.materials.between(points, known.image.height, known.image.width), None
+            size = (known.image.height, known.image.width)
+            wanted, parts = self.materials.between(points, *size, displacement), None
         block = min(self.tile, self.image.height, self.image.width) // 2
         *placing, optimising = rng.spawn(2 if parts is None else _STARTS + 1)
         with part(0.0, 0.2):

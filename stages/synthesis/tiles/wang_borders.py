@@ -15,6 +15,7 @@ from texloom.stages.common.grids.wang import Kind, WangSet
 from texloom.stages.common.similarity.neighbourhoods import Rectangles
 from texloom.stages.kernels.core.elementary_functions import log
 from texloom.stages.numerics.matrices import matrix_product, pseudo_inverse
+from texloom.stages.synthesis.tiles.border_waves import BorderWaves
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, band_points
 from texloom.stages.synthesis.tiles.tile_synthesis import Synthesis, Torus, WangParams
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
@@ -46,6 +47,9 @@ class WangBordersParams(WangParams):
     side that contains whole cells"""
     border: int | None = Field(None, ge=4, le=256)
     """px on each side of a border that belong to it; null: a twelfth of the tile, at least a patch"""
+    waves: float = Field(0.3, ge=0, le=0.5)
+    """how far borders between materials wander off straight lines at most, as a share of the distance of points
+    with materials: of a tile's side by corners, of half of it by edges"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,7 +65,8 @@ class WangBorders:
     filled: Mask
     """true there and as far again beside them, where interiors may begin"""
     table: dict[str, Any]
-    """`kind`, `colors` and `variants`; `size`, the side of a tile, and `border`, px"""
+    """`kind`, `colors` and `variants`; `size`, the side of a tile, and `border`, px; with materials `waves`, and
+    the seed of their `noise`"""
 
 
 def check_size(params: WangBordersParams, known: Mapping[str, Any]) -> None:
@@ -203,6 +208,11 @@ def wang_borders(
         kind=layout.kind, pixels=len(numbers) * tile**2,
     )  # fmt: skip
     points = band_points(layout)
+    table: dict[str, Any] = {"kind": layout.kind, "colors": layout.colors, "variants": list(params.variants)}
+    table |= {"size": tile, "border": border}
+    if materials is not None:
+        table |= {"waves": params.waves, "noise": int(first.integers(2**24))}
+    waves = BorderWaves.of(table)
     with part(0.0, 0.3):
         start = synthesis.start(int(corners.max() + 1), structure, first)
 
@@ -221,7 +231,10 @@ def wang_borders(
         parts = near[:, None] * (1 + np.arange(len(along)) // (tile // 2))
         with part(0.3 + 0.35 * axis, 0.65 + 0.35 * axis):
             line, halves = (points, parts) if axis == 0 else (points.T, parts.T)
-            bands.append(synthesis.completed(known, keep, shared, filled, line, random, halves))
+            wandering = None if waves is None else waves.band(axis)
+            bands.append(
+                synthesis.completed(known, keep, shared, filled, line, random, halves, displacement=wandering)
+            )
 
     down, across = (np.arange(tile * count) for count in layout.shape)
     (row, below), (column, beside) = (offsets(len(lines), tile) for lines in (down, across))
@@ -237,8 +250,6 @@ def wang_borders(
     keep = nearer < border
     # Between two borders, at the diagonals, neither is continued.
     filled = keep | ((nearer < _reach(tile, border)) & (farther > nearer + 1))
-    table: dict[str, Any] = {"kind": layout.kind, "colors": layout.colors, "variants": list(params.variants)}
-    table |= {"size": tile, "border": border}
     return WangBorders(atlas, match, keep, filled, table)
 
 

@@ -14,6 +14,7 @@ from texloom.stages.analysis.control.guide import contrast
 from texloom.stages.common.grids.wang import CORNERS, SIDES, WangSet
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
 from texloom.stages.numerics.filters import gaussian_blur
+from texloom.stages.synthesis.tiles.border_waves import BorderWaves
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, edges_shown, material_points
 from texloom.stages.synthesis.tiles.tile_synthesis import Synthesis, Torus, WangParams
 from texloom.stages.synthesis.tiles.wang_borders import core, to_borders
@@ -113,7 +114,9 @@ def wang_tiles(
         kind=tiles.kind, pixels=borders.height * borders.width,
     )  # fmt: skip
     if params.strength == 1 or tiles.variants == (1, 1):
-        made = synthesis().completed(*begun, material_points(tiles), rng)
+        waves = BorderWaves.of(layout)
+        displacement = None if waves is None else waves.atlas()
+        made = synthesis().completed(*begun, material_points(tiles), rng, displacement=displacement)
     elif materials is not None:
         raise InputError("strength: variants of tiles between materials are new ones; leave it at 1")
     else:

@@ -88,3 +88,14 @@ def seam_costs(features: np.ndarray, slopes: np.ndarray, match: np.ndarray, wrap
             if (one + step != other).any():
                 costs[y, x] += differ(one, other - step) + differ(one + step, other)
     return costs
+
+
+def template_spectrum(template: np.ndarray, exemplar: np.ndarray) -> np.ndarray:
+    """Products of spectra of what is compared and squares, less twice those of each channel."""
+    products = np.conj(template.astype(complex)) * exemplar
+    return np.asarray(products[-1] - 2 * products[:-1].sum(axis=0))
+
+
+def guide_difference(means: np.ndarray, squares: np.ndarray, wanted: np.ndarray, square: float) -> np.ndarray:
+    """Mean of squared differences, from means of values and of their squares, at least 0."""
+    return np.maximum(squares - 2 * np.tensordot(wanted, means, 1) + square, 0)

@@ -72,6 +72,27 @@ def test_courses_of_bricks_that_differ_are_structured() -> None:
     assert table["because"].startswith("it has courses that")
 
 
+def flagstones() -> Image:
+    """Grainy stones of a fifth of the side, between narrow joints."""
+    rng = np.random.default_rng(6)
+    places = np.stack(np.meshgrid(*[np.arange(20, 200, 40)] * 2), axis=2).reshape(-1, 2) + rng.uniform(
+        -9, 9, (25, 2)
+    )
+    apart = np.sort(np.hypot(*(np.indices((200, 200))[..., None] - places.T[:, None, None])), axis=2)
+    joint = apart[..., 1] - apart[..., 0] < 2
+    grain = smooth_noise((200, 200), 1.0, rng)
+    return picture(np.where(joint, 0.05, 0.3 + 0.06 * grain / grain.std()).astype(np.float32))
+
+
+def test_narrow_joints_of_large_stones_are_found() -> None:
+    """Though few gradients are theirs."""
+    table = endless_suitability(flagstones(), ACCEPT).table
+    assert table["element size"] == pytest.approx(0.18, abs=0.03)
+    assert table["verdict"] == "structured"
+    assert "its element size is 0.1" in why_not(table)
+    assert endless_suitability(noise(), ACCEPT).table["element size"] == 0
+
+
 def test_contours_would_be_blended_away(caplog: pytest.LogCaptureFixture) -> None:
     with caplog.at_level(logging.WARNING):
         table = endless_suitability(outlines(), ACCEPT).table

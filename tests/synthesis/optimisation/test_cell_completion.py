@@ -2,10 +2,10 @@ import cv2
 import numpy as np
 import pytest
 
+from texloom.stages.analysis.structure.contour_cells import ContourCells
+from texloom.stages.common.grids.border import Border
 from texloom.stages.synthesis.optimisation.allowed import Allowed
-from texloom.stages.synthesis.optimisation.border import Border
 from texloom.stages.synthesis.optimisation.cell_completion import CellCompletion
-from texloom.stages.synthesis.optimisation.contour_cells import ContourCells
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
 SIZE, HEIGHT, COURSES = 8, 14, 10

@@ -3,8 +3,8 @@
 import numpy as np
 
 from tests.synthesis.optimisation.test_cell_completion import BORDER, HEIGHT, SIZE, wall
-from texloom.stages.synthesis.optimisation.border import Border
-from texloom.stages.synthesis.optimisation.contour_cells import ContourCells
+from texloom.stages.analysis.structure.contour_cells import ContourCells
+from texloom.stages.common.grids.border import Border
 from texloom.stages.synthesis.optimisation.several_cells import SeveralCellCompletion, SeveralCells
 from texloom.stages.vocabulary.facts import NOWHERE
 

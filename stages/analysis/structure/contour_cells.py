@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
+from texloom.stages.common.grids.border import Border
 from texloom.stages.common.grids.working_size import reduction
-from texloom.stages.synthesis.optimisation.border import Border
 from texloom.stages.vocabulary.arrays import ScalarMap
 from texloom.stages.vocabulary.scratch import bands
 

@@ -1,7 +1,7 @@
 import numpy as np
 
 from tests.synthetic import identity
-from texloom.stages.synthesis.optimisation.border import Border
+from texloom.stages.common.grids.border import Border
 
 
 def test_every_pixel_is_the_middle_of_a_patch() -> None:
