@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float32
 
+from texloom.stages.common.grids.border import Border
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.synthesis.control_maps.correlation import median_cells
-from texloom.stages.synthesis.optimisation.border import Border
 from texloom.stages.synthesis.optimisation.scale import Scale
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap
 from texloom.stages.vocabulary.sizes import format_size
