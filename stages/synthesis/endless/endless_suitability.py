@@ -27,7 +27,7 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 
 LIMITS = {"difference": (0.09, 0.15), "repetition": (0.3, 0.4), "element size": (0.08, 0.15)}
-"""up to which blends are like the texture, and from which they are not; set on 38 photographs, sizes on 46"""
+"""up to which blends are like the texture, and from which they are not; set on 38 photographs, sizes on 45"""
 
 _SIDE = 512  # px, above which it is measured at half the size
 _PLANE = 512  # px of the plane that is compared
