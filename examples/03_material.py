@@ -7,5 +7,5 @@ A folder of maps as downloaded does as well: its names tell which map is which.
 
 import texloom
 
-made = texloom.run("materials", size=256, seed=1, out="03_material")
+made = texloom.run("materials", size=384, seed=1, out="03_material")
 print("\n".join(sorted(made.exports)))

@@ -205,7 +205,7 @@ def test_material(comfy: tuple[Host, Any]) -> None:
     assert maps.keys() == {"albedo", "normal", "roughness", "height"}
     assert {one.shape for one in maps.values()} == {(1, SIZE, SIZE, 3)}
     albedo, height = (maps[name][0].mean(axis=2).ravel() for name in ("albedo", "height"))
-    assert np.corrcoef(albedo, height)[0, 1] > 0.9
+    assert np.corrcoef(albedo, height)[0, 1] > 0.8  # heights are levelled at seams
     assert np.abs(maps["normal"][0] - (0.5, 0.5, 1)).max() < 0.02
 
 
