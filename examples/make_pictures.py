@@ -13,7 +13,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-import numpy as np
 from PIL import Image
 
 HERE = Path(__file__).parent
@@ -31,7 +30,6 @@ PICTURES = {
 }
 """example to what of its results shows it"""
 _SIDE = 384  # px of the longer side of a picture of the page
-_HASHED = 16  # differences a row, and rows, of a hash
 
 
 def run(example: str, folder: Path) -> Path:
@@ -43,14 +41,6 @@ def run(example: str, folder: Path) -> Path:
     variables = {**os.environ, "TEXLOOM_STORE": str(folder / "store")}
     subprocess.run([sys.executable, *words], cwd=folder, env=variables, check=True, stdout=subprocess.DEVNULL)
     return folder / PICTURES[example]
-
-
-def perceptual_hash(picture: Path) -> np.ndarray:
-    """(16, 16) bool: whether the mean lightness of parts of a picture rises to the right."""
-    with Image.open(picture) as opened:
-        means = opened.convert("L").resize((_HASHED + 1, _HASHED), Image.Resampling.BOX)
-    levels = np.asarray(means, np.int64)
-    return levels[:, 1:] > levels[:, :-1]
 
 
 def golden(example: str) -> Path:

@@ -30,7 +30,9 @@ def shipped_flows() -> dict[str, Path]:
 
 def flow_word(path: Path) -> str:
     """What names a flow in commands and errors: the name of one that ships, else the path."""
-    return path.stem if path.parent.resolve() == _FOLDER.resolve() else str(path)
+    # Links are followed only where that may matter: this is asked for every param.
+    is_shipped = path.parent == _FOLDER or path.parent.resolve() == _FOLDER.resolve()
+    return path.stem if is_shipped else str(path)
 
 
 def plugin_flows() -> dict[str, tuple[Path, str]]:
