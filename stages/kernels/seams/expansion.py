@@ -2,21 +2,22 @@
 
 import numpy as np
 
-from texloom.stages.kernels.cells.cell_cuts import FILLED, FREE, KEPT, cut_window
 from texloom.stages.kernels.core.compiled import compiled, inner
+from texloom.stages.kernels.seams.minimum_cut import NO_CELLS, cut_window, window_cost
+from texloom.stages.kernels.seams.window_state import FILLED, FREE, KEPT
 
 _FACTOR = 1 << 24  # sides of pictures are smaller
 
 
 @compiled
-def expand_in_tiles(features, slopes, inside, offset, unit, most, price, places, source, tiles, least, first, last):
+def expand_in_tiles(costs, price, places, source, tiles, least, first, last):
     """Let the most frequent displacements of each tile spread over its inside where that makes its seams cheaper.
 
     Seams are looked at in every second row and column, where displacements are halved.
 
     Parameters
     ----------
-    features, slopes, inside, offset, unit, most, price : see `cut_window`; of the exemplar at half its size
+    costs, price : see `cut_window`; of the exemplar at half its size
     places : (h, w) bool, which pixels of the exemplar may be sources
     source : (2, H, W) int32, sources of the result's pixels, changed in place
     tiles : (n, 4) int64, first row and column, height and width; those that go beyond the result go on at its
@@ -35,15 +36,11 @@ def expand_in_tiles(features, slopes, inside, offset, unit, most, price, places,
                     at = source[axis, (top + 2 * y) % source.shape[1], (left + 2 * x) % source.shape[2]]
                     shift[y, x, axis] = at - (2 * x if axis else 2 * y)
                     old[y, x, axis] = at // 2
-        state = np.zeros((height, width), np.int8)  # KEPT
-        new, taken, costs = (
-            np.zeros(old.shape, np.int32),
-            np.zeros((height, width), np.bool_),
-            np.zeros(2, np.int64),
-        )
+        state = np.full((height, width), KEPT, np.int8)
+        new, taken = np.zeros(old.shape, np.int32), np.zeros((height, width), np.bool_)
+        totals = np.zeros(2, np.int64)
         state[1:-1, 1:-1] = FILLED
-        cut_window(features, slopes, inside, offset, unit, most, old, old, state, taken, costs, price)
-        if costs[0] < least[1]:
+        if window_cost(costs, NO_CELLS, price, old, old, state, taken) < least[1]:
             continue
         for value in _most_frequent(shift, least[0]):
             down, across = value // _FACTOR - _FACTOR // 2, value % _FACTOR - _FACTOR // 2
@@ -57,8 +54,8 @@ def expand_in_tiles(features, slopes, inside, offset, unit, most, price, places,
                     elif _block_may_be(places, row, column):
                         state[y, x] = FREE
                         new[y, x, 0], new[y, x, 1] = row // 2, column // 2
-            cut_window(features, slopes, inside, offset, unit, most, old, new, state, taken, costs, price)
-            if costs[1] >= costs[0]:
+            cut_window(costs, NO_CELLS, price, old, new, state, taken, totals)
+            if totals[1] >= totals[0]:
                 continue
             for y in range(1, height - 1):
                 for x in range(1, width - 1):

@@ -6,9 +6,10 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float32, Int32
 
+from texloom.stages.kernels.seams.window_state import FILLED, FREE, KEPT
 from texloom.stages.numerics.filters import padded
 from texloom.stages.synthesis.stitching.overlap import Errors, OverlapSearch
-from texloom.stages.synthesis.stitching.seams import FILLED, FREE, KEPT, SeamCosts, cheapest_cut
+from texloom.stages.synthesis.stitching.seams import SeamCosts, cheapest_cut
 from texloom.stages.vocabulary.arrays import Mask
 from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.masks import count_excluded

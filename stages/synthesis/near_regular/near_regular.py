@@ -16,7 +16,7 @@ from texloom.stages.synthesis.near_regular.course_cells import course_cells
 from texloom.stages.synthesis.near_regular.output_lattice import OutputLattice, torus_of
 from texloom.stages.synthesis.near_regular.tile_set import COURSE_SHIFT, TileSource, tile_set
 from texloom.stages.synthesis.stitching.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
-from texloom.stages.synthesis.stitching.seams import MAX_COST, UNIT, SeamCosts
+from texloom.stages.synthesis.stitching.seams import SeamCosts
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Vectors
 from texloom.stages.vocabulary.declare import InputError, stage
 from texloom.stages.vocabulary.facts import NOWHERE
@@ -124,10 +124,7 @@ class _Tiling:
         # The box of a tile with a pixel around, to which cuts are compared.
         self.frame = np.moveaxis(np.indices((self.box[0] + 2, self.box[1] + 2)), 0, -1) + (low - 1)
         self.at = tuple((self.window.offsets - (low - 1)).T)
-        costs = SeamCosts(self.tile_source.features, gradients=True, squared=True, offset=_OFFSET)
-        slopes = costs.slopes.reshape(2, *costs.shape)
-        none = np.zeros(costs.shape, np.int16)
-        self.costs = (self.tile_source.features, slopes, none, _OFFSET, float(UNIT), float(MAX_COST))
+        self.costs = SeamCosts(self.tile_source.features, gradients=True, squared=True, offset=_OFFSET)
         height, width = params.size
         if is_torus and (self.box[0] > torus[0] or self.box[1] > torus[1]):
             raise InputError(
@@ -229,7 +226,8 @@ class _Tiling:
         """Blending weight of each pixel of a tile: 1 inside the cut, 0 outside."""
         import cv2
 
-        from texloom.stages.kernels.cells.cell_cuts import ABSENT, FILLED, FREE, KEPT, NO_PRICE, cut_window
+        from texloom.stages.kernels.seams.minimum_cut import NO_CELLS, NO_PRICE, cut_window
+        from texloom.stages.kernels.seams.window_state import ABSENT, FILLED, FREE, KEPT
 
         at = matrix_product((corner + self.frame) % self.canvas, [self.canvas[1], 1])
         old = self.match[at].astype(np.int32)
@@ -239,7 +237,7 @@ class _Tiling:
         depth, band = self.window.depth, self.window.band
         state[self.at] = np.where(filled & (depth <= band), FREE, FILLED)
         taken = np.zeros(state.shape, bool)
-        cut_window(*self.costs, old, new, state, taken, np.zeros(2, np.int64), NO_PRICE)
+        cut_window(self.costs.given, NO_CELLS, NO_PRICE, old, new, state, taken, np.zeros(2, np.int64))
         weight = taken.astype(np.float32)
         if self.params.blend:
             side = 2 * self.params.blend + 1

@@ -11,7 +11,7 @@ from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.cells import most_frequent
 from texloom.stages.synthesis.optimisation.correspondence import Patches
 from texloom.stages.synthesis.optimisation.target_windows import target_windows
-from texloom.stages.synthesis.stitching.seams import MAX_COST, UNIT, SeamCosts, pairs
+from texloom.stages.synthesis.stitching.seams import UNIT, SeamCosts, pairs
 from texloom.stages.vocabulary.facts import Wraps
 
 _WINDOW = 1024  # px of the result that are in memory at once
@@ -73,7 +73,6 @@ class CellCompletion:
     ):
         self.lab, self.cells, self.middle = np.ascontiguousarray(lab), cells, patch_size // 2
         self.costs = SeamCosts(self.lab, gradients=True, squared=True, offset=_OFFSET)
-        self.slopes = self.costs.slopes.reshape(2, *lab.shape[:2])
         self.places = np.zeros(lab.shape[:2], bool)
         inside = tuple(slice(self.middle, self.middle + side - patch_size + 1) for side in lab.shape[:2])
         self.places[inside] = True if allowed is None else allowed.places
@@ -166,8 +165,7 @@ class CellCompletion:
             one, other = ([pairs(plane, axis)[end] for plane in source] for end in (0, 1))
             apart = (other[0] - one[0] != (axis == 0)) | (other[1] - one[1] != (axis == 1))
             seam = (first > 0) & (first == second) & apart
-            ends = [np.stack([plane[seam] for plane in planes], axis=1).astype(np.int32) for planes in (one, other)]
-            severity += np.bincount(first[seam], self.costs.between(axis, *ends), count)
+            severity += np.bincount(first[seam], self._seam_costs(source, axis, seam), count)
         shift = source - np.indices(core.shape)
         inside = core > 0
         code = (shift[0] * (4 * max(self.lab.shape[1], core.shape[1])) + shift[1])[inside]
@@ -179,6 +177,13 @@ class CellCompletion:
         use = np.bincount(self.cells.label[source[0], source[1]].ravel(), minlength=len(self.cells.area))
         boxes = boxes_of(number, inside, count)
         return Shown(number, boxes, severity, np.maximum(1.0, use / (self.fair * number.size)), boxes)
+
+    def _seam_costs(
+        self, source: Int64[np.ndarray, "2 p q"], axis: int, seam: Bool[np.ndarray, "u v"]
+    ) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
+        """Cost of each seam between neighbours along ``axis``."""
+        ends = [np.stack([pairs(plane, axis)[end][seam] for plane in source], axis=1) for end in (0, 1)]
+        return self.costs.between(axis, *(end.astype(np.int32) for end in ends))
 
     def _laid(
         self, source: Int64[np.ndarray, "2 p q"], shown: Shown, cells: list[int], outer: Int64[np.ndarray, "n 4"]
@@ -207,14 +212,15 @@ class CellCompletion:
         """Lay the best of the tried displacements over each cell, where one pays; the cells where it does."""
         import cv2
 
-        from texloom.stages.kernels.cells.cell_cuts import FILLED, FREE, KEPT, cut_cells
+        from texloom.stages.kernels.cells.cell_cuts import cut_cells
         from texloom.stages.kernels.core.threads import run_all, spans
+        from texloom.stages.kernels.seams.window_state import FILLED, FREE, KEPT
 
         boxes = np.array([_box_around(shown.boxes[cell], region, outer[cell]) for cell, _, region, _ in tried])
         sides = boxes[:, 2:] - boxes[:, :2]
         rows = np.cumsum([0, *sides[:, 0]])
         width = int(sides[:, 1].max())
-        old, state = np.zeros((rows[-1], width, 2), np.int32), np.zeros((rows[-1], width), np.int8)
+        old, state = np.zeros((rows[-1], width, 2), np.int32), np.full((rows[-1], width), KEPT, np.int8)
         shifts = np.zeros((len(tried), 3), np.int64)
         element = np.ones((2 * _BAND + 1,) * 2, np.uint8)
         possible = np.ones(len(tried), bool)
@@ -232,18 +238,7 @@ class CellCompletion:
             possible[index] = not (region & ~usable).any()
         taken = np.zeros(state.shape, bool)
         saved = np.zeros((len(tried), 2), np.int64)
-        given = (
-            self.lab,
-            self.slopes,
-            self.inside,
-            _OFFSET,
-            float(UNIT),
-            float(MAX_COST),
-            old,
-            rows,
-            shifts,
-            state,
-        )
+        given = self.costs.given, self.inside, old, rows, shifts, state
         run_all(cut_cells, [(*given, *span, taken, saved) for span in spans(len(tried), 4)])
         best: dict[int, tuple[float, int]] = {}
         for index, (cell, _, _, factor) in enumerate(tried):

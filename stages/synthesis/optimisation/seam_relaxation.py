@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float32, Int32
 
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.correspondence import Patches
-from texloom.stages.synthesis.stitching.seams import MAX_COST, UNIT, SeamCosts
+from texloom.stages.synthesis.stitching.seams import UNIT, SeamCosts
 from texloom.stages.vocabulary.facts import Wraps
 
 _TILE = 64  # px of the result, in which pieces spread
@@ -43,14 +43,12 @@ def relax_seams(
     usable = np.zeros((places[0] + middle, places[1] + middle), np.bool_)
     usable[middle:, middle:] = True if allowed is None else allowed.places
     costs = SeamCosts(np.ascontiguousarray(features), gradients=True, squared=True, offset=_OFFSET)
-    slopes = costs.slopes.reshape(2, *features.shape[:2])
-    inside = np.zeros(features.shape[:2], np.int16)
     least = np.array([_LEAST_PIECE // 4, round(_LEAST_SEAM * UNIT)])
     match += middle
     for offset in _OFFSETS:
         tiles = np.array(list(_tiles(match.shape[1:], wrap, offset)))
         price = _price(match, features.shape[:2], usable)
-        given = features, slopes, inside, _OFFSET, float(UNIT), float(MAX_COST), price, usable, match, tiles, least
+        given = costs.given, price, usable, match, tiles, least
         run_spans(expand_in_tiles, given, len(tiles), 8)
     match -= middle
 

@@ -98,11 +98,7 @@ class SeveralCellCompletion(CellCompletion):
         for axis in (0, 1):
             (first, second), (here, there) = pairs(number, axis), pairs(exemplar, axis)
             seam = (here != there) & ((first > 0) | (second > 0))
-            ends = [
-                np.stack([pairs(plane, axis)[end][seam] for plane in source], axis=1).astype(np.int32)
-                for end in (0, 1)
-            ]
-            cost = self.costs.between(axis, *ends)
+            cost = self._seam_costs(source, axis, seam)
             for cell in (first, second):
                 total += np.bincount(cell[seam], cost, count)
         total[0] = 0

@@ -9,18 +9,10 @@ from pydantic import Field
 
 from texloom.stages.kernels.core.elementary_functions import complex_product, exp
 from texloom.stages.kernels.core.loading import loaded
+from texloom.stages.kernels.seams.window_state import ABSENT, FILLED, FREE, KEPT
 from texloom.stages.synthesis.stitching.exemplar import Exemplar, Stitched, StitchingParams, check_exemplar, lab_of
 from texloom.stages.synthesis.stitching.overlap import OverlapSearch
-from texloom.stages.synthesis.stitching.seams import (
-    ABSENT,
-    FILLED,
-    FREE,
-    KEPT,
-    UNIT,
-    SeamCosts,
-    cheapest_cut,
-    pairs,
-)
+from texloom.stages.synthesis.stitching.seams import UNIT, SeamCosts, cheapest_cut, pairs
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import stage
 from texloom.stages.vocabulary.progress import Progress, report

@@ -11,11 +11,12 @@ from pydantic import Field
 
 from texloom.stages.kernels.core.elementary_functions import log2
 from texloom.stages.kernels.core.loading import loaded
+from texloom.stages.kernels.seams.window_state import ABSENT, FILLED, FREE, KEPT
 from texloom.stages.synthesis.stitching.cuts import Strips, enclosed
 from texloom.stages.synthesis.stitching.exemplar import Exemplar, StitchingParams, check_exemplar
 from texloom.stages.synthesis.stitching.overlap import OverlapSearch, compared, pick
 from texloom.stages.synthesis.stitching.painted_blocks import painted_blocks
-from texloom.stages.synthesis.stitching.seams import ABSENT, FILLED, FREE, KEPT, SeamCosts, cheapest_cut
+from texloom.stages.synthesis.stitching.seams import SeamCosts, cheapest_cut
 from texloom.stages.synthesis.stitching.similar_places import SimilarPlaces
 from texloom.stages.vocabulary.arrays import Correspondence, Image
 from texloom.stages.vocabulary.declare import InputError, OddSize

@@ -5,6 +5,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float32, Int8, Int32, Int64
 
+from texloom.stages.kernels.seams.window_state import FILLED, FREE
 from texloom.stages.vocabulary.scratch import bands
 
 UNIT = 512
@@ -12,9 +13,6 @@ UNIT = 512
 
 MAX_COST = 80 * UNIT
 _AXES = ((1, 0), (0, 1))  # steps from a pixel to its neighbours below and to the right
-
-ABSENT, KEPT, FREE, FILLED = range(4)
-"""state of a pixel: outside, keeps its patch, may take either, takes the new patch"""
 
 Sources: TypeAlias = Int32[np.ndarray, "m n 2"]
 """the exemplar pixel that a pixel comes from"""
@@ -55,7 +53,7 @@ class SeamCosts:
         self, axis: int, one: Int32[np.ndarray, "n 2"], other: Int32[np.ndarray, "n 2"]
     ) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
         """Cost of each pair of neighbours along ``axis`` with sources ``one`` and ``other`` in the exemplar."""
-        from texloom.stages.kernels.seams.block_seams import seam_costs
+        from texloom.stages.kernels.seams.seam_costs import seam_costs
 
         found = np.empty(len(one), np.int64)
         seam_costs(self.given, axis, one, other, found)
@@ -85,25 +83,13 @@ def cheapest_cut(
     their own, which gives the same cut ([Kolmogorov2004]_ section 4.1). Where costs break the triangle inequality
     an old seam counts as no more than both new ones.
     """
-    from texloom.stages.kernels.cells.cell_cuts import push_flow
-    from texloom.stages.kernels.seams.block_seams import seam_graph, seams_between
+    from texloom.stages.kernels.seams.minimum_cut import NO_CELLS, NO_PRICE, cut_window, window_cost
 
     filled = state == FILLED
     if not (state == FREE).any():
         return filled, 0
-    free = state == FREE
-    old, new = np.ascontiguousarray(old), np.ascontiguousarray(new)
-    count = int(free.sum())
-    node = np.zeros(state.shape, np.int32)
-    node[free] = np.arange(count)
-    keep, take = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    beside, capacity = np.full((count, 4), -1, np.int32), np.zeros((count, 4), np.int64)
-    seam_graph(costs.given, old, new, state, node, keep, take, beside, capacity)
-    taken = filled.copy()
-    taken[free] = push_flow(keep, take, beside, capacity) >= 0
-    untouched, changed = (
-        int(seams_between(costs.given, np.where(chosen[..., None], new, old), state)) for chosen in (filled, taken)
-    )
-    if changed > untouched:
-        return filled, 0
-    return taken, untouched - changed
+    window = costs.given, NO_CELLS, NO_PRICE, np.ascontiguousarray(old), np.ascontiguousarray(new), state
+    taken, totals = np.empty(state.shape, bool), np.empty(2, np.int64)
+    cut_window(*window, taken, totals)
+    saved = int(window_cost(*window, filled) - totals[1])
+    return (filled, 0) if saved < 0 else (taken, saved)

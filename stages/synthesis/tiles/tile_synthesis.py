@@ -10,12 +10,13 @@ from pydantic import Field
 
 from texloom.stages.common.features.maps import MapWeights
 from texloom.stages.common.grids.wang import Kind
+from texloom.stages.kernels.seams.window_state import FILLED, FREE, KEPT
 from texloom.stages.synthesis.edits.gradient_domain import GradientDomainParams, gradient_domain
 from texloom.stages.synthesis.edits.revise import ReviseParams, Revision
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
 from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
 from texloom.stages.synthesis.stitching.overlap import compared
-from texloom.stages.synthesis.stitching.seams import FILLED, FREE, KEPT, SeamCosts, cheapest_cut
+from texloom.stages.synthesis.stitching.seams import SeamCosts, cheapest_cut
 from texloom.stages.synthesis.tiles.border_waves import Displacement
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors

@@ -4,6 +4,8 @@ import itertools
 
 import numpy as np
 
+from texloom.stages.kernels.seams.window_state import ABSENT, FILLED, FREE, KEPT
+
 
 def basins(values: np.ndarray, depth: float) -> np.ndarray:
     """The basin of each pixel: sets of pixels that grow from the lowest value on."""
@@ -54,14 +56,14 @@ def seams(
     source: np.ndarray,
     state: np.ndarray,
 ) -> int:
-    """Cost of all seams of a window with these sources, but those between pixels of state 0 or beside state 3."""
+    """Cost of all seams of a window with these sources, but those between kept pixels or beside absent ones."""
     last = np.array(lab.shape[:2]) - 1
     total = 0
     for axis, step in enumerate(np.array([[1, 0], [0, 1]])):
         for place in np.ndindex(source.shape[0] - step[0], source.shape[1] - step[1]):
             one, other = source[place], source[tuple(place + step)]
             states = state[place], state[tuple(place + step)]
-            if (one + step == other).all() or states == (0, 0) or 3 in states:
+            if (one + step == other).all() or states == (KEPT, KEPT) or ABSENT in states:
                 continue
             ends = [np.clip(at, 0, last) for at in (one, other)]
             after, before = np.minimum(ends[0] + step, last), np.maximum(ends[1] - step, 0)
@@ -81,11 +83,11 @@ def least_seams(
     new: np.ndarray,
     state: np.ndarray,
 ) -> int:
-    """The least cost of all choices of the free pixels (state 1); those of state 2 take the new source."""
-    free = np.argwhere(state == 1)
+    """The least cost of all choices of the free pixels."""
+    free = np.argwhere(state == FREE)
     costs = []
     for choice in itertools.product([False, True], repeat=len(free)):
-        taken = state == 2
+        taken = state == FILLED
         taken[tuple(free.T)] = choice
         costs.append(seams(*given, np.where(taken[..., None], new, old), state))
     return min(costs)

@@ -1,16 +1,24 @@
+from typing import Any
+
 import numpy as np
 import pytest
 
 from tests.kernels.cells import naive
-from texloom.stages.kernels.cells.cell_cuts import ABSENT, FILLED, FREE, KEPT, NO_PRICE, cut_cells, cut_window
+from texloom.stages.kernels.cells.cell_cuts import cut_cells
+from texloom.stages.kernels.seams.minimum_cut import NO_CELLS, NO_PRICE, cut_window
+from texloom.stages.kernels.seams.window_state import ABSENT, FILLED, FREE, KEPT
 
 UNIT, MOST, OFFSET = 64.0, 4096.0, 8.0
 
 
+def kernel_costs(lab: np.ndarray, slopes: np.ndarray) -> tuple[Any, ...]:
+    return lab, slopes, np.float32(OFFSET), np.float32(UNIT), np.float32(MOST), True
+
+
 @pytest.mark.parametrize("exemplars", [1, 2])
 def test_cuts_cost_least(exemplars: int, rng: np.random.Generator) -> None:
-    lab = rng.uniform(0, 40, (20, 24, 3)).astype(np.float32)
-    slopes = rng.uniform(0, 9, (2, 20, 24)).astype(np.float32)
+    lab = rng.integers(0, 40, (20, 24, 3)).astype(np.float32)  # sums are exact
+    slopes = rng.integers(0, 9, (2, 20, 24)).astype(np.float32)
     number = 1 + np.arange(24) * exemplars // 24
     inside = np.where(rng.random((20, 24)) < 0.4, number, -number).astype(np.int16)
     count, height, width = 8, 4, 4
@@ -28,7 +36,7 @@ def test_cuts_cost_least(exemplars: int, rng: np.random.Generator) -> None:
         old[rows[index] : rows[index + 1]] = places + parts[rng.integers(0, 2, (height, width))]
     taken, costs = np.zeros(state.shape, bool), np.zeros((count, 2), np.int64)
     for span in ((0, 3), (3, count)):
-        cut_cells(lab, slopes, inside, OFFSET, UNIT, MOST, old, rows, shifts, state, *span, taken, costs)
+        cut_cells(kernel_costs(lab, slopes), inside, old, rows, shifts, state, *span, taken, costs)
     given = lab, slopes, inside, OFFSET, UNIT, MOST
     exact = 0
     for index in range(count):
@@ -47,8 +55,8 @@ def test_cuts_cost_least(exemplars: int, rng: np.random.Generator) -> None:
 
 def test_a_window_may_have_any_sources_and_pixels_without_one(rng: np.random.Generator) -> None:
     """Nothing beside those counts."""
-    lab = rng.uniform(0, 40, (20, 24, 5)).astype(np.float32)
-    slopes = rng.uniform(0, 9, (2, 20, 24)).astype(np.float32)
+    lab = rng.integers(0, 40, (20, 24, 5)).astype(np.float32)
+    slopes = rng.integers(0, 9, (2, 20, 24)).astype(np.float32)
     given = lab, slopes, np.zeros((20, 24), np.int16), OFFSET, UNIT, MOST
     exact = 0
     for _ in range(8):
@@ -58,7 +66,7 @@ def test_a_window_may_have_any_sources_and_pixels_without_one(rng: np.random.Gen
         state = rng.choice([KEPT, FILLED, ABSENT, ABSENT], (4, 5)).astype(np.int8)
         state.ravel()[rng.permutation(20)[:5]] = FREE
         taken, costs = np.zeros((4, 5), bool), np.zeros(2, np.int64)
-        cut_window(*given, old, new, state, taken, costs, NO_PRICE)
+        cut_window(kernel_costs(lab, slopes), NO_CELLS, NO_PRICE, old, new, state, taken, costs)
         assert taken[state == FILLED].all()
         assert not taken[state == KEPT].any()
         after = naive.seams(*given, np.where(taken[..., None], new, old), state)

@@ -5,15 +5,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-from texloom.stages.kernels.cells.cell_cuts import FILLED, FREE, KEPT, cut_window
 from texloom.stages.kernels.seams.expansion import expand_in_tiles
-from texloom.stages.synthesis.stitching.seams import MAX_COST, UNIT, SeamCosts
+from texloom.stages.kernels.seams.minimum_cut import NO_CELLS, NO_PRICE, cut_window
+from texloom.stages.kernels.seams.window_state import FILLED, FREE, KEPT
+from texloom.stages.synthesis.stitching.seams import UNIT, SeamCosts
 
 SIDE = 48  # px, of the exemplar
 
 
 def naive(
-    given: tuple[Any, ...], places: np.ndarray, source: np.ndarray, tile: np.ndarray, least: np.ndarray
+    costs: tuple[Any, ...],
+    price: np.ndarray,
+    places: np.ndarray,
+    source: np.ndarray,
+    tile: np.ndarray,
+    least: np.ndarray,
 ) -> None:
     """The same for one tile, displacement by displacement."""
     top, left, height, width = tile.tolist()
@@ -27,10 +33,10 @@ def naive(
     inner[1:-1, 1:-1] = True
 
     def cut(old: np.ndarray, new: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        taken, costs = np.zeros(state.shape, bool), np.zeros(2, np.int64)
+        taken, totals = np.zeros(state.shape, bool), np.zeros(2, np.int64)
         pixels = [np.ascontiguousarray(np.moveaxis(one // 2, 0, 2).astype(np.int32)) for one in (old, new)]
-        cut_window(*given[:-1], *pixels, state.astype(np.int8), taken, costs, given[-1])
-        return taken, costs
+        cut_window(costs, NO_CELLS, price, *pixels, state.astype(np.int8), taken, totals)
+        return taken, totals
 
     old = (shift + here)[:, ::2, ::2]
     if cut(old, old, np.where(inner, FILLED, KEPT))[1][0] < least[1]:
@@ -47,8 +53,8 @@ def naive(
         may[may] = np.all([places[one[0][may], one[1][may]] for one in block], axis=0)
         old = (shift + here)[:, ::2, ::2]
         new = np.where(may | own, new, 0)
-        taken, costs = cut(old, new, np.where(may, FREE, np.where(own & inner, FILLED, KEPT)))
-        if costs[1] < costs[0]:
+        taken, totals = cut(old, new, np.where(may, FREE, np.where(own & inner, FILLED, KEPT)))
+        if totals[1] < totals[0]:
             moved = np.repeat(np.repeat(taken & may, 2, axis=0), 2, axis=1)
             shift = np.where(moved, value, shift)
     source[:, *view] = shift + here
@@ -67,21 +73,17 @@ def pieces(rng: np.random.Generator, sides: tuple[int, int]) -> np.ndarray:
 @pytest.mark.parametrize("priced", [False, True])
 def test_tiles_are_as_the_naive_ones(rng: np.random.Generator, priced: bool) -> None:
     features = rng.uniform(0, 40, (SIDE // 2, SIDE // 2, 4)).astype(np.float32)
-    slopes = SeamCosts(features, gradients=True, squared=True).slopes.reshape(2, SIDE // 2, SIDE // 2)
-    price = rng.integers(0, 3 * UNIT, features.shape[:2]).astype(np.int32)
-    given = (
-        features, slopes, np.zeros(features.shape[:2], np.int16), 8.0, float(UNIT), float(MAX_COST),
-        price if priced else np.zeros_like(price),
-    )  # fmt: skip
+    costs = SeamCosts(features, gradients=True, squared=True, offset=8.0).given
+    price = rng.integers(0, 3 * UNIT, features.shape[:2]).astype(np.int32) if priced else NO_PRICE
     places = rng.random((SIDE - 2, SIDE - 2)) > 0.02
     source = pieces(rng, (40, 37))
     expected, before = source.copy(), source.copy()
     tiles = np.array([[30, 0, 20, 20], [30, 20, 20, 17], [10, 0, 20, 20], [10, 20, 19, 13]])  # the first go around
     least = np.array([6, 2 * UNIT])
     for span in ((0, 3), (3, 4)):
-        expand_in_tiles(*given, places, source, tiles, least, *span)
+        expand_in_tiles(costs, price, places, source, tiles, least, *span)
     for tile in tiles:
-        naive(given, places, expected, tile, least)
+        naive(costs, price, places, expected, tile, least)
     assert (source != before).any()
     assert np.array_equal(source, expected)
     changed = (source != before).any(axis=0)
@@ -90,13 +92,11 @@ def test_tiles_are_as_the_naive_ones(rng: np.random.Generator, priced: bool) -> 
 
 def test_a_tile_without_a_seam_worth_it_is_left(rng: np.random.Generator) -> None:
     features = rng.uniform(0, 40, (SIDE // 2, SIDE // 2, 3)).astype(np.float32)
-    slopes = np.zeros((2, SIDE // 2, SIDE // 2), np.float32)
-    inside, price = np.zeros(features.shape[:2], np.int16), np.zeros(features.shape[:2], np.int32)
+    costs = SeamCosts(features, gradients=False, squared=True).given
     source = pieces(rng, (32, 32))
     before = source.copy()
     for least, same in ((np.array([6, 2**40]), True), (np.array([10**6, 0]), True), (np.array([6, 0]), False)):
         expand_in_tiles(
-            features, slopes, inside, 8.0, float(UNIT), float(MAX_COST), price, np.ones((SIDE, SIDE), bool),
-            source, np.array([[0, 0, 32, 32]]), least, 0, 1,
+            costs, NO_PRICE, np.ones((SIDE, SIDE), bool), source, np.array([[0, 0, 32, 32]]), least, 0, 1,
         )  # fmt: skip
         assert np.array_equal(source, before) == same

@@ -5,7 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from texloom.stages.synthesis.stitching.seams import ABSENT, FILLED, FREE, KEPT, UNIT, SeamCosts, cheapest_cut
+from texloom.stages.kernels.seams.window_state import ABSENT, FILLED, FREE, KEPT
+from texloom.stages.synthesis.stitching.seams import UNIT, SeamCosts, cheapest_cut
 
 STEPS = ((1, 0), (0, 1))
 
