@@ -1,7 +1,7 @@
 """Lattice phase: features that keep a result on the exemplar's lattice."""
 
 import numpy as np
-from jaxtyping import Complex64, Complex128, Float32, Float64, UInt32
+from jaxtyping import Complex64, Complex128, Float32, Float64, Int64, UInt32
 
 from texloom.stages.kernels.core.elementary_functions import cos, phase_of, phasor, sin, squared_size
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product, rank
@@ -11,6 +11,7 @@ from texloom.stages.vocabulary.facts import Wraps
 _MAX_STRETCH = 0.75  # cells along a window by which a given texture's lattice may differ from the exemplar's
 _STRETCHES = (0.125, 0.015625)  # cells: steps of the search
 _MIN_GAIN = 1.01  # of coherence, by a stretch that is not a coincidence
+_PARTS = 6  # along each generator
 
 
 class LatticePhase:
@@ -71,6 +72,18 @@ class LatticePhase:
         """Phases of an exemplar's pixels at the scale of ``factor``, of some rows."""
         origin = np.zeros(self.exemplar.shape[1])
         return _circles(range(height)[rows], width, factor, (0, 0), self.exemplar, origin)
+
+    def parts(self, places: tuple[int, int], factor: float) -> Int64[np.ndarray, "p q"]:
+        """Number of the part of a lattice cell, or of a course, in which each of an exemplar's patches lies.
+
+        At the scale of ``factor``, for the patches' first pixels.
+        """
+        rows, columns = (np.arange(count) / factor for count in places)
+        number = np.zeros(places, np.int64)
+        for down, across in self.exemplar.T:
+            cells = rows[:, None] * down + columns * across
+            number = number * _PARTS + np.minimum((cells % 1 * _PARTS).astype(np.int64), _PARTS - 1)
+        return number
 
     def of_target(
         self, rows: range, width: int, factor: float, margin: tuple[int, int]

@@ -119,8 +119,8 @@ class OptimiseParams(CoarseToFineParams):
     0"""
     most_use: float | None = Field(1.2, ge=1, le=100)
     """use of a region of a twelfth of the exemplar's side, relative to its fair share, above which its patches
-    become dearer, so that what is easily recognised does not return everywhere; null: no such limit; no effect
-    where a lattice is enforced, there are several exemplars, or `occurrence` is 0"""
+    become dearer, so that what is easily recognised does not return everywhere, in a lattice relative to those of
+    the same phase; null: no such limit; no effect where there are several exemplars, or `occurrence` is 0"""
     histogram_share: float = Field(0.5, ge=0, le=1)
     """share of the scales, coarsest first, at which votes also match the exemplar's histograms"""
     regularity: float = Field(64.0, ge=0, le=100)
@@ -256,8 +256,10 @@ class _Optimisation:
         balance: Balance | Overuse | None = None
         if self.several is not None:
             balance = self.several.at(scale.exemplar, size, scale.places)
-        elif self.compared.phase is None and params.most_use is not None and params.occurrence > 0:
-            balance = Overuse(scale.places, params.most_use, scale.allowed, expected_places)
+        elif params.most_use is not None and params.occurrence > 0:
+            phase = self.compared.phase
+            parts = None if phase is None else phase.parts(scale.places, scale.factor)
+            balance = Overuse(scale.places, params.most_use, scale.allowed, expected_places, parts)
         search = Search(
             exemplar, channels, size, scale.places, scale.patches, wrap, params.occurrence_at(scale), _OVERUSE,
             scale.allowed, expected_places, balance,

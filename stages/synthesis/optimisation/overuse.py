@@ -1,7 +1,7 @@
 """A price on regions of an exemplar that a result shows more often than others."""
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int32
+from jaxtyping import Float32, Float64, Int32, Int64
 
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 
@@ -10,6 +10,7 @@ _REGION = 5  # cells along a region: a twelfth of the side
 _RISE = 0.05  # of the mean distance, for a region that is used once more than is fair than it may be
 _FALL = 0.5  # of that, where use is less
 _MOST = 0.5  # of the mean distance
+_MOST_IN_LATTICE = 0.25  # the same, as regularity suffers
 _LEAST_COPIES = 1.5  # which no region has to answer for: a small result shows what it shows
 _SHARES = 1024  # steps of expected use, so that sums are exact
 
@@ -19,6 +20,7 @@ class Overuse:
 
     A fixed occurrence penalty is small beside the distances of coarse scales, at which a result decides how often
     it shows what. What is used little is not made cheaper: it fits badly, and costs more in joints than it gives.
+    In a lattice only prices of patches of the same phase are compared, so that no other phase becomes cheaper.
     Not in the paper.
 
     Parameters
@@ -27,6 +29,7 @@ class Overuse:
     most_use : that a region may have, relative to its fair share.
     allowed : the permitted patches; none for all.
     expected : use of each patch that is wanted, relative to even use; none for even use of all.
+    parts : numbers of the parts of lattice cells in which patches lie; none without a lattice.
     """
 
     def __init__(
@@ -35,6 +38,7 @@ class Overuse:
         most_use: float,
         allowed: Allowed | None,
         expected: Float32[np.ndarray, "p q"] | None,
+        parts: Int64[np.ndarray, "p q"] | None = None,
     ):
         self.firsts = [np.arange(0, count, -(-count // _CELLS)) for count in places]
         self.cells = np.ix_(
@@ -43,12 +47,13 @@ class Overuse:
                 for firsts, count in zip(self.firsts, places, strict=True)
             )
         )
-        own = np.ones(places, np.int32) if allowed is None else allowed.places.astype(np.int32)
+        self.usable = np.ones(places, bool) if allowed is None else allowed.places
+        own = self.usable.astype(np.int32)
         wanted = own if expected is None else np.rint(own * expected * _SHARES).astype(np.int32)
         self.whole = float(wanted.sum(dtype=np.int64))
         self.fair = self._of_regions(wanted)
         self.area = self._of_regions(own)
-        self.most_use = most_use
+        self.most_use, self.parts = most_use, parts
         self.prices = np.zeros(self.fair.shape)
         """of each cell, relative to the mean distance"""
         self.distance = 0.0
@@ -62,12 +67,17 @@ class Overuse:
         limit = np.maximum(np.maximum(self.most_use * fair, _LEAST_COPIES * self.area), 1e-9)
         excess = self.most_use * (self._of_regions(counts) / limit - 1)
         self.prices += _RISE * np.where(excess > 0, excess, _FALL * excess)
-        np.clip(self.prices, 0, _MOST, out=self.prices)
+        np.clip(self.prices, 0, _MOST if self.parts is None else _MOST_IN_LATTICE, out=self.prices)
         self.distance = distance
 
     def penalty(self, unit: int) -> Float32[np.ndarray, "p q"]:
         """Of each patch, whole numbers, in ``unit`` parts of CIELAB units squared."""
-        return np.rint(self.prices * (self.distance * unit)).astype(np.float32)[self.cells]
+        prices = np.rint(self.prices * (self.distance * unit)).astype(np.float32)[self.cells]
+        if self.parts is None:
+            return prices
+        least = np.full(int(self.parts.max()) + 1, np.inf, np.float32)
+        np.minimum.at(least, self.parts[self.usable], prices[self.usable])
+        return np.maximum(prices - least[self.parts], 0)
 
     def _of_regions(self, values: Int32[np.ndarray, "p q"]) -> Float64[np.ndarray, "rows columns"]:
         """Sums over the region around each cell of the grid, as far as it is inside."""

@@ -4,15 +4,17 @@ import numpy as np
 import pytest
 import skimage.data
 
-from texloom.stages.analysis.structure.edges import EdgesParams, edges
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
+from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
 from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
 from texloom.stages.synthesis.optimisation.overuse import Overuse
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.facts import NOWHERE
 
 PLACES = (96, 120)
 UNIT = 1000
+START = np.stack(np.indices((64, 64)), axis=2).astype(np.uint32)
 
 
 def used(times: int, more: int = 0) -> np.ndarray:
@@ -80,16 +82,30 @@ def test_a_result_repeats_less() -> None:
     assert spread[1] < 0.95 * spread[0]
 
 
-def test_lattices_are_not_limited() -> None:
-    brick = Image.of(skimage.data.brick()[:96, :96])
-    start = initialise(brick, InitialiseParams(size=(160, 160)), np.random.default_rng(1)).match
-    generators = np.array([[0, 24], [48, 0]], np.float32)
-    contours = edges(brick, EdgesParams()).strength
-    made = [
-        optimise(
-            brick, start, OptimiseParams(preset="fast", most_use=most), np.random.default_rng(1),
-            generators=generators, contours=contours,
-        ).match
-        for most in (None, 1.2)
-    ]  # fmt: skip
-    assert (made[0] == made[1]).all()
+def test_no_phase_of_a_lattice_becomes_dearer_than_another() -> None:
+    """Only what is dearer than the rest of its phase counts."""
+    phase = LatticePhase(np.array([[0, 24], [16, 0]], np.float32), START, NOWHERE)
+    parts = phase.parts(PLACES, 1.0)
+    overuse = Overuse(PLACES, 1.2, None, None, parts)
+    overuse.adjust(used(4, 8), 50.0)
+    prices = overuse.penalty(UNIT)
+    assert prices[48, 30] > 0
+    assert all(prices[parts == part].min() == 0 for part in np.unique(parts))
+    courses = LatticePhase(np.array([[0, 60]], np.float32), START, NOWHERE).parts(PLACES, 1.0)
+    counts = used(4)
+    counts[:, 20:30] = counts[:, 80:90] = 100
+    found = []
+    for part in (None, courses):
+        overuse = Overuse(PLACES, 1.2, None, None, part)
+        overuse.adjust(counts, 50.0)
+        found.append(overuse.penalty(UNIT)[:, 20:30].mean())
+    assert found[1] < 0.3 * found[0], "the phase is used as often everywhere"
+
+
+def test_parts_of_a_lattice_are_those_of_its_cells() -> None:
+    phase = LatticePhase(np.array([[3, 24], [16, -5]], np.float32), START, NOWHERE)
+    parts = phase.parts((30, 40), 0.5)
+    doubled = phase.parts((60, 80), 1.0)
+    assert (parts == doubled[::2, ::2]).all()
+    assert (doubled[:-3, :-24] == doubled[3:, 24:]).mean() > 0.95
+    assert len(np.unique(doubled)) == 36
