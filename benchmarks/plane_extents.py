@@ -16,8 +16,8 @@ import numpy as np
 
 from texloom.pipelines.media.sources import open_source
 from texloom.stages.analysis.photographs import bezier
-from texloom.stages.analysis.photographs.line_segments import line_segments
 from texloom.stages.analysis.photographs.plane_extent import extended
+from texloom.stages.common.features.line_segments import line_segments
 from texloom.stages.numerics.matrices import matrix_product
 from texloom.stages.vocabulary.arrays import Image
 

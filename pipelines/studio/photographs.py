@@ -21,9 +21,9 @@ from texloom.pipelines.studio.messages.answers import (
 from texloom.pipelines.studio.messages.recipes import BrushRecipe, KeptPhoto, PhotoRecipe
 from texloom.pipelines.studio.messages.requests import PhotoRequest
 from texloom.pipelines.studio.work import KeepPhotoWork, Places, library_of
-from texloom.stages.analysis.photographs.line_segments import Frame
 from texloom.stages.analysis.photographs.plane_proposal import find_planes
 from texloom.stages.analysis.structure.dog_mask import DogMaskParams
+from texloom.stages.common.features.line_segments import Frame
 from texloom.stages.interactive.photo_session import PhotoSession
 
 _SESSIONS = 2

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 
 from texloom.stages.analysis.photographs.geometry import Patch, parsed_geometry
 from texloom.stages.analysis.photographs.grid import grid_lines, grid_parameters, outlined
-from texloom.stages.analysis.photographs.line_segments import Frame
 from texloom.stages.analysis.photographs.plane_proposal import find_planes
+from texloom.stages.common.features.line_segments import Frame
 from texloom.stages.vocabulary.arrays import Image, Mask
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.sizes import size_value

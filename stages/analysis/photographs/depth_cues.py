@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from texloom.stages.analysis.photographs.line_segments import Segments
 from texloom.stages.analysis.photographs.vanishing import pointing_to
+from texloom.stages.common.features.line_segments import Segments
 from texloom.stages.common.grids.pyramid import reduced
 from texloom.stages.kernels.core.elementary_functions import arctan2, log, phase_of, phasor
 from texloom.stages.numerics.filters import gaussian_blur, gradients

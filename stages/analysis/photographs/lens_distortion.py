@@ -6,8 +6,8 @@ import logging
 import numpy as np
 from pydantic import Field
 
-from texloom.stages.analysis.photographs.line_segments import Frame, Segments, line_segments
 from texloom.stages.analysis.photographs.vanishing import deviations, vanishing_points
+from texloom.stages.common.features.line_segments import Frame, Segments, line_segments
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import Document, Params, stage
 from texloom.stages.vocabulary.progress import Progress, report

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from texloom.stages.analysis.photographs.line_segments import Frame, line_segments
 from texloom.stages.analysis.photographs.reduced_surface import without_rim
+from texloom.stages.common.features.line_segments import Frame, line_segments
 from texloom.stages.kernels.core.elementary_functions import arctan2
 from texloom.stages.vocabulary.arrays import Image, Mask
 

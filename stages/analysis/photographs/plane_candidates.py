@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from texloom.stages.analysis.photographs.line_segments import Frame, Segments
 from texloom.stages.analysis.photographs.vanishing import pointing_to
+from texloom.stages.common.features.line_segments import Frame, Segments
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
 from texloom.stages.vocabulary.arrays import Mask

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float32, Float64
 
 from texloom.stages.analysis.photographs import bezier
 from texloom.stages.analysis.photographs.geometry import patch_of_plane
-from texloom.stages.analysis.photographs.line_segments import Frame, Segments
+from texloom.stages.common.features.line_segments import Frame, Segments
 from texloom.stages.kernels.core.elementary_functions import arctan2, log
 from texloom.stages.numerics.filters import gaussian_blur, gradients
 from texloom.stages.numerics.matrices import inverse_of, matrix_product

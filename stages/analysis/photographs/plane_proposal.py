@@ -8,11 +8,11 @@ import numpy as np
 from pydantic import Field
 
 from texloom.stages.analysis.photographs.depth_cues import depth_cues
-from texloom.stages.analysis.photographs.line_segments import Frame, line_segments
 from texloom.stages.analysis.photographs.plane_candidates import Cells, plane_candidates
 from texloom.stages.analysis.photographs.plane_extent import extended
 from texloom.stages.analysis.photographs.plane_ranking import RankedPlane, as_frontal, measured, ranked
 from texloom.stages.analysis.photographs.vanishing import vanishing_points
+from texloom.stages.common.features.line_segments import Frame, line_segments
 from texloom.stages.common.grids.pyramid import reduced
 from texloom.stages.vocabulary.arrays import Image, Quads
 from texloom.stages.vocabulary.declare import Document, InputError, Params, stage

@@ -7,9 +7,9 @@ import numpy as np
 from texloom.stages.analysis.photographs import bezier
 from texloom.stages.analysis.photographs.evenness import evenness
 from texloom.stages.analysis.photographs.geometry import patch_of_plane
-from texloom.stages.analysis.photographs.line_segments import Segments
 from texloom.stages.analysis.photographs.plane_candidates import Cells, PlaneCandidate
 from texloom.stages.analysis.regularity.lattice import detail, gradient_magnitude, self_correlation
+from texloom.stages.common.features.line_segments import Segments
 from texloom.stages.kernels.core.elementary_functions import arctan2, cbrt
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap

@@ -7,7 +7,7 @@ whose unit is half its diagonal, so that points at infinity are well conditioned
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from texloom.stages.analysis.photographs.line_segments import Segments
+from texloom.stages.common.features.line_segments import Segments
 from texloom.stages.kernels.core.elementary_functions import arctan2, cos, sin
 from texloom.stages.numerics.matrices import least_squares, length_of, matrix_product
 

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from texloom.stages.analysis.regularity.autocorrelation import AutocorrelationParams, dominant_peaks
 from texloom.stages.analysis.regularity.courses import CoursesParams, detected_courses
+from texloom.stages.analysis.regularity.fanning_lines import fan_of_lines
 from texloom.stages.analysis.regularity.full_resolution import refined_in_full
 from texloom.stages.analysis.regularity.lattice import (
     Lattice,
@@ -96,6 +97,8 @@ class LatticeSelection:
     lattice the number of elements, within a factor of two; 1 for a single symmetric ornament"""
     cells: float = 0.0
     """number of cells of the lattice, of courses, or as ``shown`` of elements that the exemplar shows"""
+    fan: float = 0.0
+    """degrees by which its lines turn from side to side, see `fan_of_lines`; 0 where they do not clearly"""
 
 
 Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "courses", "lines"]
@@ -146,10 +149,18 @@ def lattice_selection(
         selected = LatticeSelection(known, known, 1.0, 0.0, "known", shown=shown, cells=shown)
         _warn_if_few(selected, "periods")
         return selected
+    fan = fan_of_lines(image)
+    if fan:
+        _LOG.warning(
+            "lines of the exemplar fan out by %.0f degrees from side to side, as in perspective: those of the "
+            "result will waver. Straighten it first: texloom run photo_flattening, or photo_material for all maps",
+            fan,
+        )
     small, step = working_image(image)
     with part(0.0, 1.0 if step == 1 else 0.7):
         selected = _selected(small, density, params.model_copy(update={"min_length": params.min_length / step}))
     _warn_if_few(selected, "elements" if selected.chosen in ("none", "lines") else "cells of its lattice")
+    selected = dataclasses.replace(selected, fan=fan)
     if step == 1:
         return selected
     generators, best = (vectors * np.float32(step) for vectors in (selected.generators, selected.best))

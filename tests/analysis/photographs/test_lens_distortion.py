@@ -8,8 +8,8 @@ import pytest
 from tests.analysis.photographs.test_plane_proposal import SHAPE, bricks, pixels, rectangle, rendered
 from tests.photographs import unit_square
 from texloom.stages.analysis.photographs.lens_distortion import LensDistortionParams, lens_distortion
-from texloom.stages.analysis.photographs.line_segments import Frame
 from texloom.stages.analysis.photographs.plane_proposal import PlaneProposalParams, plane_proposal
+from texloom.stages.common.features.line_segments import Frame
 from texloom.stages.kernels.core.resample import sampled
 from texloom.stages.kernels.core.threads import sharing
 from texloom.stages.vocabulary.arrays import Image

@@ -7,8 +7,8 @@ import pytest
 
 from tests.analysis.photographs.test_plane_proposal import bricks, pixels, rectangle, rendered
 from texloom.stages.analysis.photographs import bezier
-from texloom.stages.analysis.photographs.line_segments import line_segments
 from texloom.stages.analysis.photographs.plane_extent import extended
+from texloom.stages.common.features.line_segments import line_segments
 from texloom.stages.vocabulary.arrays import Image
 
 

@@ -11,12 +11,12 @@ import pytest
 
 from tests.photographs import unit_square
 from tests.synthetic import picture, smooth_noise
-from texloom.stages.analysis.photographs.line_segments import Frame
 from texloom.stages.analysis.photographs.plane_proposal import (
     PlaneProposalParams,
     find_planes,
     plane_proposal,
 )
+from texloom.stages.common.features.line_segments import Frame
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 
@@ -168,7 +168,7 @@ def test_a_ground_of_stones_is_no_frontal_plane() -> None:
 
 def test_lines_that_converge_are_not_frontal(rng: np.random.Generator) -> None:
     from texloom.stages.analysis.photographs.depth_cues import depth_cues
-    from texloom.stages.analysis.photographs.line_segments import Segments
+    from texloom.stages.common.features.line_segments import Segments
 
     towards = np.array([-0.2, 0.1])
     starts = rng.uniform((0.1, -0.8), (0.6, 0.8), (80, 2))

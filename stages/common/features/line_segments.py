@@ -1,4 +1,4 @@
-"""Line segments of a photograph, and the coordinates in which they and vanishing points are."""
+"""Line segments of a picture, and the coordinates in which they and vanishing points are."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ _MIN_LENGTH = 0.02  # of a segment, half diagonals
 
 @dataclass(frozen=True)
 class Segments:
-    """Line segments of a photograph."""
+    """Line segments of a picture."""
 
     ends: Float64[np.ndarray, "n 2 2"]
     """row and column of both ends"""
@@ -56,7 +56,7 @@ class Frame:
 
 
 def line_segments(image: Image) -> Segments:
-    """The line segments of a photograph, in half diagonals from its middle [Gioi2010]_."""
+    """The line segments of a picture, in half diagonals from its middle [Gioi2010]_."""
     import cv2
 
     grey = cv2.cvtColor(srgb_from_linear(reduced(image.color, _MAX_SIDE)).astype(np.float32), cv2.COLOR_RGB2GRAY)
