@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 
 KEPT, FREE, FILLED, ABSENT = 0, 1, 2, 3
 """state of a pixel: keeps its source, may take either, takes the new one, has none"""
@@ -36,19 +36,24 @@ def cut_cells(lab, slopes, inside, offset, unit, most, old, rows, shifts, state,
     taken : (n, width) bool, filled for windows first..last
     costs : (windows, 2) int64, of all seams in a window before and after, but those between kept pixels
     """
+    no_price = np.zeros((0, 0), np.int32)
     for window in range(first, last):
-        top, bottom, width = rows[window], rows[window + 1], shifts[window, 2]
-        new = np.empty((bottom - top, width, 2), np.int32)
-        for y in range(bottom - top):
+        top, height, width = rows[window], rows[window + 1] - rows[window], shifts[window, 2]
+        # Contiguous copies: `cut_window` is compiled for such arrays alone.
+        own, new = np.empty((height, width, 2), np.int32), np.empty((height, width, 2), np.int32)
+        own_state, own_taken = np.empty((height, width), np.int8), np.empty((height, width), np.bool_)
+        for y in range(height):
             for x in range(width):
+                own[y, x, 0], own[y, x, 1] = old[top + y, x, 0], old[top + y, x, 1]
                 new[y, x, 0], new[y, x, 1] = shifts[window, 0] + y, shifts[window, 1] + x
-        cut_window(
-            lab, slopes, inside, offset, unit, most, old[top:bottom, :width], new, state[top:bottom, :width],
-            taken[top:bottom, :width], costs[window], NO_PRICE,
-        )  # fmt: skip
+                own_state[y, x] = state[top + y, x]
+        cut_window(lab, slopes, inside, offset, unit, most, own, new, own_state, own_taken, costs[window], no_price)
+        for y in range(height):
+            for x in range(width):
+                taken[top + y, x] = own_taken[y, x]
 
 
-@compiled
+@inner
 def _cost(lab, slopes, inside, offset, unit, most, axis, y, x, v, u):
     """Of the seam between a pixel and the next one along ``axis``, with sources (y, x) and (v, u)."""
     down, across = 1 - axis, axis
@@ -215,7 +220,7 @@ def push_flow(keep, take, beside, capacity):
                 _push(keep, take, beside, capacity, level, side_of, path, node)
 
 
-@compiled
+@inner
 def _push(keep, take, beside, capacity, level, side_of, path, start):
     """Push what ``start`` can take along paths of falling levels."""
     length = 0
