@@ -17,6 +17,8 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from tests.annotations import check_annotations
+
 T = TypeVar("T")
 
 ROOT = Path(__file__).parents[1]
@@ -26,6 +28,8 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 _kernels = b"".join(path.read_bytes() for path in sorted((ROOT / "stages" / "kernels").rglob("*.py")))
 _digest = hashlib.sha256(_kernels).hexdigest()[:16]
 os.environ.setdefault("NUMBA_CACHE_DIR", str(ROOT / ".pytest_cache" / f"kernels-{_digest}"))
+
+check_annotations()
 
 # Kernels for CUDA run in Numba's simulator; NUMBA_ENABLE_CUDASIM=0 runs them on a GPU.
 os.environ.setdefault("NUMBA_ENABLE_CUDASIM", "1")

@@ -3,7 +3,7 @@
 import numpy as np
 
 from texloom.stages.kernels.core.compiled import compiled
-from texloom.stages.kernels.seams.minimum_cut import NO_PRICE, cut_window
+from texloom.stages.kernels.seams.minimum_cut import cut_window
 
 
 @compiled
@@ -21,11 +21,18 @@ def cut_cells(costs, inside, old, rows, shifts, state, first, last, taken, total
     taken : (n, width) bool, filled for windows first..last
     totals : (windows, 2) int64, see `cut_window`
     """
+    no_price = np.zeros((0, 0), np.int32)  # a constant array would be of another type
     for window in range(first, last):
-        top, bottom, width = rows[window], rows[window + 1], shifts[window, 2]
-        new = np.empty((bottom - top, width, 2), np.int32)
-        for y in range(bottom - top):
+        top, height, width = rows[window], rows[window + 1] - rows[window], shifts[window, 2]
+        # Contiguous copies: `cut_window` is compiled for such arrays alone.
+        own, new = np.empty((height, width, 2), np.int32), np.empty((height, width, 2), np.int32)
+        own_state, own_taken = np.empty((height, width), np.int8), np.empty((height, width), np.bool_)
+        for y in range(height):
             for x in range(width):
+                own[y, x, 0], own[y, x, 1] = old[top + y, x, 0], old[top + y, x, 1]
                 new[y, x, 0], new[y, x, 1] = shifts[window, 0] + y, shifts[window, 1] + x
-        own = slice(top, bottom), slice(0, width)
-        cut_window(costs, inside, NO_PRICE, old[own], new, state[own], taken[own], totals[window])
+                own_state[y, x] = state[top + y, x]
+        cut_window(costs, inside, no_price, own, new, own_state, own_taken, totals[window])
+        for y in range(height):
+            for x in range(width):
+                taken[top + y, x] = own_taken[y, x]

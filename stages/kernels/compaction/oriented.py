@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.patchmatch.search import cross_step, square_step, wrap_index
 
 
@@ -50,7 +50,7 @@ def sample(texture, channels, row, column, into, start):
         into[start + k] = np.int16(math.floor((1 - down) * above + down * under + 0.5))
 
 
-@compiled
+@inner
 def _write_window(texture, channels, row, column, angle, size, into):
     """Write the neighbourhood around a pixel, in the frame of ``angle``, row by row."""
     middle = size // 2
@@ -95,7 +95,7 @@ def _difference(windows, at_row, at_column, size, own, bound):
     return total
 
 
-@compiled
+@inner
 def _least_around(compaction, size, own, row, column, within, bound):
     """Least squared difference of ``own`` to the compaction's neighbourhoods within some px of a place.
 
@@ -225,7 +225,7 @@ def _continued(angle, row, column, dy, dx):
     return row + y * cosine + x * sine, column - y * sine + x * cosine
 
 
-@compiled
+@inner
 def _sample_continued(texture, row, column, dy, dx, into, start):
     """Sample the texture (dy, dx) from a place in its frame; whether that is in the texture."""
     height, width = texture.angle.shape
@@ -236,7 +236,7 @@ def _sample_continued(texture, row, column, dy, dx, into, start):
     return True
 
 
-@compiled
+@inner
 def _squared_difference(one, first, other, second, channels):
     """Of two pixels in rows of int16 values, float32."""
     total = np.float32(0)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.patchmatch.search import PatchShape, cross_step, patch_distance, square_step, wrap_index
 
 
@@ -123,7 +123,7 @@ def propagate_match(neighbourhoods, wrap, known, changed, match, distance, first
                     match[0, y, x], match[1, y, x] = row, column
 
 
-@compiled(forceinline=True)
+@inner(forceinline=True)
 def _is_among(tried, count, candidate):
     """Whether one of the first ``count`` of ``tried`` is ``candidate``, all int64; without branches."""
     found = False
@@ -184,7 +184,7 @@ def match_by_coherence(neighbourhoods, source, candidates, moved, match, distanc
             distance[y, x] = best
 
 
-@compiled(inline="always")
+@inner(inline="always")
 def _add_neighbourhood(shape, pixels, row, column, sums, counts, to_row, to_column):
     """Add the pixels of a neighbourhood to ``sums`` and their number to ``counts``, both at another place."""
     channels, run = shape.channels, len(shape.run)
@@ -231,7 +231,7 @@ def gather_votes(neighbourhoods, match, sums, counts):
             _add_neighbourhood(shape, others, match[0, y, x], match[1, y, x], sums, counts, y, x)
 
 
-@compiled(inline="always")
+@inner(inline="always")
 def pixel_difference(features, channels, row, column, other_row, other_column):
     """Squared difference of two pixels of (h, w * channels) int16, float32."""
     total = np.float32(0)
@@ -282,7 +282,7 @@ def seam_sum(texture, channels, wrap, source):
     return total
 
 
-@compiled(forceinline=True)
+@inner(forceinline=True)
 def wanted_cost(features, objective, y, x, row, column):
     """Cost, float32, of how a texture pixel differs from what is wanted at the compaction's (y, x)."""
     channels = objective.wanted.shape[2]
@@ -293,7 +293,7 @@ def wanted_cost(features, objective, y, x, row, column):
     return cost * objective.weights[y, x]
 
 
-@compiled(forceinline=True)
+@inner(forceinline=True)
 def _pixel_cost(features, objective, source, y, x, row, column, limit):
     """Cost of copying a texture pixel to the compaction's (y, x), float32; any value from ``limit`` on."""
     wanted, _, seam_weight, wrap = objective

@@ -5,14 +5,14 @@ Vectors are int16 of `DIMENSIONS` values, held as (2 n, `HALF`) so that one is t
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.core.row_distance import two_row_distance
 from texloom.stages.kernels.core.vector_size import DIMENSIONS
 
 HALF = DIMENSIONS // 2
 
 
-@compiled(forceinline=True)
+@inner(forceinline=True)
 def vector_distance(vectors, number, others, other):
     """Squared distance of a vector, by number, and another of ``others``, int64."""
     stride = np.uint64(DIMENSIONS)
@@ -189,14 +189,14 @@ def fold_sizes(parent, child, distortion, fold):
             above = np.int64(parent[above])
 
 
-@compiled
+@inner
 def _play(cost, winner, place):
     better = 2 * place if cost[2 * place] <= cost[2 * place + 1] else 2 * place + 1
     cost[place] = cost[better]
     winner[place] = winner[better]
 
 
-@compiled
+@inner
 def _set_cost(cost, winner, half, node, value):
     cost[half + node] = value
     place = (half + node) // 2

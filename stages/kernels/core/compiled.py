@@ -90,14 +90,17 @@ class _Cache(FunctionCache):  # type: ignore[misc]
 
 
 def compiled(function: Any = None, **options: Any) -> Any:
-    """Decorate a kernel: `numba.njit` with ``nogil``, and with ``options``; its machine code is kept."""
+    """Decorate a kernel: `numba.njit` with ``nogil``, and with ``options``; its machine code is kept.
+
+    C never calls kernels: without the function for that, they compile in less time.
+    """
     if function is None:
         return functools.partial(compiled, **options)
-    kernel = numba.njit(nogil=True, **options)(function)
+    kernel = numba.njit(nogil=True, no_cfunc_wrapper=True, **options)(function)
     if kernel is not function and taken_folder() is not None:  # else Numba is switched off, or nothing can be kept
         kernel._cache = _Cache(function)
     return kernel
 
 
-inner = functools.partial(compiled, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+inner = functools.partial(compiled, no_cpython_wrapper=True)
 """decorator of a kernel that Python does not call, with or without further options, which compiles in less time"""

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from texloom.stages.kernels.core.block_product import ROWS, block_product
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 
 _STRIP = 96  # rows that stay in the processor's cache while all panels pass
 
@@ -39,7 +39,7 @@ def multiply_rows(rows, panels, out, first, last):
                         line[j] = made[j]
 
 
-@compiled
+@inner
 def _tridiagonal(vectors, diagonal, beside):
     """Reduce ``vectors``, a symmetric matrix, by Householder to a transformation, a column each."""
     n = diagonal.size
@@ -104,7 +104,7 @@ def _tridiagonal(vectors, diagonal, beside):
             vectors[j, i] = 0.0
 
 
-@compiled
+@inner
 def _diagonal(vectors, diagonal, beside):
     """Implicit QL steps: ``diagonal`` becomes the eigenvalues, ``vectors`` their vectors, a row each."""
     n = diagonal.size

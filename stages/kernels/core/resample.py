@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.core.threads import run_all, spans
 
 _PIECES = 64  # of work that threads share
@@ -20,7 +20,7 @@ def _weights(t):
     )
 
 
-@compiled
+@inner
 def add_sample(pixels, row, column, share, out):
     """Add to ``out``, (c,), ``share`` times the picture's value at a place; beyond the picture that at its border.
 

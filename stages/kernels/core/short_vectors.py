@@ -12,7 +12,7 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 
 WIDTH = 8
 """values of a vector"""
@@ -93,7 +93,7 @@ def sum_of_projections(
     return signature, generate
 
 
-@compiled(forceinline=True, _nrt=False)
+@inner(forceinline=True, _nrt=False)
 def sum_of_eight(out, out_row, vectors, rows, basis, first):
     """`sum_of_projections` of eight rows in an array."""
     at = (rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7])

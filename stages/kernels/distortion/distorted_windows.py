@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.core.short_vectors import paired, sum_of_eight
 
 _SIDE = 2  # samples on each side of a window's middle
@@ -29,7 +29,7 @@ def _nearest(value, size):
     return int(min(max(value + 0.5, 0.0), size - 0.5))
 
 
-@compiled
+@inner
 def _advect(jacobian, row, column, down, across, step):
     """The row and column so many steps down and across the texture from another, taken a step at a time."""
     height, width = jacobian.shape[:2]
@@ -47,14 +47,14 @@ def _advect(jacobian, row, column, down, across, step):
     return row, column
 
 
-@compiled
+@inner
 def _is_set(flags, row, column):
     """Whether the pixel nearest to a position is in the picture and set in ``flags``."""
     r, c = math.floor(row + 0.5), math.floor(column + 0.5)
     return 0 <= r < flags.shape[0] and 0 <= c < flags.shape[1] and flags[r, c]
 
 
-@compiled(forceinline=True)
+@inner(forceinline=True)
 def _add_sample(planes, row, column, out, at):
     """Put the picture's values between pixels into ``out`` from ``at`` on; beyond the border those at it."""
     height, width, channels = planes.shape
@@ -136,7 +136,7 @@ def gather_windows(planes, jacobian, places, step, out):
                 at += channels
 
 
-@compiled
+@inner
 def _even_side(jacobian, top, left):
     """Side of the parts of a tile within which steps hardly vary."""
     height, width = jacobian.shape[:2]
@@ -157,7 +157,7 @@ def _even_side(jacobian, top, left):
     return side
 
 
-@compiled
+@inner
 def _read_tile(planes, known, sharp, top, left, shape, offset, mean, at, windows, used, missing, blurred):
     """Fill the samples at an offset from all pixels of a tile less the mean, 0 where unknown.
 
@@ -202,7 +202,7 @@ def _read_tile(planes, known, sharp, top, left, shape, offset, mean, at, windows
                 out[lane] *= used[at, lane]
 
 
-@compiled
+@inner
 def _project_all(windows, basis, products, lanes):
     """Fill ``products``, (8, n), with those of the windows, (values, n), and the basis."""
     products[:, :lanes] = 0
@@ -213,7 +213,7 @@ def _project_all(windows, basis, products, lanes):
                 sums[lane] += factor * values[lane]
 
 
-@compiled
+@inner
 def _fill_gram(basis, used, doubt, channels, matrix):
     """Fill the lower half with products of the basis over known samples, and ``doubt`` added on the diagonal."""
     for k in range(_COMPONENTS):

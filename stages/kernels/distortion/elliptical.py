@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.core.elementary_functions import sin
 
 _LARGEST = 256.0  # px of a footprint's axis
@@ -39,7 +39,7 @@ def _weight(t, width):
     return (math.copysign(_entry(_INTEGRAL, abs(after)), after) - first) / width
 
 
-@compiled
+@inner
 def _footprint(a, b, c, d):
     """Entries of the symmetric matrix whose ellipse is that of [[a, b], [c, d]], with axes of at least a px."""
     p, q, r = a * a + b * b, a * c + b * d, c * c + d * d

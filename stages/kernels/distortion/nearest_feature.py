@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 
 _MAX_ROUNDS = 6
 
@@ -22,7 +22,7 @@ def _square(inverse, row, column, source):
     return down * down + across * across
 
 
-@compiled
+@inner
 def _closer(nearest, square, inverse, row, column, side_row, side_column):
     """Let a pixel take the feature of a neighbour, if that is nearer than its own; whether it is."""
     at_row, at_column = row + side_row, column + side_column

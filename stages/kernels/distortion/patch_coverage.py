@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 
 _ITERATIONS = 8
 _RESIDUAL = 1e-9  # px at which Newton's method has converged
@@ -22,7 +22,7 @@ def _weights(t, value, slope):
     slope[2], slope[3] = 6 * t * s - 3 * t * t, 3 * t * t
 
 
-@compiled
+@inner
 def _evaluate(controls, weights, points):
     """Fill ``points``, (3, 3), with the surface's point and its derivatives by u and by v."""
     for k in range(3):
@@ -38,7 +38,7 @@ def _evaluate(controls, weights, points):
         points[0, k], points[1, k], points[2, k] = point, by_u, by_v
 
 
-@compiled
+@inner
 def _sample_cell(controls, i, j, cells, weights, points, corners):
     """Top, bottom, left and right of a cell's corners, edge midpoints and centre, px, with some slack.
 
@@ -59,7 +59,7 @@ def _sample_cell(controls, i, j, cells, weights, points, corners):
     return top - slack, bottom + slack, left - slack, right + slack
 
 
-@compiled
+@inner
 def _plane_through(corners, back):
     """Fill ``back``, (3, 3): the homography from (row, column, 1) to (down * w, across * w, w), 0..1 in a cell.
 
@@ -85,7 +85,7 @@ def _plane_through(corners, back):
     back[2, 0], back[2, 1], back[2, 2] = d * h - e * g, b * g - a * h, a * e - b * d
 
 
-@compiled
+@inner
 def _invert(controls, row, column, u, v, weights, points, slopes):
     """Find (u, v) of a pixel by Newton's method; returns them and whether it has converged.
 
@@ -116,7 +116,7 @@ def _invert(controls, row, column, u, v, weights, points, slopes):
     return u, v, False
 
 
-@compiled
+@inner
 def _cell_of(t, cells):
     """The cell of a coordinate, -1 beyond the patch; near a border between two always the second."""
     if t < -_EDGE or t > 1 + _EDGE:

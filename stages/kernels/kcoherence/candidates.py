@@ -7,14 +7,14 @@ far two are apart needs no division then. Vectors are held as in `texloom.stages
 import numpy as np
 
 from texloom.stages.kernels.compaction.tree import HALF, vector_distance
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.patchmatch.search import cross_step
 
 NONE = 2**31 - 1
 """distance of an empty entry"""
 
 
-@compiled(forceinline=True)
+@inner(forceinline=True)
 def _insert(candidates, distance, place, d, bits, min_separation):
     """Add ``place``, nearer than the last of a set that is sorted by distance, unless a better one is too close.
 

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 
 
 class Exemplar(NamedTuple):
@@ -33,7 +33,7 @@ class Result(NamedTuple):
     """(H, W) bool"""
 
 
-@compiled
+@inner
 def _soften(pixels, row, column, source, source_row, source_column):
     """Replace a pixel by its mean with one of ``source``."""
     for k in range(pixels.shape[2]):

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.core.row_distance import two_row_distance
 from texloom.stages.kernels.patchmatch.search import random_bits, square_step, wrap_index
 
@@ -65,7 +65,7 @@ class Subpass(NamedTuple):
     """uint64, of the random numbers"""
 
 
-@compiled
+@inner
 def round_vector(vector, rows):
     """Round a vector, (DIMENSIONS,) float32, to two rows of int16, (2, DIMENSIONS / 2)."""
     for d in range(DIMENSIONS):
@@ -73,7 +73,7 @@ def round_vector(vector, rows):
         rows[d // (DIMENSIONS // 2), d % (DIMENSIONS // 2)] = np.int16(value)
 
 
-@compiled(forceinline=True)
+@inner(forceinline=True)
 def _continuations(old, shape, wrap, y, x, rows, columns, counts):
     """Find the exemplar pixels that continue a pixel's own source and those of its eight neighbours.
 
@@ -103,7 +103,7 @@ def _continuations(old, shape, wrap, y, x, rows, columns, counts):
     return count, around
 
 
-@compiled(forceinline=True)
+@inner(forceinline=True)
 def _project(old, exemplar, control, wrap, y, x, sums, wanted):
     """Set ``wanted`` to the vector of a pixel's neighbourhood; ``sums`` is (DIMENSIONS,) float32 work space."""
     height, width = old.shape[0], old.shape[1]
@@ -128,7 +128,7 @@ def _project(old, exemplar, control, wrap, y, x, sums, wanted):
     round_vector(sums, wanted)
 
 
-@compiled
+@inner
 def _repeat_cost(repeats, y, x, place):
     """What it costs pixel (y, x) to have the source of number ``place`` beside the pixels around that have it."""
     used, reach = repeats.used, repeats.reach

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from texloom.stages.kernels.compaction.oriented import sample
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.core.row_distance import two_row_distance
 from texloom.stages.kernels.kcoherence.discrete_pixels import DIMENSIONS, round_vector
 from texloom.stages.kernels.patchmatch.search import random_bits, square_step, wrap_index
@@ -29,7 +29,7 @@ class Orientation(NamedTuple):
     """float32, px of the exemplar by which continuations of neighbours may differ and still be one place"""
 
 
-@compiled
+@inner
 def _continuations(old, orientation, shape, wrap, y, x, own, counts):
     """Find the places that continue a pixel's own source and those of its eight neighbours.
 
@@ -69,7 +69,7 @@ def _continuations(old, orientation, shape, wrap, y, x, own, counts):
     return count, around
 
 
-@compiled
+@inner
 def _project(old, exemplar, control, orientation, wrap, y, x, wanted):
     """Set ``wanted`` to the vector of a pixel's neighbourhood, read along its Jacobian.
 

@@ -4,14 +4,14 @@ import math
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.core.resample import bilinear
 from texloom.stages.kernels.patchmatch.search import random_bits
 
 _UNIT = 1.0 / 9007199254740992.0  # of 53 random bits
 
 
-@compiled
+@inner
 def _uniform(key, position, counter):
     return np.float64(random_bits(key, position, counter) >> np.uint64(11)) * _UNIT
 

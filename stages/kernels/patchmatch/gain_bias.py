@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.patchmatch.search import cross_step, random_bits, wrap_index
 
 _COLORS = 3
@@ -59,7 +59,7 @@ class Scan(NamedTuple):
     """uint64, of the random numbers"""
 
 
-@compiled(inline="always")
+@inner(inline="always")
 def _gain_and_bias(target, exemplar, limits, channel, y, x, r, c):
     """Gain and bias by which an exemplar patch gets mean and deviation of a target patch, within limits."""
     deviation = exemplar.deviation[channel, r, c]
@@ -72,7 +72,7 @@ def _gain_and_bias(target, exemplar, limits, channel, y, x, r, c):
     return gain, shift + (1 - gain) * mean
 
 
-@compiled(forceinline=True)
+@inner(forceinline=True)
 def _product(run, one, y, x, other, r, c):
     """Sum of the products of two patches of planes, int64."""
     size = len(run)
@@ -139,7 +139,7 @@ def fitted_distances(run, target, exemplar, limits, row, column, distance, first
             )
 
 
-@compiled(forceinline=True)
+@inner(forceinline=True)
 def _neighbour_match(row, column, y, x, dy, dx, wrap):
     """The exemplar patch that continues the match of the target patch (dy, dx) beside; -1, -1 if there is none."""
     ny, nx = wrap_index(y + dy, row.shape[0], wrap.down), wrap_index(x + dx, row.shape[1], wrap.across)

@@ -268,13 +268,13 @@ def wrap_index(index, size, wrap):
     return index + size if index < 0 else index - size
 
 
-@compiled(inline="always")
+@inner(inline="always")
 def cross_step(number):
     """Rows and columns to one of the four neighbours of a pixel: above, left, below, right."""
     return (number - 1 if number % 2 == 0 else 0), (number - 2 if number % 2 == 1 else 0)
 
 
-@compiled(inline="always")
+@inner(inline="always")
 def square_step(number):
     """Rows and columns to one of the 3x3 pixels around a pixel, which itself is the first."""
     return (number + 4) % 9 // 3 - 1, (number + 4) % 9 % 3 - 1

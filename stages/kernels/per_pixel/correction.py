@@ -11,7 +11,7 @@ References
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.core.short_vectors import (
     copy_eight,
     fetch_early,
@@ -76,7 +76,7 @@ def contribute(appearance, sides, first_side, out, first, last):
         sum_of_projections(out, row, appearance, (row,), sides, np.int64(first_side))
 
 
-@compiled(**HELPER)
+@inner(**HELPER)
 def _widened(changed, y, x):
     """A rectangle (top, bottom, left, right) that holds a pixel too."""
     top, bottom, left, right = changed
@@ -174,7 +174,7 @@ def refine(level, coarse, exemplar, distortion, amplitude, key, area):
     return changed
 
 
-@compiled(**HELPER)
+@inner(**HELPER)
 def _read_neighbours(vertical, horizontal, diagonal, y, x, stored):
     """Fill what is stored at a pixel's neighbours, in scan order."""
     stored[0], stored[2] = diagonal[y - 1, x - 1], diagonal[y - 1, x + 1]
@@ -183,7 +183,7 @@ def _read_neighbours(vertical, horizontal, diagonal, y, x, stored):
     stored[3], stored[4] = horizontal[y, x - 1], horizontal[y, x + 1]
 
 
-@compiled(**HELPER)
+@inner(**HELPER)
 def _differs(vertical, horizontal, diagonal, y, x, stored):
     """Nonzero if the pixel's neighbours are not ``stored``."""
     difference = (vertical[y - 1, x] ^ stored[1]) | (vertical[y + 1, x] ^ stored[6])
@@ -192,7 +192,7 @@ def _differs(vertical, horizontal, diagonal, y, x, stored):
     return difference | (horizontal[y, x - 1] ^ stored[3]) | (horizontal[y, x + 1] ^ stored[4])
 
 
-@compiled(**HELPER)
+@inner(**HELPER)
 def _gather_candidates(own, around, base, length, exemplar, distortion, tried):
     """Put what continues candidates of the pixel's and its neighbours' places behind the first 9 of ``tried``.
 

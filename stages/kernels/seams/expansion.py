@@ -3,7 +3,7 @@
 import numpy as np
 
 from texloom.stages.kernels.core.compiled import compiled, inner
-from texloom.stages.kernels.seams.minimum_cut import NO_CELLS, cut_window, window_cost
+from texloom.stages.kernels.seams.minimum_cut import cut_window, window_cost
 from texloom.stages.kernels.seams.window_state import FILLED, FREE, KEPT
 
 _FACTOR = 1 << 24  # sides of pictures are smaller
@@ -25,6 +25,7 @@ def expand_in_tiles(costs, price, places, source, tiles, least, first, last):
     least : (2,) int64: pixels that a displacement needs to spread; and cost of seams that a tile needs, in steps
     first, last : the tiles that are looked at
     """
+    no_cells = np.zeros((0, 0), np.int16)  # a constant array would be of another type
     for tile in range(first, last):
         top, left = tiles[tile, 0], tiles[tile, 1]
         height, width = tiles[tile, 2] // 2, tiles[tile, 3] // 2
@@ -40,7 +41,7 @@ def expand_in_tiles(costs, price, places, source, tiles, least, first, last):
         new, taken = np.zeros(old.shape, np.int32), np.zeros((height, width), np.bool_)
         totals = np.zeros(2, np.int64)
         state[1:-1, 1:-1] = FILLED
-        if window_cost(costs, NO_CELLS, price, old, old, state, taken) < least[1]:
+        if window_cost(costs, no_cells, price, old, old, state, taken) < least[1]:
             continue
         for value in _most_frequent(shift, least[0]):
             down, across = value // _FACTOR - _FACTOR // 2, value % _FACTOR - _FACTOR // 2
@@ -54,7 +55,7 @@ def expand_in_tiles(costs, price, places, source, tiles, least, first, last):
                     elif _block_may_be(places, row, column):
                         state[y, x] = FREE
                         new[y, x, 0], new[y, x, 1] = row // 2, column // 2
-            cut_window(costs, NO_CELLS, price, old, new, state, taken, totals)
+            cut_window(costs, no_cells, price, old, new, state, taken, totals)
             if totals[1] >= totals[0]:
                 continue
             for y in range(1, height - 1):

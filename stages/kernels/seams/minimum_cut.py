@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.seams.seam_costs import seam_cost
 from texloom.stages.kernels.seams.window_state import ABSENT, FILLED, FREE, KEPT
 
@@ -105,7 +105,7 @@ def window_cost(costs, inside, price, old, new, state, taken):
     return total
 
 
-@compiled
+@inner
 def _cost(costs, inside, axis, one, other):
     """Of a seam: twice where both sources are inside of cells, or one is and the other of another exemplar."""
     cost = seam_cost(costs, axis, one[0], one[1], other[0], other[1])
@@ -118,7 +118,7 @@ def _cost(costs, inside, axis, one, other):
     return 2 * cost if twice else cost
 
 
-@compiled
+@inner
 def _push_flow(keep, take, beside, capacity):
     """Push a maximum flow from ``take``, arcs from the source, to ``keep``, arcs to the sink, by Dinic's levels.
 
@@ -169,7 +169,7 @@ def _push_flow(keep, take, beside, capacity):
                 _push(keep, take, beside, capacity, level, side_of, path, node)
 
 
-@compiled
+@inner
 def _push(keep, take, beside, capacity, level, side_of, path, start):
     """Push what ``start`` can take along paths of falling levels."""
     length = 0

@@ -2,7 +2,7 @@
 
 import math
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.patchmatch.search import cross_step
 
 
@@ -19,7 +19,7 @@ def _difference(features, slopes, row, column, other_row, other_column):
     return total * math.sqrt(total) / (1.0 + slopes[row, column] + slopes[other_row, other_column])
 
 
-@compiled
+@inner
 def _seam_cost(features, slopes, row, column, other_row, other_column, down, across):
     """Cost of the seam between a pixel and its neighbour at (down, across), from their sources."""
     if row + down == other_row and column + across == other_column:

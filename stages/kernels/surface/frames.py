@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 
 
-@compiled
+@inner
 def texture_axes(shares, directions, normal, otherwise, axes):
     """Fill the unit vectors down and across the texture at a place of a face.
 
@@ -38,7 +38,7 @@ def texture_axes(shares, directions, normal, otherwise, axes):
     axes[1, 2] = normal[0] * axes[0, 1] - normal[1] * axes[0, 0]
 
 
-@compiled
+@inner
 def barycentric(corners, row, column, shares):
     """Fill (3,) coordinates of a place among (3, 2) corners, kept within them."""
     a, b = corners[1, 0] - corners[0, 0], corners[1, 1] - corners[0, 1]

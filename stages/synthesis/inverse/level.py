@@ -59,7 +59,7 @@ class Level:
     ):
         self.height, self.width, self.channels = features.shape
         self.size, self.step = size, step
-        self.inside = np.full((self.height, self.width), True) if inside is None else inside
+        self.inside = np.full((self.height, self.width), True) if inside is None else np.ascontiguousarray(inside)
         self.pixels = fixed_point(features)
         self.components = Components.of(self.pixels, self.channels, size)
         self.places = places(self.height, self.width, size)
@@ -228,7 +228,7 @@ class Matching:
     def propose_by_centres(self, clusters: int) -> Places:
         """The best place for the centre of each neighbourhood's cluster, by a search of the whole compaction."""
         centres, cluster = self.level.centres(clusters)
-        return np.where(cluster >= 0, self._search(centres)[:, cluster], np.int32(-1))
+        return np.ascontiguousarray(np.where(cluster >= 0, self._search(centres)[:, cluster], np.int32(-1)))
 
     def propose_by_search(self) -> Places:
         """The best place for each neighbourhood, by a search of the whole compaction."""

@@ -61,8 +61,8 @@ def test_a_window_may_have_any_sources_and_pixels_without_one(rng: np.random.Gen
     exact = 0
     for _ in range(8):
         places = np.moveaxis(np.indices((4, 5)), 0, 2)
-        old = (places + rng.integers(0, 14, (2, 2))[rng.integers(0, 2, (4, 5))]).astype(np.int32)
-        new = (np.rint(places * 1.3) + rng.integers(0, 12, 2)).astype(np.int32)
+        old = np.ascontiguousarray(places + rng.integers(0, 14, (2, 2))[rng.integers(0, 2, (4, 5))], np.int32)
+        new = np.ascontiguousarray(np.rint(places * 1.3) + rng.integers(0, 12, 2), np.int32)
         state = rng.choice([KEPT, FILLED, ABSENT, ABSENT], (4, 5)).astype(np.int8)
         state.ravel()[rng.permutation(20)[:5]] = FREE
         taken, costs = np.zeros((4, 5), bool), np.zeros(2, np.int64)

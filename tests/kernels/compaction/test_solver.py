@@ -19,7 +19,7 @@ from texloom.stages.kernels.compaction.solver import (
 )
 from texloom.stages.kernels.patchmatch.search import PatchShape
 
-SIZE, CHANNELS, STEP = 5, 2, 2
+SIZE, CHANNELS, STEP = 5, 4, 2
 TEXTURE, COMPACTION = (16, 18), (11, 12)
 SHAPE = PatchShape.of(SIZE, CHANNELS)
 

@@ -321,7 +321,7 @@ def test_maps_guide_where_colour_is_flat(guided: bool) -> None:
     guidance = np.zeros(SHAPE, np.float32) if guided else None
 
     def unevenness(**params: Any) -> float:
-        match = run(image, start, preset="default", guidance=guidance, **params).match
+        match = run(image, start, preset="default", patch_size=10, guidance=guidance, **params).match
         return float(np.abs(np.diff(height[match[..., 0], match[..., 1]], axis=0)).mean())
 
     assert unevenness() < 0.6 * unevenness(weights={"height": 0})
@@ -392,7 +392,8 @@ def test_results_keep_a_lattice(rng: np.random.Generator) -> None:
         for seed in (1, 2):
             size = InitialiseParams(size=(96, 105))
             start = initialise(image, size, np.random.default_rng(seed), None, generators).match
-            result = run(image, start, preset="default", coarsest=24, generators=lattice).image.pixels
+            params = {"preset": "default", "patch_size": 10, "coarsest": 24}
+            result = run(image, start, generators=lattice, **params).image.pixels
             irregular.append(np.abs(result[16:, 7:] - result[:-16, :-7]).mean() / result.std())
         return float(np.mean(irregular))
 
