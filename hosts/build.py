@@ -1,7 +1,7 @@
 """Builds the archive of a plug-in: its files, those that plug-ins share, and the client of one file.
 
-python hosts/build.py blender [FOLDER]      writes FOLDER/texloom-VERSION.zip, by default into dist
-python hosts/build.py krita [FOLDER]        writes FOLDER/texloom-krita-VERSION.zip
+python3 hosts/build.py blender [FOLDER]     writes FOLDER/texloom-VERSION.zip, by default into dist
+python3 hosts/build.py krita [FOLDER]       writes FOLDER/texloom-krita-VERSION.zip
 """
 
 from __future__ import annotations
@@ -13,7 +13,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-import tomllib
+try:
+    import tomllib
+except ImportError:
+    sys.exit("hosts/build.py: needs Python 3.11 or later; this is " + sys.version.split()[0])
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent

@@ -30,7 +30,7 @@ def state():
         "warnings": [repr(warnings.filters), repr(warnings.showwarning)],
         "logging": {
             name: [one.level, one.propagate, one.disabled, repr(one.handlers), repr(one.filters)]
-            for name in ("", "texloom", "numba", "PIL", "matplotlib", "trimesh")
+            for name in ("", "texloom", "numba", "PIL", "trimesh")
             for one in [logging.getLogger(name)]
         },
         "numpy": [numpy.geterr(), numpy.get_printoptions()],
@@ -57,7 +57,7 @@ def changes(before, after):
 
 HOST = """
 import cv2, numpy as np, numba, OpenEXR
-import matplotlib, PIL.Image, scipy.linalg, scipy.sparse, scipy.special  # which add filters of warnings themselves
+import PIL.Image, scipy.linalg, scipy.sparse, scipy.special  # which add filters of warnings themselves
 cv2.setNumThreads(2)
 BEFORE = set(sys.modules)
 before = state()

@@ -456,7 +456,9 @@ def find_texloom(command: str | Sequence[str] | None = None) -> list[str]:
         found = shutil.which("texloom", path=None if folder is None else str(folder))
         if found is not None:
             return [found]
-    raise TexloomError("texloom is not found; install it (uv tool install texloom) or set TEXLOOM to its path")
+    raise TexloomError(
+        "texloom is not found; install it (in a clone: uv tool install .), or set TEXLOOM to its path"
+    )
 
 
 def _content(path: str | os.PathLike) -> bytes:

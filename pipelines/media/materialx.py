@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from texloom.pipelines.media.color_spaces import ACESCG
 from texloom.pipelines.media.conventions import COLORS
 from texloom.pipelines.media.relief import UNIT_RELIEF, Relief
 from texloom.stages.vocabulary.facts import TORUS, Wraps
+
+if TYPE_CHECKING:
+    from xml.etree.ElementTree import Element
 
 _INPUTS: Mapping[str, Mapping[str, str]] = {
     "gltf_pbr": {
@@ -31,7 +36,8 @@ _INPUTS: Mapping[str, Mapping[str, str]] = {
     },
 }
 """shader to the inputs of its roles"""
-_BLEND = 2  # alpha_mode
+_BLEND = "2"  # alpha_mode
+_VERSION = "1.39"  # of MaterialX, in which the nodes below are defined
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,14 +85,14 @@ def document(
     wraps : beyond borders where it does not wrap the maps show the pixels there; not with ``size``.
     width : of the texture on what it lies on, m; scales the displacement. Default: that of ``size``, or 1.
     """
-    import MaterialX
+    from xml.etree.ElementTree import Element, indent, tostring
 
     name = identifier(name)
-    made = MaterialX.createDocument()
-    made.setColorSpace("lin_rec709")
-    node = made.addNode(shader, f"{name}_shader", "surfaceshader")
-    node.setInputValue("metallic" if shader == "gltf_pbr" else "metalness", 0.0)
-    material = made.addMaterialNode(name, node)
+    made = Element("materialx", version=_VERSION, colorspace="lin_rec709")
+    node = _node(made, shader, f"{name}_shader", "surfaceshader")
+    _set(node, "metallic" if shader == "gltf_pbr" else "metalness", 0.0)
+    material = _node(made, "surfacematerial", name, "material")
+    _connect(material, "surfaceshader", node)
     for one in maps:
         if one.role not in (*_INPUTS[shader], "normal", "height"):
             continue
@@ -95,86 +101,116 @@ def document(
             _hex_tiled(made, name, one, linear) if is_hex_tiled else _image(made, name, one, size, linear, wraps)
         )
         if one.role == "normal" and is_hex_tiled:
-            node.setConnectedNode("normal", image)
+            _connect(node, "normal", image)
         elif one.role == "normal":
-            normal = made.addNode("normalmap", f"{name}_normals", "vector3")
-            normal.setConnectedNode("in", image)
-            normal.setInputValue("scale", MaterialX.Vector2(1.0, -1.0 if one.directx else 1.0))
-            node.setConnectedNode("normal", normal)
+            normal = _node(made, "normalmap", f"{name}_normals", "vector3")
+            _connect(normal, "in", image)
+            _set(normal, "scale", (1.0, -1.0 if one.directx else 1.0))
+            _connect(node, "normal", normal)
         elif one.role == "height":
-            displacement = made.addNode("displacement", f"{name}_displacement", "displacementshader")
+            displacement = _node(made, "displacement", f"{name}_displacement", "displacementshader")
             scale, offset = one.relief.displacement(width or (size[1] if size else 1.0))
             if offset:
-                shifted = made.addNode("add", f"{name}_height_offset", "float")
-                shifted.setConnectedNode("in1", image)
-                shifted.setInputValue("in2", offset / scale)
+                shifted = _node(made, "add", f"{name}_height_offset", "float")
+                _connect(shifted, "in1", image)
+                _set(shifted, "in2", offset / scale)
                 image = shifted
-            displacement.setConnectedNode("displacement", image)
-            displacement.setInputValue("scale", scale)
-            material.setConnectedNode("displacementshader", displacement)
+            _connect(displacement, "displacement", image)
+            _set(displacement, "scale", scale)
+            _connect(material, "displacementshader", displacement)
         else:
-            _connect(made, name, node, one, image, shader)
-    return str(MaterialX.writeToXmlString(made))
+            _connect_map(made, name, node, one, image, shader)
+    indent(made)
+    return f'<?xml version="1.0"?>\n{tostring(made, encoding="unicode")}\n'
 
 
-def _connect(made: Any, name: str, node: Any, one: BoundMap, image: Any, shader: str) -> None:
+def _node(made: Element, category: str, name: str, kind: str) -> Element:
+    """A new node of the document ``made``, whose output is of the type ``kind``."""
+    from xml.etree.ElementTree import SubElement
+
+    return SubElement(made, category, name=name, type=kind)
+
+
+def _set(node: Element, name: str, value: float | bool | tuple[float, float]) -> Element:
+    """Give an input of a node a value."""
+    if isinstance(value, bool):
+        return _add_input(node, name, "boolean", value=str(value).lower())
+    if isinstance(value, tuple):
+        return _add_input(node, name, "vector2", value=", ".join(map(_text, value)))
+    return _add_input(node, name, "float", value=_text(value))
+
+
+def _text(value: float) -> str:
+    return f"{np.float32(value):.6g}"  # as MaterialX itself writes floats
+
+
+def _connect(node: Element, name: str, source: Element) -> None:
+    """Have an input of a node take the output of the node ``source``."""
+    _add_input(node, name, source.attrib["type"], nodename=source.attrib["name"])
+
+
+def _add_input(node: Element, name: str, kind: str, **content: str) -> Element:
+    from xml.etree.ElementTree import SubElement
+
+    return SubElement(node, "input", {"name": name, "type": kind, **content})
+
+
+def _connect_map(made: Element, name: str, node: Element, one: BoundMap, image: Element, shader: str) -> None:
     """Connect a map to the shader."""
     colored = "specular_color" if one.role == "specular" and one.planes > 1 else _INPUTS[shader][one.role]
-    node.removeInput(colored)
+    for preset in node.findall(f"input[@name='{colored}']"):
+        node.remove(preset)
     if shader == "gltf_pbr":
-        node.setConnectedNode(colored, image)
+        _connect(node, colored, image)
         if one.role == "opacity":
-            node.setInputValue("alpha_mode", _BLEND)
+            _add_input(node, "alpha_mode", "integer", value=_BLEND)
         return
     if one.role == "opacity":  # a colour there
-        grey = made.addNode("convert", f"{name}_opacity_color", "color3")
-        grey.setConnectedNode("in", image)
+        grey = _node(made, "convert", f"{name}_opacity_color", "color3")
+        _connect(grey, "in", image)
         image = grey
     if one.role == "emissive":
-        node.setInputValue("emission", 1.0)
-    node.setConnectedNode(colored, image)
+        _set(node, "emission", 1.0)
+    _connect(node, colored, image)
 
 
-def _image(made: Any, name: str, one: BoundMap, size: tuple[float, float] | None, linear: str, wraps: Wraps) -> Any:
-    import MaterialX
-
+def _image(
+    made: Element, name: str, one: BoundMap, size: tuple[float, float] | None, linear: str, wraps: Wraps
+) -> Element:
     kind = "vector3" if one.role == "normal" else "color3" if one.planes > 1 else "float"
-    image = made.addNode("image" if size is None else "tiledimage", f"{name}_{one.role}", kind)
-    image.setInputValue("file", one.file, "filename")
+    image = _node(made, "image" if size is None else "tiledimage", f"{name}_{one.role}", kind)
+    file = _add_input(image, "file", "filename", value=one.file)
     if size is not None:
         for entry in ("realworldimagesize", "realworldtilesize"):
-            image.setInputValue(entry, MaterialX.Vector2(size[1], size[0]))
-            image.getInput(entry).setUnitType("distance")
-            image.getInput(entry).setUnit("meter")
+            _set(image, entry, (size[1], size[0])).attrib.update(unittype="distance", unit="meter")
     else:
         for axis, goes_on in (("u", wraps.across), ("v", wraps.down)):
             if not goes_on:
-                image.setInputValue(f"{axis}addressmode", "clamp")
+                _add_input(image, f"{axis}addressmode", "string", value="clamp")
     if kind == "color3":
-        _set_color_space(image, one, linear)
+        _set_color_space(file, one, linear)
     return image
 
 
-def _hex_tiled(made: Any, name: str, one: BoundMap, linear: str) -> Any:
+def _hex_tiled(made: Element, name: str, one: BoundMap, linear: str) -> Element:
     """A node that blends a map from hexagons; all maps from the same ones."""
     if one.role == "normal":
-        image = made.addNode("hextilednormalmap", f"{name}_normal", "vector3")
-        image.setInputValue("flip_g", one.directx)
+        image = _node(made, "hextilednormalmap", f"{name}_normal", "vector3")
+        _set(image, "flip_g", one.directx)
     else:
-        image = made.addNode("hextiledimage", f"{name}_{one.role}", "color3")
-    image.setInputValue("file", one.file, "filename")
-    image.setInputValue("scale", 0.0)  # features keep their size
+        image = _node(made, "hextiledimage", f"{name}_{one.role}", "color3")
+    file = _add_input(image, "file", "filename", value=one.file)
+    _set(image, "scale", 0.0)  # features keep their size
     if one.role == "normal":
         return image
-    _set_color_space(image, one, linear)
+    _set_color_space(file, one, linear)
     if one.planes > 1:
         return image
-    plane = made.addNode("extract", f"{name}_{one.role}_plane", "float")
-    plane.setConnectedNode("in", image)
+    plane = _node(made, "extract", f"{name}_{one.role}_plane", "float")
+    _connect(plane, "in", image)
     return plane
 
 
-def _set_color_space(image: Any, one: BoundMap, linear: str) -> None:
+def _set_color_space(file: Element, one: BoundMap, linear: str) -> None:
     is_linear_color = one.role in COLORS and not one.encoded
-    space = "srgb_texture" if one.encoded else linear if is_linear_color else "lin_rec709"
-    image.getInput("file").setColorSpace(space)
+    file.set("colorspace", "srgb_texture" if one.encoded else linear if is_linear_color else "lin_rec709")

@@ -60,7 +60,7 @@ def check_sizes(params: EnergyCurveParams, known: Mapping[str, Any]) -> None:
         )
 
 
-@stage(version=1, check=check_sizes)
+@stage(version=2, check=check_sizes)
 def energy_curve(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -380,6 +378,19 @@ def test_plots_take_the_pages_colour() -> None:
     assert "<script" not in svg
     assert "砖" in svg
     assert plots.paired_scores({"fidelity": {"a": [None], "b": [0.5]}}) == ""
+
+
+def test_dots_are_means_of_items_that_all_methods_have() -> None:
+    scores = {"fidelity": {"a": [0.0, 1.0, 0.5], "b": [0.5, 1.0, None]}, "novelty": {"a": [1.0], "b": [0.0]}}
+    root = ElementTree.fromstring(plots.paired_scores(scores))
+    dots = [float(one.attrib["cy"]) for one in root.iter("{http://www.w3.org/2000/svg}circle")]
+    top, bottom = dots[2:]
+    np.testing.assert_allclose(dots[:2], [(top + bottom) / 2, bottom + 0.75 * (top - bottom)], atol=0.1)
+    lines = [one.attrib["points"] for one in root.iter("{http://www.w3.org/2000/svg}polyline")]
+    assert [len(line.split()) for line in lines] == [2, 2, 2]
+
+
+def test_bars_of_nothing_are_empty() -> None:
     assert plots.energies([{"energy": None}, {}]) == ""
 
 
@@ -395,19 +406,6 @@ def test_bars_show_energies_and_changes() -> None:
     texts = [text.text for text in root.iter("{http://www.w3.org/2000/svg}text")]
     assert {"32 x 16", "0", "10", "20", "30", "40", "50"} < set(texts)
     assert any(text.endswith(" x 8") for text in texts if text)
-
-
-def test_a_page_of_one_result_is_drawn_without_matplotlib() -> None:
-    """Its import takes as long as all else of the page."""
-    code = """
-import sys
-import numpy as np
-from texloom.stages.evaluation._pages import page, plots
-plots.energies([{"energy": 1.0, "changed": 0.5}])
-page.shown_field(np.eye(3, dtype=np.float32), 0.0, 1.0, 8)
-sys.exit("matplotlib" in sys.modules)
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_steps_that_differ_by_item_share_a_line() -> None:

@@ -26,10 +26,7 @@ Takes = Literal[
 _ROOM = "texloom.pipelines.media.writers"
 _LOG = logging.getLogger(__name__)
 _EIGHT_BITS = (".jpg", ".webp", ".dzi")
-_REMEDIES = {
-    "OpenImageIO": "openimageio is not installed; pip install 'texloom[tx]'",
-    "MaterialX": "MaterialX is not installed, which has no package for Linux on ARM; .usda and .glb need none",
-}
+_REMEDIES = {"OpenImageIO": "openimageio is not installed; pip install 'texloom[tx]'"}
 """of modules that are not installed"""
 
 
@@ -111,8 +108,8 @@ WRITERS = (
     Writer(".hdr", "picture", "pictures"),
     Writer(".slopes.tx", "picture", "tx", "OpenImageIO"),
     Writer(".tx", "picture", "tx", "OpenImageIO"),
-    Writer(HEX_TILED, "image", "documents", "MaterialX", "_hex_maps"),
-    Writer(".mtlx", "image", "documents", "MaterialX", "_maps"),
+    Writer(HEX_TILED, "image", "documents", companions="_hex_maps"),
+    Writer(".mtlx", "image", "documents", companions="_maps"),
     Writer(".usda", "image", "documents", companions="_maps"),
     Writer(".glb", "image", "glb"),
     Writer(".dzi", "image", "dzi", companions="_files"),

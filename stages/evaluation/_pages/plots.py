@@ -1,12 +1,8 @@
 """Plots: SVG that takes the font and text colour of the page around, or pictures."""
 
 import html
-import io
-import threading
-import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,33 +10,19 @@ from texloom.stages.evaluation._pages.text import writable
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import linear_from_srgb
 
-_INK = "#010203"  # placeholder for the text colour of the page
+if TYPE_CHECKING:
+    from PIL.ImageDraw import ImageDraw
+
 _BLUE, _ORANGE, _PURPLE = "#0072b2", "#e69f00", "#cc79a7"  # Okabe and Ito's, for colour-blind eyes too
-_SETTINGS: dict[Any, Any] = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "texloom",  # otherwise names inside the file are random
-    "text.parse_math": False,
-    "font.family": "sans-serif",
-    "font.size": 9,
-    "text.color": _INK,
-    "axes.edgecolor": _INK,
-    "axes.labelcolor": _INK,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.titlesize": 9,
-    "xtick.color": _INK,
-    "ytick.color": _INK,
-    "grid.color": _INK,
-    "grid.alpha": 0.15,
-    "grid.linewidth": 0.6,
-    "legend.frameon": False,
-}
 _WIDTH, _HEIGHT = 480, 278  # px, of a panel of bars
 _STEPS = np.array([1, 2, 5, 10, 20, 50])  # between ticks, times a power of ten
 _MOST_TICKS = 5
 _MAX_LABEL = 28  # characters; more leave no room for the plot
-_drawing = threading.Lock()  # matplotlib's settings belong to the process
+_LETTER = 6.2  # px; width of most letters at the size of the labels
+_TURN = 35  # degrees; of the labels below an axis
+_METHOD = 26  # px; least distance of two methods, whose turned labels then lie apart
+_CURVE = (1200, 750)  # px; width and height of `size_curve`
+_SCALE = 3  # pixels that become one: smooth lines
 
 
 def energies(scales: Sequence[Mapping[str, Any]]) -> str:
@@ -63,27 +45,21 @@ def energies(scales: Sequence[Mapping[str, Any]]) -> str:
         _bars("energy per patch, CIELAB units² per pixel", labels, parts),
         _bars("patches changed in the last round, %", labels, {"": (100 * changed, _PURPLE)}),
     )
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {2 * _WIDTH} {_HEIGHT}" width="{2 * _WIDTH}" '
-        f'font-size="12" fill="currentColor">{panels[0]}<g transform="translate({_WIDTH})">{panels[1]}</g></svg>'
-    )
+    return _svg(2.0 * _WIDTH, float(_HEIGHT), [panels[0], f'<g transform="translate({_WIDTH})">{panels[1]}</g>'])
 
 
 def _bars(title: str, labels: Sequence[str], parts: Mapping[str, tuple[np.ndarray, str]]) -> str:
-    """A panel of bars, each the sum of its ``parts``: name to values and colour.
-
-    Written here, as importing matplotlib for it takes as long as all else of a page.
-    """
-    left, right, top, bottom = 44, _WIDTH - 16, 28, _HEIGHT - 62
+    """A panel of bars, each the sum of its ``parts``: name to values and colour."""
+    left, right, top, bottom = 44.0, _WIDTH - 16.0, 28.0, _HEIGHT - 62.0
     highest = max(float(np.nan_to_num(sum(values for values, _ in parts.values())).max()), 0.0) or 1.0
-    step = next(step for step in _STEPS * 10.0 ** np.floor(np.log10(highest) - 1) if highest <= _MOST_TICKS * step)
     unit = (bottom - top) / highest
-    drawn = [f'<text x="{left}" y="14">{title}</text>']
-    for tick in np.arange(0, highest + step / 2, step):
-        if tick <= highest * 1.001:
-            y = bottom - tick * unit
-            drawn.append(f'<path d="M{left} {y:.1f}H{right}" stroke="currentColor" stroke-opacity=".15"/>')
-            drawn.append(f'<text x="{left - 6}" y="{y + 4:.1f}" text-anchor="end">{tick:.4g}</text>')
+    drawn = [f'<text x="{left:.0f}" y="14">{title}</text>']
+    for tick in _ticks(highest):
+        y = bottom - tick * unit
+        drawn += [
+            _rule(left, right, y),
+            f'<text x="{left - 6}" y="{y + 4:.1f}" text-anchor="end">{tick:.4g}</text>',
+        ]
     spacing = (right - left) / len(labels)
     for place, label in enumerate(labels):
         x, y = left + (place + 0.1) * spacing, float(bottom)
@@ -94,8 +70,7 @@ def _bars(title: str, labels: Sequence[str], parts: Mapping[str, tuple[np.ndarra
                 f'<rect x="{x:.1f}" y="{y:.1f}" width="{0.8 * spacing:.1f}" height="{max(height, 0):.1f}" '
                 f'fill="{color}"/>'
             )
-        turned = f"translate({left + (place + 0.5) * spacing + 4:.1f} {bottom + 14}) rotate(-35)"
-        drawn.append(f'<text transform="{turned}" text-anchor="end">{html.escape(writable(label))}</text>')
+        drawn.append(_turned(left + (place + 0.5) * spacing, bottom, writable(label)))
     for number, (name, (_, color)) in enumerate(parts.items() if len(parts) > 1 else ()):
         y = top + 18 * number
         drawn.append(f'<rect x="{right - 140}" y="{y}" width="18" height="9" fill="{color}"/>')
@@ -120,23 +95,58 @@ def paired_scores(axes_scores: Mapping[str, Mapping[str, Sequence[float | None]]
         values = values.reshape(len(by_method), -1)
         values = values[:, np.isfinite(values).all(axis=0)]
         if values.size:
-            paired[axis] = list(map(_label, by_method)), values
+            paired[axis] = values
     if not paired:
         return ""
+    names = list(map(_label, axes_scores[next(iter(paired))]))
+    top, bottom, gap = 28.0, 210.0, 24.0
+    reach = np.array([14 + _LETTER * len(name) for name in names])  # of labels, from the bottom of the axis
+    across, down = np.cos(np.radians(_TURN)), np.sin(np.radians(_TURN))
+    first = max(44.0, float((reach * across - _METHOD * np.arange(len(names))).max()))
+    spacing = max((2 * _WIDTH - first) / len(paired) - gap, _METHOD * len(names)) / len(names)
+    drawn, left = [], first
+    for axis, values in paired.items():
+        right = left + spacing * len(names)
+        drawn.append(f'<text x="{left:.1f}" y="14">{html.escape(writable(axis))}</text>')
+        for tick in np.linspace(0, 1, 6):
+            y = bottom - tick * (bottom - top)
+            drawn.append(_rule(left, right, y))
+            if left == first:
+                drawn.append(f'<text x="{left - 6:.1f}" y="{y + 4:.1f}" text-anchor="end">{tick:.1f}</text>')
+        places = left + (np.arange(len(names)) + 0.5) * spacing
+        for item in values.T:
+            points = " ".join(
+                f"{x:.1f},{bottom - y * (bottom - top):.1f}" for x, y in zip(places, item, strict=True)
+            )
+            drawn.append(f'<polyline points="{points}" fill="none" stroke="currentColor" stroke-opacity=".35"/>')
+        for x, mean, name in zip(places, values.mean(axis=1), names, strict=True):
+            drawn.append(f'<circle cx="{x:.1f}" cy="{bottom - mean * (bottom - top):.1f}" r="4" fill="{_BLUE}"/>')
+            drawn.append(_turned(x, bottom, name))
+        left = right + gap
+    return _svg(left, bottom + 24 + float(reach.max()) * down, drawn)
 
-    def draw(figure: Any) -> None:
-        panels = figure.subplots(1, len(paired), squeeze=False, sharey=True)[0]
-        for panel, (axis, (methods, values)) in zip(panels, paired.items(), strict=True):
-            places = np.arange(len(methods))
-            panel.plot(places, values, color=_INK, linewidth=0.6, alpha=0.35)
-            panel.plot(places, values.mean(axis=1), "o", color=_BLUE)
-            panel.set_title(axis, loc="left")
-            panel.set_xticks(places, methods, rotation=35, ha="right")
-            panel.set_xlim(-0.5, len(methods) - 0.5)
-            panel.set_ylim(-0.02, 1.02)
-            panel.grid(axis="y")
 
-    return _svg(draw, 10.0, 2.9)
+def _svg(width: float, height: float, drawn: Iterable[str]) -> str:
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" '
+        f'font-size="12" fill="currentColor">{"".join(drawn)}</svg>'
+    )
+
+
+def _rule(left: float, right: float, y: float) -> str:
+    return f'<path d="M{left:.1f} {y:.1f}H{right:.1f}" stroke="currentColor" stroke-opacity=".15"/>'
+
+
+def _turned(x: float, bottom: float, label: str) -> str:
+    """A label below the place ``x`` of an axis."""
+    place = f"translate({x + 4:.1f} {bottom + 14:.1f}) rotate(-{_TURN})"
+    return f'<text transform="{place}" text-anchor="end">{html.escape(label)}</text>'
+
+
+def _ticks(highest: float) -> list[float]:
+    """Round numbers from 0 up to ``highest``."""
+    step = next(step for step in _STEPS * 10.0 ** np.floor(np.log10(highest) - 1) if highest <= _MOST_TICKS * step)
+    return [tick for tick in np.arange(0, highest + step / 2, step) if tick <= highest * 1.001]
 
 
 def _label(text: str) -> str:
@@ -147,55 +157,72 @@ def _number(value: Any) -> float:
     return float(value) if isinstance(value, int | float) else float("nan")
 
 
-@contextmanager
-def _figure(width: float, height: float, **options: Any) -> Iterator[Any]:
-    """An empty figure, under the settings of all plots."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    with _drawing, matplotlib.rc_context(_SETTINGS):
-        yield Figure((width, height), layout="constrained", **options)
-
-
-def _svg(draw: Any, width: float, height: float) -> str:
-    """What ``draw(figure)`` draws; sizes in inches."""
-    buffer = io.StringIO()
-    with _figure(width, height) as figure, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph")  # the browser's fonts have it
-        draw(figure)
-        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
-    svg = buffer.getvalue()
-    return svg[svg.index("<svg") :].replace(_INK, "currentColor")
-
-
 def size_curve(table: Mapping[str, Any]) -> Image:
     """Energy against compaction size as a picture; see `energy_curve` for the table."""
-    rows, best = table["rows"], table["knee"]
+    import PIL.Image
+    import PIL.ImageDraw
+
+    rows, best, rule = table["rows"], table["knee"], table["rule"]
     pixels = [row["pixels"] for row in rows]
+    made = PIL.Image.new("RGB", (_CURVE[0] * _SCALE, _CURVE[1] * _SCALE), "white")
+    drawing = _Drawing(PIL.ImageDraw.Draw(made))
+    left, right, top, bottom = 90.0, 1170.0, 60.0, 650.0
+    highest = max(row["energy"] for row in rows) * 1.05 or 1.0
 
-    def draw(figure: Any) -> None:
-        axes = figure.subplots()
-        for name, color in (("energy", _BLUE), ("inverse", _ORANGE), ("forward", _PURPLE)):
-            axes.plot(pixels, [row[name] for row in rows], "o-", color=color, label=name)
-        axes.axvline(best, color=_INK, linewidth=0.8, linestyle="--", label=f"knee, {best} px")
-        if table["rule"] <= pixels[-1]:
-            axes.axvline(table["rule"], color=_INK, linewidth=0.8, linestyle=":", label=f"rule, {table['rule']} px")
-        axes.set_xlabel("size of the compaction, px")
-        axes.set_title("energy, CIELAB units² per pixel", loc="left")
-        axes.set_ylim(bottom=0)
-        axes.legend()
-        axes.grid(axis="y")
+    def across(value: float | int) -> float:
+        return float(left + (right - left - 20) * value / pixels[-1])
 
-    return _picture(draw, 8.0, 5.0)
+    def down(value: float) -> float:
+        return float(bottom - (bottom - top) * value / highest)
 
-
-def _picture(draw: Any, width: float, height: float) -> Image:
-    """What ``draw(figure)`` draws on white, 150 px an inch; sizes in inches."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    with _figure(width, height, dpi=150) as figure:
-        canvas: Any = FigureCanvasAgg(figure)
-        draw(figure)
-        canvas.draw()
-        levels = np.asarray(canvas.buffer_rgba())[..., :3]
+    drawing.text((left, 40.0), "energy, squared CIELAB units per pixel", "ls")
+    drawing.text(((left + right) / 2, 735.0), "size of the compaction, px", "ms")
+    for tick in _ticks(highest):
+        drawing.line([(left, down(tick)), (right, down(tick))], "#e0e0e0", 1)
+        drawing.text((left - 10, down(tick)), f"{tick:.4g}", "rm")
+    for tick in _ticks(float(pixels[-1])):
+        drawing.line([(across(tick), bottom), (across(tick), bottom + 6)], "black", 1)
+        drawing.text((across(tick), bottom + 12), f"{tick:.0f}", "mt")
+    for side in ([(left, top), (left, bottom)], [(left, bottom), (right, bottom)]):
+        drawing.line(side, "black", 1)
+    marks = [("knee", best, 12)] + ([("rule", rule, 3)] if rule <= pixels[-1] else [])
+    for _, size, dash in marks:
+        for y in np.arange(top, bottom, 2 * dash):
+            drawing.line([(across(size), y), (across(size), min(y + dash, bottom))], "black", 2)
+    curves = (("energy", _BLUE), ("inverse", _ORANGE), ("forward", _PURPLE))
+    for name, color in curves:
+        points = [(across(row["pixels"]), down(row[name])) for row in rows]
+        drawing.line(points, color, 3)
+        drawing.dots(points, color)
+    legend = [(name, color, 0) for name, color in curves]
+    legend += [(f"{name}, {size} px", "black", dash) for name, size, dash in marks]
+    for number, (name, color, dash) in enumerate(legend):
+        y = top + 24 + 28 * number
+        for x in np.arange(940.0, 980.0, 2 * dash or 40):
+            drawing.line([(x, y), (min(x + (dash or 40), 980.0), y)], color, 2 if dash else 3)
+        if not dash:
+            drawing.dots([(960.0, y)], color)
+        drawing.text((992.0, y), name, "lm")
+    levels = np.asarray(made.reduce(_SCALE))
     return Image(linear_from_srgb(levels / 255).astype(np.float32), ("R", "G", "B"))
+
+
+class _Drawing:
+    """Lines, dots and text in pixels of a picture that is drawn larger and then reduced."""
+
+    def __init__(self, drawn: "ImageDraw") -> None:
+        from PIL import ImageFont
+
+        self.drawn = drawn
+        self.font = ImageFont.load_default(20 * _SCALE)
+
+    def line(self, points: Sequence[tuple[float, float]], color: str, width: int) -> None:
+        self.drawn.line([(x * _SCALE, y * _SCALE) for x, y in points], color, width * _SCALE, joint="curve")
+
+    def dots(self, points: Sequence[tuple[float, float]], color: str) -> None:
+        for x, y in points:
+            self.drawn.circle((x * _SCALE, y * _SCALE), 6 * _SCALE, color)
+
+    def text(self, place: tuple[float, float], text: str, anchor: str) -> None:
+        """Black text; ``anchor`` as Pillow has it."""
+        self.drawn.text((place[0] * _SCALE, place[1] * _SCALE), text, "black", self.font, anchor)

@@ -135,6 +135,7 @@ def test_the_materialx_document_is_valid(folder: Path, tmp_path: Path) -> None:
     document.setDataLibrary(library)
     valid, problems = document.validate()
     assert valid, problems
+    assert MaterialX.writeToXmlString(document) == (tmp_path / "out" / "material.mtlx").read_text()
     (material,) = document.getMaterialNodes()
     (shader,) = MaterialX.getShaderNodes(material)
     assert shader.getNodeDef() is not None
