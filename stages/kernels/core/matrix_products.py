@@ -160,6 +160,8 @@ def find_eigenvectors(matrices):
     for number in range(count):
         vectors = matrices[number].copy()
         _tridiagonal(vectors, values[number], beside)
-        found[number] = vectors.T
+        for row in range(size):  # assigned as a whole, Numba compiles messages about shapes for seconds
+            for column in range(size):
+                found[number, row, column] = vectors[column, row]
         _diagonal(found[number], values[number], beside)
     return values, found

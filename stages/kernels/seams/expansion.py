@@ -51,7 +51,7 @@ def expand_in_tiles(costs, price, places, source, tiles, least, first, last):
                     state[y, x] = KEPT
                     if shift[y, x, 0] == down and shift[y, x, 1] == across:
                         state[y, x] = FILLED
-                        new[y, x] = old[y, x]
+                        new[y, x, 0], new[y, x, 1] = old[y, x, 0], old[y, x, 1]
                     elif _block_may_be(places, row, column):
                         state[y, x] = FREE
                         new[y, x, 0], new[y, x, 1] = row // 2, column // 2
@@ -63,7 +63,7 @@ def expand_in_tiles(costs, price, places, source, tiles, least, first, last):
                     if state[y, x] != FREE or not taken[y, x]:
                         continue
                     shift[y, x, 0], shift[y, x, 1] = down, across
-                    old[y, x] = new[y, x]
+                    old[y, x, 0], old[y, x, 1] = new[y, x, 0], new[y, x, 1]
                     for row in range(2 * y, 2 * y + 2):
                         for column in range(2 * x, 2 * x + 2):
                             v, u = (top + row) % source.shape[1], (left + column) % source.shape[2]
