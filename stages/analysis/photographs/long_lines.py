@@ -32,7 +32,5 @@ def long_lines(image: Image, usable: Mask) -> float:
     side = float(np.sqrt(np.count_nonzero(usable))) / frame.unit
     straight = arctan2(along.min(axis=1), along.max(axis=1)) < _STRAIGHT
     inner = without_rim(usable, max(1, round(max(usable.shape) / 128)))
-    rows, columns = np.rint(frame.pixels(segments.middles)).astype(int).T
-    inside = inner[np.clip(rows, 0, image.height - 1), np.clip(columns, 0, image.width - 1)]
-    lengths = segments.lengths[straight & inside & (segments.lengths > _LONG * side)]
+    lengths = segments.lengths[straight & segments.within(inner) & (segments.lengths > _LONG * side)]
     return float(lengths.sum()) / side if side else 0.0

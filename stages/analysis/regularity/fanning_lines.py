@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from texloom.stages.common.features.line_segments import Frame, line_segments
-from texloom.stages.common.grids.pyramid import reduced
+from texloom.stages.common.features.line_segments import line_segments
 from texloom.stages.kernels.core.elementary_functions import arctan2, cos, sin
 from texloom.stages.numerics.matrices import least_squares, matrix_product
 from texloom.stages.vocabulary.arrays import Image
@@ -31,11 +30,9 @@ def fan_of_lines(image: Image) -> float:
     ----------
     Ours; lines by [Gioi2010]_.
     """
-    segments = line_segments(Image(reduced(image.color, _SIDE), ("R", "G", "B")))
-    valid = valid_pixels(image)
+    segments, valid = line_segments(image, _SIDE), valid_pixels(image)
     if valid is not None:
-        rows, columns = np.rint(Frame((image.height, image.width)).pixels(segments.middles)).astype(int).T
-        segments = segments[valid[np.clip(rows, 0, image.height - 1), np.clip(columns, 0, image.width - 1)]]
+        segments = segments[segments.within(valid)]
     along = segments.ends[:, 1] - segments.ends[:, 0]
     angle = np.degrees(arctan2(along[:, 0], along[:, 1])) % 180
     weight, total = segments.lengths, float(segments.lengths.sum())

@@ -3,7 +3,7 @@
 import numpy as np
 
 from texloom.stages.kernels.core.compiled import compiled
-from texloom.stages.kernels.seams.minimum_cut import cut_window
+from texloom.stages.kernels.seams.minimum_cut import cut_window, window_cost
 
 
 @compiled
@@ -19,7 +19,7 @@ def cut_cells(costs, inside, old, rows, shifts, state, first, last, taken, total
         many columns of ``old`` it has
     state : (n, width) int8
     taken : (n, width) bool, filled for windows first..last
-    totals : (windows, 2) int64, see `cut_window`
+    totals : (windows, 2) int64, costs of windows before and after, see `window_cost`
     """
     no_price = np.zeros((0, 0), np.int32)  # a constant array would be of another type
     for window in range(first, last):
@@ -32,7 +32,9 @@ def cut_cells(costs, inside, old, rows, shifts, state, first, last, taken, total
                 own[y, x, 0], own[y, x, 1] = old[top + y, x, 0], old[top + y, x, 1]
                 new[y, x, 0], new[y, x, 1] = shifts[window, 0] + y, shifts[window, 1] + x
                 own_state[y, x] = state[top + y, x]
-        cut_window(costs, inside, no_price, own, new, own_state, own_taken, totals[window])
+        totals[window, 0] = window_cost(costs, inside, no_price, own, own, own_state, own_taken)
+        cut_window(costs, inside, no_price, own, new, own_state, own_taken)
+        totals[window, 1] = window_cost(costs, inside, no_price, own, new, own_state, own_taken)
         for y in range(height):
             for x in range(width):
                 taken[top + y, x] = own_taken[y, x]

@@ -39,7 +39,6 @@ def expand_in_tiles(costs, price, places, source, tiles, least, first, last):
                     old[y, x, axis] = at // 2
         state = np.full((height, width), KEPT, np.int8)
         new, taken = np.zeros(old.shape, np.int32), np.zeros((height, width), np.bool_)
-        totals = np.zeros(2, np.int64)
         state[1:-1, 1:-1] = FILLED
         if window_cost(costs, no_cells, price, old, old, state, taken) < least[1]:
             continue
@@ -55,8 +54,9 @@ def expand_in_tiles(costs, price, places, source, tiles, least, first, last):
                     elif _block_may_be(places, row, column):
                         state[y, x] = FREE
                         new[y, x, 0], new[y, x, 1] = row // 2, column // 2
-            cut_window(costs, no_cells, price, old, new, state, taken, totals)
-            if totals[1] >= totals[0]:
+            cut_window(costs, no_cells, price, old, new, state, taken)
+            before = window_cost(costs, no_cells, price, old, old, state, taken)
+            if window_cost(costs, no_cells, price, old, new, state, taken) >= before:
                 continue
             for y in range(1, height - 1):
                 for x in range(1, width - 1):

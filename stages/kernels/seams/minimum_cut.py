@@ -12,7 +12,7 @@ _BLOCKED = -2  # level of a node from which nothing more flows before the next l
 
 
 @compiled
-def cut_window(costs, inside, price, old, new, state, taken, totals):
+def cut_window(costs, inside, price, old, new, state, taken):
     """Fill ``taken`` with the pixels of a window that take their new source so that all seams cost least.
 
     Seams inside of cells cost twice as much. Capacities are whole numbers, so that the cut is the same everywhere;
@@ -27,8 +27,6 @@ def cut_window(costs, inside, price, old, new, state, taken, totals):
     old, new : (m, n, 2) int32, sources of the window's pixels
     state : (m, n) int8
     taken : (m, n) bool
-    totals : (2,) int64, of all seams before and after, but those between kept pixels or beside absent ones, and the
-        price of pixels that may take either
     """
     height, width = state.shape
     node = np.full((height, width), -1, np.int32)
@@ -78,13 +76,14 @@ def cut_window(costs, inside, price, old, new, state, taken, totals):
     for y in range(height):
         for x in range(width):
             taken[y, x] = state[y, x] == FILLED or (state[y, x] == FREE and reaches[node[y, x]] >= 0)
-    totals[0] = window_cost(costs, inside, price, old, old, state, taken)
-    totals[1] = window_cost(costs, inside, price, old, new, state, taken)
 
 
 @compiled
 def window_cost(costs, inside, price, old, new, state, taken):
-    """Cost of all seams of a window, and price of its sources, where ``taken`` have new ones; see `cut_window`."""
+    """Cost of a window whose ``taken`` pixels have their new sources, see `cut_window`.
+
+    Of all seams but those between kept pixels or beside absent ones, with the price of pixels that may take either.
+    """
     total = np.int64(0)
     if price.size:
         for y in range(state.shape[0]):

@@ -237,7 +237,7 @@ class _Tiling:
         depth, band = self.window.depth, self.window.band
         state[self.at] = np.where(filled & (depth <= band), FREE, FILLED)
         taken = np.zeros(state.shape, bool)
-        cut_window(self.costs.given, NO_CELLS, NO_PRICE, old, new, state, taken, np.zeros(2, np.int64))
+        cut_window(self.costs.given, NO_CELLS, NO_PRICE, old, new, state, taken)
         weight = taken.astype(np.float32)
         if self.params.blend:
             side = 2 * self.params.blend + 1

@@ -47,13 +47,15 @@ class Overuse:
                 for firsts, count in zip(self.firsts, places, strict=True)
             )
         )
-        self.usable = np.ones(places, bool) if allowed is None else allowed.places
-        own = self.usable.astype(np.int32)
+        usable = np.ones(places, bool) if allowed is None else allowed.places
+        own = usable.astype(np.int32)
         wanted = own if expected is None else np.rint(own * expected * _SHARES).astype(np.int32)
         self.whole = float(wanted.sum(dtype=np.int64))
         self.fair = self._of_regions(wanted)
         self.area = self._of_regions(own)
-        self.most_use, self.parts = most_use, parts
+        self.most_use = most_use
+        self.parts = None if parts is None else np.where(usable, parts, parts.max() + 1)
+        """with one more for patches that are not permitted"""
         self.prices = np.zeros(self.fair.shape)
         """of each cell, relative to the mean distance"""
         self.distance = 0.0
@@ -76,7 +78,7 @@ class Overuse:
         if self.parts is None:
             return prices
         least = np.full(int(self.parts.max()) + 1, np.inf, np.float32)
-        np.minimum.at(least, self.parts[self.usable], prices[self.usable])
+        np.minimum.at(least, self.parts, prices)
         return np.maximum(prices - least[self.parts], 0)
 
     def _of_regions(self, values: Int32[np.ndarray, "p q"]) -> Float64[np.ndarray, "rows columns"]:

@@ -89,7 +89,7 @@ def cheapest_cut(
     if not (state == FREE).any():
         return filled, 0
     window = costs.given, NO_CELLS, NO_PRICE, np.ascontiguousarray(old), np.ascontiguousarray(new), state
-    taken, totals = np.empty(state.shape, bool), np.empty(2, np.int64)
-    cut_window(*window, taken, totals)
-    saved = int(window_cost(*window, filled) - totals[1])
+    taken = np.empty(state.shape, bool)
+    cut_window(*window, taken)
+    saved = int(window_cost(*window, filled) - window_cost(*window, taken))
     return (filled, 0) if saved < 0 else (taken, saved)

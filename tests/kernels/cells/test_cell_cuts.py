@@ -5,7 +5,7 @@ import pytest
 
 from tests.kernels.cells import naive
 from texloom.stages.kernels.cells.cell_cuts import cut_cells
-from texloom.stages.kernels.seams.minimum_cut import NO_CELLS, NO_PRICE, cut_window
+from texloom.stages.kernels.seams.minimum_cut import NO_CELLS, NO_PRICE, cut_window, window_cost
 from texloom.stages.kernels.seams.window_state import ABSENT, FILLED, FREE, KEPT
 
 UNIT, MOST, OFFSET = 64.0, 4096.0, 8.0
@@ -65,12 +65,12 @@ def test_a_window_may_have_any_sources_and_pixels_without_one(rng: np.random.Gen
         new = np.ascontiguousarray(np.rint(places * 1.3) + rng.integers(0, 12, 2), np.int32)
         state = rng.choice([KEPT, FILLED, ABSENT, ABSENT], (4, 5)).astype(np.int8)
         state.ravel()[rng.permutation(20)[:5]] = FREE
-        taken, costs = np.zeros((4, 5), bool), np.zeros(2, np.int64)
-        cut_window(kernel_costs(lab, slopes), NO_CELLS, NO_PRICE, old, new, state, taken, costs)
+        taken, window = np.zeros((4, 5), bool), (kernel_costs(lab, slopes), NO_CELLS, NO_PRICE, old, new, state)
+        cut_window(*window, taken)
         assert taken[state == FILLED].all()
         assert not taken[state == KEPT].any()
         after = naive.seams(*given, np.where(taken[..., None], new, old), state)
-        assert costs[1] == after
+        assert window_cost(*window, taken) == after
         least = naive.least_seams(given, old, new, state)
         exact += after == least
         assert after <= 1.25 * least

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from texloom.stages.kernels.seams.expansion import expand_in_tiles
-from texloom.stages.kernels.seams.minimum_cut import NO_CELLS, NO_PRICE, cut_window
+from texloom.stages.kernels.seams.minimum_cut import NO_CELLS, NO_PRICE, cut_window, window_cost
 from texloom.stages.kernels.seams.window_state import FILLED, FREE, KEPT
 from texloom.stages.synthesis.stitching.seams import UNIT, SeamCosts
 
@@ -33,10 +33,11 @@ def naive(
     inner[1:-1, 1:-1] = True
 
     def cut(old: np.ndarray, new: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        taken, totals = np.zeros(state.shape, bool), np.zeros(2, np.int64)
+        taken = np.zeros(state.shape, bool)
         pixels = [np.ascontiguousarray(np.moveaxis(one // 2, 0, 2).astype(np.int32)) for one in (old, new)]
-        cut_window(costs, NO_CELLS, price, *pixels, state.astype(np.int8), taken, totals)
-        return taken, totals
+        window = costs, NO_CELLS, price, *pixels, state.astype(np.int8)
+        cut_window(*window, taken)
+        return taken, [window_cost(*window, choice) for choice in (np.zeros_like(taken), taken)]
 
     old = (shift + here)[:, ::2, ::2]
     if cut(old, old, np.where(inner, FILLED, KEPT))[1][0] < least[1]:
