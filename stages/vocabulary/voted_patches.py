@@ -26,6 +26,8 @@ class VotedPatches:
     """standard deviation of the Gaussian weights of the votes, px; None where all weigh alike"""
     border: bool
     """whether the exemplar is continued by its mirror image"""
+    even_joints: bool
+    """whether steps of tone at joints were spread"""
     wraps: Wraps
     """of the result"""
 
@@ -39,6 +41,7 @@ class VotedPatches:
                 int(voting["patch_size"]),
                 None if voting["final_sigma"] is None else float(voting["final_sigma"]),
                 bool(voting["border"]),
+                bool(voting.get("even_joints", False)),
                 Wraps.of(voting["wraps"]),
             )
         except (KeyError, TypeError, IndexError):
@@ -46,7 +49,7 @@ class VotedPatches:
 
     def record(self) -> dict[str, Any]:
         """All but the patches, ready for JSON."""
-        known = {name: getattr(self, name) for name in ("patch_size", "final_sigma", "border")}
+        known = {name: getattr(self, name) for name in ("patch_size", "final_sigma", "border", "even_joints")}
         return {"exemplar": list(self.exemplar), **known, "wraps": str(self.wraps)}
 
     @property

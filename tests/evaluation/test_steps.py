@@ -9,8 +9,9 @@ import pytest
 from scipy import ndimage
 
 from tests.evaluation.helpers import encoded
+from texloom.stages.common.source_maps.tone_steps import ToneSteps
 from texloom.stages.evaluation._measures.pictures import prepare
-from texloom.stages.evaluation._measures.steps import step_map, tone_steps
+from texloom.stages.evaluation._measures.steps import tone_steps
 from texloom.stages.evaluation._measures.table import lines
 from texloom.stages.evaluation._measures.task import Task
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
@@ -36,6 +37,12 @@ def whole(shape: tuple[int, ...]) -> np.ndarray:
 def task(exemplar: np.ndarray, match: np.ndarray, wraps: Wraps = NOWHERE, keep: np.ndarray | None = None) -> Task:
     source, made = prepare(encoded(exemplar), encoded(exemplar[match[..., 0], match[..., 1]]), keep)
     return Task(source, made, source, match, None, wraps, 0.25, 9)
+
+
+def step_map(measured: Task) -> np.ndarray:
+    assert measured.match is not None
+    steps = ToneSteps(measured.exemplar.compared)
+    return steps.at_joints(measured.result.compared, measured.match, measured.wraps, measured.result.counted)
 
 
 def line(exemplar: np.ndarray, match: np.ndarray, **options: Any) -> dict[str, Any]:

@@ -1,10 +1,9 @@
 """Maps without steps at seams, integrated from the exemplar's gradients (gradient-domain compositing)."""
 
 import dataclasses
-import itertools
 import logging
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,9 @@ from jaxtyping import Bool, Float32
 from pydantic import Field
 
 from texloom.stages.common.features.maps import map_channels
+from texloom.stages.common.grids.parts import LARGEST_WHOLE, parts_with_margins
 from texloom.stages.common.grids.screened_poisson import neighbours, screened_poisson, screened_poisson_beside
+from texloom.stages.common.source_maps.source_gradients import source_gradients
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
@@ -22,8 +23,6 @@ from texloom.stages.vocabulary.scratch import bands, empty, release
 from texloom.stages.vocabulary.sizes import format_size
 
 _LOG = logging.getLogger(__name__)
-_LARGEST = 4096**2  # pixels of a result that is integrated as a whole
-_SIDE = 2048  # px; of the parts of larger ones
 _REACHES = 16  # margin of a part in reaches, over which a correction falls below 1e-6 of itself
 _ROOM = 0.1  # of the exemplar's range, by which heights may lie beyond it; 95 % of corrections need at most .08
 _TOLD = 0.01  # share of pixels that are cut by more than a level of 8 bits
@@ -112,10 +111,11 @@ def gradient_domain(
     if keep is not None and keep.shape != (image.height, image.width):
         raise ValueError(f"keep of shape {keep.shape} for an image of {format_size(image)}")
     wrap = image.wraps
-    if image.height * image.width <= _LARGEST:
+    if image.height * image.width <= LARGEST_WHOLE:
         return GradientDomain(image.with_pixels(_integrated(exemplar, image, match, params, wrap, keep)))
     pixels = empty(image.pixels.shape, np.float32)
-    for rows, columns, inner in _parts(image.height, image.width, math.ceil(_REACHES * params.reach), wrap):
+    margin = math.ceil(_REACHES * params.reach)
+    for rows, columns, inner in parts_with_margins(image.height, image.width, margin, wrap):
         place = np.ix_(rows, columns)
         part = image.elsewhere(image.pixels[place])
         kept = None if keep is None else keep[place]
@@ -123,23 +123,6 @@ def gradient_domain(
         pixels[rows[inner[0]][:, None], columns[inner[1]]] = made[inner]
         release(pixels, image.pixels, match)
     return GradientDomain(image.with_pixels(pixels))
-
-
-def _parts(
-    height: int, width: int, margin: int, wrap: Wraps
-) -> Iterator[tuple[np.ndarray, np.ndarray, tuple[slice, slice]]]:
-    """Rows and columns of each part with its margins, and where in these the part itself is."""
-
-    def along(side: int, around: bool) -> Iterator[tuple[np.ndarray, slice]]:
-        for first in range(0, side, _SIDE):
-            last = min(first + _SIDE, side)
-            start, stop = first - margin, last + margin
-            if not around:
-                start, stop = max(0, start), min(side, stop)
-            yield np.arange(start, stop) % side, slice(first - start, last - start)
-
-    for (rows, down), (columns, across) in itertools.product(along(height, wrap.down), along(width, wrap.across)):
-        yield rows, columns, (down, across)
 
 
 def _integrated(
@@ -220,7 +203,7 @@ def _excess(
     excess = np.zeros(values.shape, np.float32)
     for axis in (0, 1):
         for first, second in neighbours(values.shape[0], axis, wrap):
-            wanted, known = _gradients(own, match[first], match[second], usable, axis)
+            wanted, known = source_gradients(own, match[first], match[second], usable, axis)
             missing = np.where(known, wanted - (values[second] - values[first]), np.float32(0))
             if border is not None:
                 missing[border[first] == border[second]] = 0
@@ -228,21 +211,3 @@ def _excess(
             excess[first] += missing
             excess[second] -= missing
     return excess
-
-
-def _gradients(
-    own: ScalarMap, first: np.ndarray, second: np.ndarray, usable: Mask | None, axis: int
-) -> tuple[Float32[np.ndarray, "m n"], Bool[np.ndarray, "m n"]]:
-    """The exemplar's gradient between neighbours with sources ``first`` and ``second``, and where there is one."""
-    total = np.zeros(first.shape[:2], np.float32)
-    count = np.zeros(first.shape[:2], np.float32)
-    for source, sign in ((first, 1), (second, -1)):
-        row, column = source[..., 0].astype(np.int32), source[..., 1].astype(np.int32)
-        beside = [row + sign * (axis == 0), column + sign * (axis == 1)]
-        inside = (beside[axis] >= 0) & (beside[axis] < own.shape[axis])
-        beside[axis] = np.clip(beside[axis], 0, own.shape[axis] - 1)
-        if usable is not None:
-            inside &= usable[beside[0], beside[1]] & usable[row, column]
-        total += np.where(inside, sign * (own[beside[0], beside[1]] - own[row, column]), np.float32(0))
-        count += inside
-    return total / np.maximum(count, 1), count > 0

@@ -26,6 +26,7 @@ from texloom.stages.synthesis.optimisation.coarse_to_fine import (
     patch_scales,
 )
 from texloom.stages.synthesis.optimisation.correspondence import Patches, from_layers, to_layers
+from texloom.stages.synthesis.optimisation.even_joints import EvenJoints
 from texloom.stages.synthesis.optimisation.features import FeaturesOfScale, PatchFeatures
 from texloom.stages.synthesis.optimisation.fixed import FixedPixels
 from texloom.stages.synthesis.optimisation.guides import Guides, expected_use, guides_of
@@ -72,6 +73,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "border": False,
         "whole_cells": False,
         "relaxed_seams": False,
+        "even_joints": False,
         "most_use": None,
     },
     "default": {},
@@ -141,6 +143,9 @@ class OptimiseParams(CoarseToFineParams):
     relaxed_seams: bool = True
     """at the end, seams between pieces of the exemplar move to where they are seen least; where no lattice is
     enforced, there is one exemplar, and nothing is kept or guided"""
+    even_joints: bool = True
+    """at the end, steps of tone that are seen at seams are spread over the pieces beside them, see `EvenJoints`;
+    where there is one exemplar, and nothing is kept or guided"""
 
     def occurrence_at(self, scale: PatchScale) -> float:
         """Weight of spatial uniformity at a scale."""
@@ -329,7 +334,7 @@ class _Optimisation:
         return best_start(exemplar, [self.picture(match, scale) for match in matches], records)
 
 
-@stage(version=3, check=check_patches, in_bands=True, exemplar_bytes=90, seconds=(0.5, 9))
+@stage(version=4, check=check_patches, in_bands=True, exemplar_bytes=90, seconds=(0.5, 9))
 def optimise(
     image: Image,
     start: Correspondence,
@@ -430,7 +435,7 @@ def optimise(
     if rectangles is not None and guides is None:
         shape = (image.height, image.width)
         several = SeveralExemplars.of(rectangles, valid_pixels(image), share, shape).around(border)
-    sides = image.height, image.width
+    exemplar, sides = image, (image.height, image.width)
     image, start = border.around_image(image), border.moved(start)
     phase, regularity = None, params.regularity
     if generators is not None and len(generators) and regularity > 0:
@@ -480,6 +485,9 @@ def optimise(
         if given is None:  # else it is a window of what the caller makes
             tell_holes(_LOG, made)
     border.move_back(source)
+    evens = params.even_joints and all(part is None for part in (keep, guides, rectangles))
+    if evens:
+        EvenJoints(exemplar).apply(made, source, wrap)
     used_area = None if usable is None else int(usable.sum())
     occurrence = occurrence_map(match, (image.height, image.width), params.patch_size, used_area)
     occurrence = border.inside(occurrence, *sides)
@@ -489,7 +497,7 @@ def optimise(
     voted = None
     if keep is None:
         sigma = params.schedule.final_sigma
-        voted = VotedPatches(to_layers(match), sides, params.patch_size, sigma, params.border, wrap)
+        voted = VotedPatches(to_layers(match), sides, params.patch_size, sigma, params.border, evens, wrap)
     return Optimised(
         image=made.wrapping(wrap),
         match=source,

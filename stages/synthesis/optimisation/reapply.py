@@ -6,6 +6,7 @@ from typing import Any
 
 from texloom.stages.common.grids.border import Border
 from texloom.stages.synthesis.optimisation import correspondence
+from texloom.stages.synthesis.optimisation.even_joints import EvenJoints
 from texloom.stages.synthesis.optimisation.vote import result_image, vote_pixels, window
 from texloom.stages.vocabulary.arrays import Correspondence, Image
 from texloom.stages.vocabulary.declare import InputError, NoParams, stage
@@ -32,12 +33,13 @@ def check_exemplar(_: NoParams, known: Mapping[str, Any]) -> None:
         raise InputError(f"image: has {format_size(image)}, but the exemplar of that result had {wanted}")
 
 
-@stage(version=1, check=check_exemplar, in_bands=True)
+@stage(version=2, check=check_exemplar, in_bands=True)
 def reapply(image: Image, votes: VotedPatches) -> Reapplied:
     """Vote maps from the correspondence of an earlier result, as a map of a material that came later.
 
-    It is the last vote of `optimise`, in all channels, linear: the exemplar's own maps give that result, bit for
-    bit. Masked pixels of the maps have the values of the nearest others.
+    It is the last vote of `optimise`, in all channels, linear, and its steps of tone are spread where those of that
+    result were: the exemplar's own maps give it, bit for bit. Masked pixels of the maps have the values of the
+    nearest others.
 
     Parameters
     ----------
@@ -59,4 +61,7 @@ def reapply(image: Image, votes: VotedPatches) -> Reapplied:
     pixels = vote_pixels(match, exemplar.pixels, weights, votes.wraps, votes.margin)
     source = correspondence.to_pixels(match, votes.patch_size, votes.wraps, votes.margin)
     border.move_back(source)
-    return Reapplied(result_image(pixels, exemplar).wrapping(votes.wraps), source)
+    made = result_image(pixels, exemplar)
+    if votes.even_joints:
+        EvenJoints(image).apply(made, source, votes.wraps)
+    return Reapplied(made.wrapping(votes.wraps), source)

@@ -154,8 +154,8 @@ def test_large_results_are_integrated_in_parts(
     match = np.minimum(match, np.uint32(29))
     keep = rng.random(match.shape[:2]) < 0.2 if kept else None
     whole = integrated_height(exemplar, match, tileable, keep, reach=2.0)
-    monkeypatch.setattr("texloom.stages.synthesis.edits.gradient_domain._LARGEST", 100)
-    monkeypatch.setattr("texloom.stages.synthesis.edits.gradient_domain._SIDE", 50)
+    monkeypatch.setattr("texloom.stages.synthesis.edits.gradient_domain.LARGEST_WHOLE", 100)
+    monkeypatch.setattr("texloom.stages.common.grids.parts._SIDE", 50)
     parts = integrated_height(exemplar, match, tileable, keep, reach=2.0)
     np.testing.assert_allclose(parts, whole, atol=2e-4 if kept else 1e-5)
     with using(Scratch(tmp_path, 0)):
