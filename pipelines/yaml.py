@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 import re
 from pathlib import Path
 from typing import Any
@@ -36,7 +38,7 @@ def parse_yaml(text: str, where: str) -> Any:
     if len(text) > _LARGEST:
         raise refused(f"{where}: larger than {_LARGEST} bytes")
     try:
-        return yaml.load(text, Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
+        return copy.deepcopy(_parsed(text))
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = f" (line {mark.line + 1}, column {mark.column + 1})" if mark else ""
@@ -45,6 +47,12 @@ def parse_yaml(text: str, where: str) -> Any:
         raise refused(f"{where}: not valid YAML: {str(error).partition(chr(10))[0]}") from None
     except RecursionError:
         raise refused(f"{where}: not valid YAML: nested too deeply") from None
+
+
+@functools.lru_cache(256)
+def _parsed(text: str) -> Any:
+    """Not to be changed: flows include the same files over and over, and PyYAML takes some 25 ms for each."""
+    return yaml.load(text, Loader=_PlainLoader)  # noqa: S506 (a SafeLoader)
 
 
 class _PlainLoader(yaml.SafeLoader):

@@ -53,9 +53,14 @@ settings.load_profile("texloom")
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """A file's tests run in one worker, so that kernels which no other file needs are compiled once."""
+    """A file's tests run in one worker, so that kernels which no other file needs are compiled once.
+
+    Files come in the order of their names: by the number of tests, as is usual, those of few and long tests would
+    come last, and leave workers idle.
+    """
     from xdist.scheduler import LoadFileScheduling
 
+    config.option.loadscopereorder = False
     return LoadFileScheduling(config, log)
 
 

@@ -85,10 +85,15 @@ def stamped(
     spread = jitter * np.hypot(*generators.T).min()
     pixels = np.full((*shape, 3), 0.4)
     for centre in points(generators, shape, rng.uniform(0, 40, 2)):
-        top, left = centre + rng.uniform(-spread, spread, 2) - side // 2
-        to = np.array([[1, 0, left], [0, 1, top]])  # between pixels, as lattices have it
-        alpha = cv2.warpAffine(cover, to, shape[::-1])[..., None]
-        pixels += alpha * (cv2.warpAffine(motif, to, shape[::-1], borderMode=cv2.BORDER_CONSTANT) - pixels)
+        corner = centre + rng.uniform(-spread, spread, 2) - side // 2
+        first = np.maximum(np.floor(corner).astype(int) - 1, 0)
+        (top, left), (bottom, right) = first, np.minimum(np.floor(corner).astype(int) + side + 2, shape)
+        if bottom > top and right > left:
+            under = pixels[top:bottom, left:right]
+            # between pixels, as lattices have it
+            to = np.array([[1, 0, corner[1] - left], [0, 1, corner[0] - top]])
+            alpha = cv2.warpAffine(cover, to, under.shape[1::-1])[..., None]
+            under += alpha * (cv2.warpAffine(motif, to, under.shape[1::-1]) - under)
     return picture(np.clip(pixels + rng.normal(0, 0.03, pixels.shape), 0, 1))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import json
 import re
@@ -68,7 +69,7 @@ def description(name: str) -> dict[str, Any]:
         },
         "params": _params(stage),
         "outputs": {
-            key: {"type": str(Hint.of(hint)), "what": field_help(stage.result).get(key, "")}
+            key: {"type": str(Hint.of(hint)), "what": _help_of(stage.result).get(key, "")}  # type: ignore[arg-type]
             for key, hint in stage.outputs.items()
         },
         "uses_seed": stage.uses_rng,
@@ -137,7 +138,7 @@ def _entries(text: str) -> dict[str, str]:
 
 
 def _params(stage: Stage) -> dict[str, Any]:
-    found, texts = {}, field_help(stage.params)
+    found, texts = {}, _help_of(stage.params)
     required = [name for name, field in stage.params.model_fields.items() if field.is_required()]
     # A model may fill in what is not given, so what its fields declare is not all.
     defaults = {} if required else stage.params().model_dump(mode="json")
@@ -152,6 +153,12 @@ def _params(stage: Stage) -> dict[str, Any]:
             "what": texts.get(name, ""),
         }
     return found
+
+
+@functools.cache
+def _help_of(kind: Any) -> dict[str, str]:
+    """`field_help`, which reads source; flows have many steps of one stage."""
+    return field_help(kind)
 
 
 def _worded(kind: Any, is_size: bool = False) -> str:

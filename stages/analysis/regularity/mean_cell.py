@@ -142,22 +142,32 @@ def _cut(
     offsets: Float64[np.ndarray, "p 2"],
 ) -> Float32[np.ndarray, "k p c"]:
     """The pixels of all cells; NaN where they are not known."""
-    places = np.rint(corner[:, None] + offsets).astype(np.int64)
-    inside = ((places >= 0) & (places < known.shape)).all(axis=2)
-    row, column = np.moveaxis(np.clip(places, 0, np.array(known.shape) - 1), 2, 0)
+    height, width = known.shape
+    row, column = (np.rint(corner[:, axis, None] + offsets[:, axis]).astype(np.int64) for axis in (0, 1))
+    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    row, column = np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)
     inside &= known[row, column]
-    return np.where(inside[..., None], planes[row, column], np.float32(np.nan))
+    cells = planes[row, column]
+    cells[~inside] = np.nan
+    return cells
 
 
 def _median(cells: Float32[np.ndarray, "k p c"]) -> Float32[np.ndarray, "p c"]:
     """Over the cells, of those that are known; of a pixel that none of them knows, the median of all."""
-    ordered = np.sort(cells, axis=0)  # NaN last
+    median = _known_median(cells)
+    if np.isfinite(median).all():
+        return median
+    return np.asarray(np.where(np.isfinite(median), median, np.nanmedian(cells, axis=(0, 1))), np.float32)
+
+
+def _known_median(values: Float32[np.ndarray, "n k c"]) -> Float32[np.ndarray, "k c"]:
+    """Over the first axis, of what is known; NaN where nothing is."""
+    ordered = np.sort(values, axis=0)  # NaN last
     count = np.isfinite(ordered).sum(axis=0)
     low, high = (
         np.take_along_axis(ordered, index[None], 0)[0] for index in (np.maximum(count - 1, 0) // 2, count // 2)
     )
-    median = (low + high) / 2
-    return np.asarray(np.where(np.isfinite(median), median, np.nanmedian(cells, axis=(0, 1))), np.float32)
+    return np.asarray((low + high) / 2, np.float32)
 
 
 def _placed(
@@ -176,9 +186,9 @@ def _placed(
     around = around[np.argsort(np.abs(around).sum(axis=1), kind="stable")]  # the smallest of several equal moves
     step = max(1, reach // 4)
     for move in around[(around % step == 0).all(axis=1)]:
-        cells = _cut(planes, known, corner + move, offsets[thin])
-        shift = _median(np.moveaxis(cells - median[thin], 1, 0))  # (cells, c): tint of each
-        difference = np.abs(cells - median[thin] - shift[:, None]).mean(axis=2)
+        off = _cut(planes, known, corner + move, offsets[thin]) - median[thin]
+        shift = _known_median(np.moveaxis(off, 1, 0))  # (cells, c): tint of each
+        difference = np.abs(off - shift[:, None]).mean(axis=2)
         counts = np.isfinite(difference).sum(axis=1)
         mean = np.where(np.isfinite(difference), difference, 0).sum(axis=1) / np.maximum(counts, 1)
         mean = np.where(counts >= difference.shape[1] // 4, mean, np.inf)

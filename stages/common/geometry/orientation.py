@@ -165,9 +165,13 @@ def signed_angles(angle: ScalarMap, wrap: Wraps = NOWHERE) -> ScalarMap:
     cost = 1.001 - np.abs(cos(flat[first] - flat[second])) * np.minimum(coherence[first], coherence[second])
     tree = csgraph.minimum_spanning_tree(sparse.coo_array((cost, (first, second)), (flat.size, flat.size)).tocsr())
     order, before = csgraph.breadth_first_order(tree, 0, directed=False)
-    for place in order[1:]:
-        if cos(flat[place] - flat[before[place]]) < 0:
-            flat[place] += np.pi
+    # whether a place turns: where the one before it keeps its sign, and where that turns
+    places, others = order[1:], before[order[1:]]
+    turns = [cos(flat[places] - (flat[others] + turn)) < 0 for turn in (0, np.pi)]
+    is_turned = [False] * flat.size
+    for place, other, *turn in np.stack([places, others, *turns], axis=1).tolist():
+        is_turned[place] = bool(turn[is_turned[other]])
+    flat[is_turned] += np.pi
     signed = cv2.resize(
         np.dstack([cos(flat), sin(flat)]).reshape(*coarse.shape, 2), (width, height),
         interpolation=cv2.INTER_NEAREST,

@@ -56,6 +56,14 @@ def test_excluded_pixels_have_no_influence() -> None:
     np.testing.assert_array_equal(one.expected, two.expected)
 
 
+def test_what_no_cell_shows_is_taken_as_the_median_of_all() -> None:
+    clean, _ = wall()
+    valid = np.arange(clean.shape[0]) % 20 < 10
+    found = mean_cell(clean, GENERATORS, np.repeat(valid[:, None], clean.shape[1], axis=1))
+    assert np.isfinite(found.median).all()
+    np.testing.assert_allclose(found.median[15], np.broadcast_to([60, 60, 60], (30, 3)), atol=1)
+
+
 def test_a_skewed_lattice_is_followed() -> None:
     frame = np.array([[15.0, 6.0], [-4.0, 22.0]])
     rows, columns = np.indices((140, 150))

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import functools
 import hashlib
 import re
 from pathlib import Path
@@ -120,10 +121,16 @@ def test_grey_pictures_count_as_colour() -> None:
     np.testing.assert_array_equal(edges(single, EdgesParams()).strength, edges(image, EdgesParams()).strength)
 
 
+@functools.cache
+def forest_text() -> str:
+    """The shipped forest as OpenCV reads it."""
+    return opencv_text(np.load(MODEL))
+
+
 def forest(path: Path, leave_out: str = "nothing", value: str = r"\1") -> Path:
-    """The shipped forest as OpenCV reads it, with an entry renamed, or another value of the options."""
-    text = opencv_text(np.load(MODEL)).replace(f"{leave_out}:", "other:")
-    path.write_text(re.sub(r"(?<=stride: )(\d+)", value, text))
+    """It in a file, with an entry renamed, or another value of the first option."""
+    text = forest_text().replace(f"{leave_out}:", "other:")
+    path.write_text(re.sub(r"(?<=stride: )(\d+)", value, text, count=1))
     return path
 
 

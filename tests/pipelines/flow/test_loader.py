@@ -591,6 +591,8 @@ def test_any_override_is_taken_or_refused_on_one_line(
 def test_parse_yaml_of_plain_values() -> None:
     values = parse_yaml("[1, 2.5, text, true, null, {a: 1e-3}]", "here")
     assert values == [1, 2.5, "text", True, None, {"a": "1e-3"}]
+    values[5]["a"] = 2
+    assert parse_yaml("[1, 2.5, text, true, null, {a: 1e-3}]", "here")[5:] == [{"a": "1e-3"}], "read anew"
     assert parse_yaml("[-3, +4, 0, 1_000, 0x200, 0b11, 010, 1:30]", "here") == [
         *(-3, 4, 0, 1000),
         *("0x200", "0b11", "010", "1:30"),  # numbers to YAML 1.1, to nobody else
