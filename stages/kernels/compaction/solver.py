@@ -187,7 +187,7 @@ def match_by_coherence(neighbourhoods, source, candidates, moved, match, distanc
 @inner(inline="always")
 def _add_neighbourhood(shape, pixels, row, column, sums, counts, to_row, to_column):
     """Add the pixels of a neighbourhood to ``sums`` and their number to ``counts``, both at another place."""
-    channels, run = shape.channels, len(shape.run)
+    channels, run = shape.channels, shape.size * shape.channels
     for i in range(shape.size):
         values = pixels[row + i, column * channels : column * channels + run]
         into = sums[to_row + i, to_column * channels : to_column * channels + run]

@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from texloom.stages.kernels.core.compiled import compiled, inner
-from texloom.stages.kernels.core.row_distance import row_distance, two_row_distance
+from texloom.stages.kernels.core.row_distance import LENGTHS, row_distance, two_row_distance
 
 _DRAWS = 5  # positions drawn for one random try until one passes the limit on the occurrence penalty
+_USUAL = (20, 24, 40, 48, 80, 96)  # values in a row by the presets; kernels for one length save up to a tenth
 _RUN = 64  # places that are skipped at once where nothing is used near them
 _OPEN, _FORWARD, _BACKWARD = 1, 2, 4  # of `Target.active`
 ALL_ACTIVE = _OPEN | _FORWARD | _BACKWARD
@@ -20,18 +21,20 @@ ALL_ACTIVE = _OPEN | _FORWARD | _BACKWARD
 
 
 class PatchShape(NamedTuple):
-    """Size of a patch; the compiler knows the length of its rows, which is what makes distances fast."""
+    """Size of a patch."""
 
     size: int
     """side, px"""
-    run: tuple[Any, ...]
-    """as many int8 as a row of a patch has values: the type of the tuple gives the length"""
+    run: Any
+    """values in a row of a patch; or as many int8, where the compiler is to know how many"""
     channels: int
 
     @classmethod
     def of(cls, size: int, channels: int) -> "PatchShape":
         """Patches of ``size`` x ``size`` pixels with ``channels`` values each."""
-        return cls(size, (np.int8(0),) * (size * channels), channels)
+        values = size * channels
+        known = values in _USUAL or values not in LENGTHS
+        return cls(size, (np.int8(0),) * values if known else values, channels)
 
 
 class Target(NamedTuple):

@@ -374,7 +374,7 @@ def test_little_used_places_are_drawn_by_what_they_lack(exemplar: np.ndarray, ma
     assert drawn[PLACES[0] // 2 + SIZE :].sum() > drawn[: PLACES[0] // 2].sum()
 
 
-@pytest.mark.parametrize(("size", "channels"), [(11, 4), (32, 8)])
+@pytest.mark.parametrize(("size", "channels"), [(11, 4), (12, 4), (32, 8), (23, 16)])
 def test_the_most_different_features_have_the_right_distance(size: int, channels: int) -> None:
     white, black = (fixed_point(np.full((size, size, channels), v, np.float32)) for v in (1e9, -1e9))
     origin = np.zeros((2, 1, 1), np.int32)
