@@ -48,7 +48,7 @@ class Objective(NamedTuple):
     """the compaction is a torus"""
 
 
-@compiled(forceinline=True)
+@inner(forceinline=True)
 def _distance(neighbourhoods, y, x, row, column, limit):
     """Distance of the neighbourhood of a grid point to one of the other picture; see `patch_distance`."""
     shape, features, others, step = neighbourhoods
@@ -242,7 +242,7 @@ def pixel_difference(features, channels, row, column, other_row, other_column):
     return total
 
 
-@compiled
+@inner
 def _difference(texture, width, channels, row, column, other_row, other_column):
     """Squared difference of two texture pixels; 0 where one is outside."""
     height = texture.shape[0]
