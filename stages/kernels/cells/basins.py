@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
+from texloom.stages.kernels.core.compiled import compiled, inner
 
 
 @compiled
@@ -20,7 +20,7 @@ def flood(values, order, depth, basin):
     basin : (h * w,) int64
     """
     height, width = values.shape
-    lowest = np.zeros(height * width, np.float32)
+    lowest = np.empty(height * width, np.float32)  # of a basin's first pixel
     found = np.empty(4, np.int64)
     basin[:] = -1
     for place in order:
@@ -54,7 +54,7 @@ def flood(values, order, depth, basin):
         basin[place] = _root(basin, place)
 
 
-@compiled
+@inner
 def _root(basin, place):
     while basin[place] != place:
         basin[place] = basin[basin[place]]

@@ -2,11 +2,9 @@
 
 import numpy as np
 
-from texloom.stages.kernels.core.compiled import compiled
-from texloom.stages.kernels.seams.minimum_cut import cut_window, window_cost
+from texloom.stages.kernels.seams.minimum_cut import NO_PRICE, cut_window, window_cost
 
 
-@compiled
 def cut_cells(costs, inside, old, rows, shifts, state, first, last, taken, totals):
     """Fill ``taken`` with the pixels that take the new source so that all seams in a window cost least.
 
@@ -21,20 +19,14 @@ def cut_cells(costs, inside, old, rows, shifts, state, first, last, taken, total
     taken : (n, width) bool, filled for windows first..last
     totals : (windows, 2) int64, costs of windows before and after, see `window_cost`
     """
-    no_price = np.zeros((0, 0), np.int32)  # a constant array would be of another type
     for window in range(first, last):
-        top, height, width = rows[window], rows[window + 1] - rows[window], shifts[window, 2]
-        # Contiguous copies: `cut_window` is compiled for such arrays alone.
-        own, new = np.empty((height, width, 2), np.int32), np.empty((height, width, 2), np.int32)
-        own_state, own_taken = np.empty((height, width), np.int8), np.empty((height, width), np.bool_)
-        for y in range(height):
-            for x in range(width):
-                own[y, x, 0], own[y, x, 1] = old[top + y, x, 0], old[top + y, x, 1]
-                new[y, x, 0], new[y, x, 1] = shifts[window, 0] + y, shifts[window, 1] + x
-                own_state[y, x] = state[top + y, x]
-        totals[window, 0] = window_cost(costs, inside, no_price, own, own, own_state, own_taken)
-        cut_window(costs, inside, no_price, own, new, own_state, own_taken)
-        totals[window, 1] = window_cost(costs, inside, no_price, own, new, own_state, own_taken)
-        for y in range(height):
-            for x in range(width):
-                taken[top + y, x] = own_taken[y, x]
+        view = np.s_[rows[window] : rows[window + 1], : shifts[window, 2]]
+        own, own_state = np.ascontiguousarray(old[view]), np.ascontiguousarray(state[view])
+        new = np.empty_like(own)
+        new[..., 0] = shifts[window, 0] + np.arange(new.shape[0])[:, None]
+        new[..., 1] = shifts[window, 1] + np.arange(new.shape[1])
+        own_taken = np.zeros(own_state.shape, np.bool_)
+        totals[window, 0] = window_cost(costs, inside, NO_PRICE, own, own, own_state, own_taken)
+        cut_window(costs, inside, NO_PRICE, own, new, own_state, own_taken)
+        totals[window, 1] = window_cost(costs, inside, NO_PRICE, own, new, own_state, own_taken)
+        taken[view] = own_taken

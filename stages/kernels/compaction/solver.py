@@ -48,7 +48,7 @@ class Objective(NamedTuple):
     """the compaction is a torus"""
 
 
-@compiled(forceinline=True)
+@inner(forceinline=True)
 def _distance(neighbourhoods, y, x, row, column, limit):
     """Distance of the neighbourhood of a grid point to one of the other picture; see `patch_distance`."""
     shape, features, others, step = neighbourhoods
@@ -187,7 +187,7 @@ def match_by_coherence(neighbourhoods, source, candidates, moved, match, distanc
 @inner(inline="always")
 def _add_neighbourhood(shape, pixels, row, column, sums, counts, to_row, to_column):
     """Add the pixels of a neighbourhood to ``sums`` and their number to ``counts``, both at another place."""
-    channels, run = shape.channels, len(shape.run)
+    channels, run = shape.channels, shape.size * shape.channels
     for i in range(shape.size):
         values = pixels[row + i, column * channels : column * channels + run]
         into = sums[to_row + i, to_column * channels : to_column * channels + run]
@@ -242,7 +242,7 @@ def pixel_difference(features, channels, row, column, other_row, other_column):
     return total
 
 
-@compiled
+@inner
 def _difference(texture, width, channels, row, column, other_row, other_column):
     """Squared difference of two texture pixels; 0 where one is outside."""
     height = texture.shape[0]

@@ -35,9 +35,9 @@ def fill_lab(color, matrix, lab):
                     total += (kind(0) if light <= 0 else light) * matrix[j, k]  # what is not finite stays
                 own[i] = total
                 value[i] = np.float64(total) if total > 0 else 1.0
-            bits, roots = value.view(np.uint64), root.view(np.uint64)
             for i in range(count):
-                roots[i] = bits[i] // np.uint64(3) + np.uint64(THIRD_OF_BITS)
+                bits = np.float64(value[i]).view(np.uint64) // np.uint64(3) + np.uint64(THIRD_OF_BITS)
+                root[i] = np.uint64(bits).view(np.float64)
             for i in range(count):
                 r, v = root[i], value[i]
                 for _ in range(4):

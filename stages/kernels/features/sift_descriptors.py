@@ -144,7 +144,10 @@ def find_extrema(levels, least):
             for x in range(_BORDER, width - _BORDER):
                 if flags[x - _BORDER] and _is_extremum(levels, layer, y, x):
                     if number == len(found):
-                        found = np.concatenate((found, np.empty_like(found)))
+                        before, found = found, np.empty((2 * number, 7))
+                        for i in range(number):
+                            for k in range(7):
+                                found[i, k] = before[i, k]
                     if _refined(levels, layer, y, x, found[number]):
                         number += 1
     return found[:number]
@@ -184,7 +187,8 @@ def describe(picture, y, x, cosine, sine, angle, scale, out):
     """Fill ``out``, (128,), with integers that describe what lies around (y, x) of a (h, w) float32 picture."""
     height, width = picture.shape
     step = 3.0 * scale
-    radius = min(int(np.rint(step * math.sqrt(2.0) * (_SIDE + 1) * 0.5)), int(math.sqrt(height**2 + width**2)))
+    diagonal = int(math.sqrt(height * height + width * width))
+    radius = min(int(np.rint(step * math.sqrt(2.0) * (_SIDE + 1) * 0.5)), diagonal)
     row, column = int(np.rint(y)), int(np.rint(x))
     cells = np.zeros((_SIDE + 2, _SIDE + 2, _PARTS))
     for i in range(max(-radius, 1 - row), min(radius, height - 2 - row) + 1):
@@ -195,7 +199,8 @@ def describe(picture, y, x, cosine, sine, angle, scale, out):
                 continue
             dx = np.float64(picture[row + i, column + j + 1]) - picture[row + i, column + j - 1]
             dy = np.float64(picture[row + i - 1, column + j]) - picture[row + i + 1, column + j]
-            size = math.sqrt(dx * dx + dy * dy) * _exp_of_minus((down * down + across * across) * (2.0 / _SIDE**2))
+            away = down * down + across * across
+            size = math.sqrt(dx * dx + dy * dy) * _exp_of_minus(away * (2.0 / (_SIDE * _SIDE)))
             turned = _direction(dy, dx) - angle
             turn = (turned if turned >= 0 else turned + _TAU) * (_PARTS / _TAU)
             r0, c0, t0 = math.floor(r), math.floor(c), math.floor(turn)

@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from texloom.stages.kernels.core.compiled import compiled, inner
-from texloom.stages.kernels.core.row_distance import row_distance, two_row_distance
+from texloom.stages.kernels.core.row_distance import LENGTHS, row_distance, two_row_distance
 
 _DRAWS = 5  # positions drawn for one random try until one passes the limit on the occurrence penalty
+_USUAL = (20, 24, 40, 48, 80, 96)  # values in a row by the presets; kernels for one length save up to a tenth
 _RUN = 64  # places that are skipped at once where nothing is used near them
 _OPEN, _FORWARD, _BACKWARD = 1, 2, 4  # of `Target.active`
 ALL_ACTIVE = _OPEN | _FORWARD | _BACKWARD
@@ -20,18 +21,20 @@ ALL_ACTIVE = _OPEN | _FORWARD | _BACKWARD
 
 
 class PatchShape(NamedTuple):
-    """Size of a patch; the compiler knows the length of its rows, which is what makes distances fast."""
+    """Size of a patch."""
 
     size: int
     """side, px"""
-    run: tuple[Any, ...]
-    """as many int8 as a row of a patch has values: the type of the tuple gives the length"""
+    run: Any
+    """values in a row of a patch; or as many int8, where the compiler is to know how many"""
     channels: int
 
     @classmethod
     def of(cls, size: int, channels: int) -> "PatchShape":
         """Patches of ``size`` x ``size`` pixels with ``channels`` values each."""
-        return cls(size, (np.int8(0),) * (size * channels), channels)
+        values = size * channels
+        known = values in _USUAL or values not in LENGTHS
+        return cls(size, (np.int8(0),) * values if known else values, channels)
 
 
 class Target(NamedTuple):
@@ -108,11 +111,10 @@ def count_matches(row, column, counts):
 
 @compiled
 def count_moves(moves, counts):
-    """Update ``counts`` by what `sweep` returns."""
-    flat = counts.reshape(counts.size)
+    """Update ``counts``, those of all exemplar patches in one row, by what `sweep` returns."""
     for k in range(moves.shape[0]):
-        flat[moves[k, 0]] -= 1
-        flat[moves[k, 1]] += 1
+        counts[moves[k, 0]] -= 1
+        counts[moves[k, 1]] += 1
 
 
 @compiled
@@ -137,7 +139,7 @@ def occurrence_penalty(counts, patch_size, penalty_per_use, penalty):
         for x in range(width):
             total[x] += (patch_size - y) * counts[y, x]
             below[x] += counts[y, x]
-    scale = penalty_per_use / patch_size**2
+    scale = penalty_per_use / (patch_size * patch_size)
     for y in range(height):
         _tents_across(total, patch_size, scale, penalty[y])
         # From row to row each value above counts once less, each below once more.
@@ -181,7 +183,7 @@ def _tents_across(values, side, scale, penalty):
     for x in range(min(side, width)):
         total += (side - x) * values[x]
         below += values[x]
-    here = _any(values, 0, _RUN)
+    here = _any(values, np.int64(0), np.int64(_RUN))  # of one type, for which it is compiled once
     before = False
     for first in range(0, width, _RUN):
         last = min(first + _RUN, width)
@@ -193,7 +195,8 @@ def _tents_across(values, side, scale, penalty):
                 below += (values[x + side] if x + side < width else 0) - values[x]
                 total += below - above
         else:
-            penalty[first:last] = 0
+            for x in range(first, last):
+                penalty[x] = 0
         before, here = here, after
 
 
@@ -250,7 +253,7 @@ def match_distances(shape, target, exemplar, first, last):
         for x in range(row.shape[1]):
             r, c = np.int64(row[y, x]), np.int64(column[y, x])
             if y > first and row[y - 1, x] + 1 == r and column[y - 1, x] == c:
-                d = _distance_beside(shape, features, y, x, exemplar, r, c, 1, y - 1, distance[y - 1, x])
+                d = _distance_beside(shape, features, y, x, exemplar, r, c, np.int64(1), y - 1, distance[y - 1, x])
             else:
                 d = patch_distance(shape, features, y, x, exemplar, r, c, no_limit)
             distance[y, x] = d

@@ -25,10 +25,11 @@ class Votes(NamedTuple):
 
 
 @compiled
-def find_runs(votes, longest, first, last):
+def find_runs(row, column, patch_size, wrap, longest, first, last):
     """Find runs of patches side by side whose matches are side by side, of those over rows ``first`` to ``last``.
 
-    No run crosses a multiple of ``longest``, so that more of them are like the one above.
+    No run crosses a multiple of ``longest``, so that more of them are like the one above. For ``row``, ``column``,
+    ``patch_size`` and ``wrap`` see `Votes`, which is a type for each type of exemplar.
 
     Returns
     -------
@@ -36,12 +37,12 @@ def find_runs(votes, longest, first, last):
     each run its first patch and length, the row and column of that one's match, in how many rows above the run is
     the same, and whether it is in the row below; and the number of runs of each row.
     """
-    row, column, before = votes.row, votes.column, votes.patch_size - 1
     down, across = row.shape
+    before = patch_size - 1
     runs = np.empty((last - first + before, across, 6), np.int32)
     count = np.zeros(runs.shape[0], np.int64)
     for k in range(runs.shape[0]):
-        y = wrap_index(first - before + k, down, votes.wrap.down)
+        y = wrap_index(first - before + k, down, wrap.down)
         if y < 0:
             continue
         x, beside = 0, 0

@@ -50,7 +50,7 @@ def cut_window(costs, inside, price, old, new, state, taken):
             for x in range(width - (axis == 1)):
                 v, u = y + (axis == 0), x + (axis == 1)
                 one, other = state[y, x], state[v, u]
-                if ABSENT in (one, other) or FREE not in (one, other):
+                if one == ABSENT or other == ABSENT or (one != FREE and other != FREE):
                     continue
                 first, second = node[y, x], node[v, u]
                 if one == FREE and other == FREE:
@@ -96,7 +96,7 @@ def window_cost(costs, inside, price, old, new, state, taken):
             for x in range(state.shape[1] - (axis == 1)):
                 v, u = y + (axis == 0), x + (axis == 1)
                 one, other = state[y, x], state[v, u]
-                if ABSENT in (one, other) or (one == KEPT and other == KEPT):
+                if one == ABSENT or other == ABSENT or (one == KEPT and other == KEPT):
                     continue
                 first = new[y, x] if taken[y, x] else old[y, x]
                 second = new[v, u] if taken[v, u] else old[v, u]

@@ -174,7 +174,7 @@ class Search:
                 )
                 calls = [(self.shape, own, exemplar, scan, *span) for span in phase]
                 for moves, distances in run_released(sweep, calls, used):
-                    count_moves(moves, self.counts)
+                    count_moves(moves, self.counts.reshape(-1))
                     changed += len(moves)
                     self.compared += distances
             total += changed

@@ -81,7 +81,8 @@ def mean_vote(
 
     def vote(first: int, last: int) -> None:
         sums = np.empty((last - first, (match.shape[2] + patch_size - 1) * channels), np.float32)
-        vote_sums(votes, *shares, *find_runs(votes, _RUN, first, last), sums)
+        runs = find_runs(*match, patch_size, wrap, _RUN, first, last)
+        vote_sums(votes, *shares, *runs, sums)
         round_votes(sums, *weights, target, first, last)
 
     run_bands(vote, (), down.size, (match, target))
@@ -131,7 +132,7 @@ def vote_pixels(
     def vote(first: int, last: int) -> None:
         first, last = first + above, last + above
         sums = np.empty((last - first, (match.shape[2] + window.size - 1) * channels), np.float32)
-        runs, count = find_runs(votes, _RUN, first, last)
+        runs, count = find_runs(*match, window.size, wrap, _RUN, first, last)
         runs[..., 4:] = 0  # no blocks, which end where these rows end: sums are rounded
         vote_sums(votes, *shares, runs, count, sums)
         sums = sums[:, : across.size * channels].reshape(last - first, across.size, channels)
@@ -236,7 +237,8 @@ class HistogramVote:
             (self.exemplar.shape[0], self.exemplar.shape[1] // self.channels * (self.channels + 1)), np.float32
         )
         votes = Votes(match[0], match[1], table, self.channels + 1, self.patch_size, self.wrap)
-        voting = (votes, self.shares, *find_runs(votes, _RUN, 0, height), self.lows, self.widths)
+        runs = find_runs(*match, self.patch_size, self.wrap, _RUN, 0, height)
+        voting = (votes, self.shares, *runs, self.lows, self.widths)
         rows = order.permutation(height)
         chunks = np.array_split(rows, min(_CHUNKS, height))
         if table.size < _TABLE_PIECE and len(chunks[0]) * width < _PIECE:

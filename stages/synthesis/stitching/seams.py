@@ -88,7 +88,7 @@ def cheapest_cut(
     filled = state == FILLED
     if not (state == FREE).any():
         return filled, 0
-    window = costs.given, NO_CELLS, NO_PRICE, np.ascontiguousarray(old), np.ascontiguousarray(new), state
+    window = costs.given, NO_CELLS, NO_PRICE, *map(np.ascontiguousarray, (old, new, state))
     taken = np.empty(state.shape, bool)
     cut_window(*window, taken)
     saved = int(window_cost(*window, filled) - window_cost(*window, taken))

@@ -10,7 +10,7 @@ from pathlib import Path
 RUN = """
 import numpy as np
 from texloom.stages.kernels.patchmatch.search import count_moves
-count_moves(np.zeros((1, 2), np.int64), np.zeros((2, 2), np.int64))
+count_moves(np.zeros((1, 2), np.int64), np.zeros(4, np.int64))
 print(len(count_moves.stats.cache_hits), len(count_moves.stats.cache_misses))
 """
 

@@ -121,7 +121,7 @@ def test_histogram_vote_equals_twin(size: int, channels: int, wrap: Wraps, rng: 
     votes = Votes(*match, table, channels + 1, size, wrap)
     lows, widths = np.full(channels, -4000, np.float32), np.full(channels, 800, np.float32)
     change, shares = np.zeros((channels, 10), np.int64), run_shares(window(size), channels + 1)
-    runs = find_runs(votes, len(shares), 0, height)
+    runs = find_runs(*match, size, wrap, len(shares), 0, height)
     histogram_votes(
         votes, shares, *runs, lows, widths, rows, np.array([len(rows)]), target, change, np.zeros(change.shape),
         flat(exemplar), flat(bins), True,
