@@ -9,6 +9,7 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis.regularity.autocorrelation import AutocorrelationParams, dominant_peaks
+from texloom.stages.analysis.regularity.course_phase import lattice_in_phase
 from texloom.stages.analysis.regularity.courses import CoursesParams, detected_courses
 from texloom.stages.analysis.regularity.fanning_lines import fan_of_lines
 from texloom.stages.analysis.regularity.full_resolution import refined_in_full
@@ -90,7 +91,7 @@ class LatticeSelection:
     significance: float
     """of ``best``; 0 for courses"""
     chosen: str
-    """`features`, `autocorrelation`, `short offsets`, `gradients`, `courses`, `lines`, `known`, or `none`"""
+    """`features`, `autocorrelation`, `short offsets`, `gradients`, `courses`, `phase`, `lines`, `known`, `none`"""
     shown: float = 0.0
     """how often the exemplar shows its structure: the number of periods, in the direction of fewest, fewer where
     directions change from cell to cell, as in a herringbone of which only the planks' width repeats; or without a
@@ -101,10 +102,10 @@ class LatticeSelection:
     """degrees by which its lines turn from side to side, see `fan_of_lines`; 0 where they do not clearly"""
 
 
-Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "courses", "lines"]
+Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "courses", "phase", "lines"]
 
 
-@stage(version=5)
+@stage(version=6)
 def lattice_selection(
     image: Image, density: ScalarMap, params: LatticeSelectionParams, known: Vectors | None = None
 ) -> LatticeSelection:
@@ -121,6 +122,7 @@ def lattice_selection(
     gradient repeats clearly better is selected, if there is one: squares of a checkerboard repeat nearly, pairs of
     them exactly. Where all fail, courses may have an even spacing and a free phase along them, or lines an uneven
     one (see ``lines``). Courses are also preferred to a lattice that is barely confident and barely significant.
+    Where elements of courses are equally long and line up in every second or third one, they are a lattice.
 
     Of an exemplar of more than 1.5 million pixels, its `working_image` is searched, and generators of two
     dimensions and periods of lines are refined in the exemplar itself.
@@ -192,6 +194,8 @@ def _selected(image: Image, density: ScalarMap, params: LatticeSelectionParams) 
         further = _further_lattice(lightness, gradients, planes[1], correlation, params)
         selected = further or _rows(planes, params) or selected
         shown = elements(gradients)
+    if selected.chosen == "courses":
+        selected = _in_phase(selected, correlation, params) or selected
     report(Progress(0.8))
     if len(selected.generators) == 2:
         gradients = gradient_magnitude(lightness, valid)
@@ -296,6 +300,14 @@ def _courses(planes: tuple[ScalarMap, ScalarMap], params: LatticeSelectionParams
     if not len(rows.generators):
         return None
     return LatticeSelection(rows.generators, rows.best, rows.confidence, 0.0, "courses")
+
+
+def _in_phase(
+    courses: LatticeSelection, correlation: ScalarMap, params: LatticeSelectionParams
+) -> LatticeSelection | None:
+    """The lattice of courses whose elements line up, if they do."""
+    found = lattice_in_phase(correlation, courses.generators[0].astype(np.float64), params.min_length)
+    return None if found is None else _selection(found, correlation, "phase")
 
 
 def _lattice_params(params: LatticeSelectionParams, **others: float) -> LatticeParams:
