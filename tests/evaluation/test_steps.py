@@ -41,7 +41,8 @@ def task(exemplar: np.ndarray, match: np.ndarray, wraps: Wraps = NOWHERE, keep: 
 
 def step_map(measured: Task) -> np.ndarray:
     assert measured.match is not None
-    steps = ToneSteps(measured.exemplar.compared)
+    known = measured.exemplar.compared
+    steps = ToneSteps(known.shape[:2], lambda first, last: known[first:last])
     return steps.at_joints(measured.result.compared, measured.match, measured.wraps, measured.result.counted)
 
 

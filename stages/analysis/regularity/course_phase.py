@@ -4,7 +4,6 @@ import numpy as np
 from jaxtyping import Float64
 
 from texloom.stages.analysis.regularity.lattice import mean_around, significance
-from texloom.stages.kernels.core.resample import sampled
 from texloom.stages.vocabulary.arrays import ScalarMap, Vectors
 
 _CONFIDENCE = 0.5  # mean correlation at the nearest lattice points; letters meet as often, but at random
@@ -33,7 +32,7 @@ def lattice_in_phase(correlation: ScalarMap, step: Float64[np.ndarray, "2"], min
     Ours.
     """
     along = np.array([-step[1], step[0]]) / np.hypot(*step)
-    reach = int(_REACH * (np.abs(along) @ np.array(correlation.shape)) / 2)
+    reach = int(_REACH * float((np.abs(along) * correlation.shape).sum()) / 2)
     offsets = np.arange(-reach, reach + 1)
     periods = [x for x in _peaks(correlation, 0 * step, along, offsets) if x >= min_length]
     shifts = _peaks(correlation, step, along, offsets)
@@ -49,6 +48,8 @@ def lattice_in_phase(correlation: ScalarMap, step: Float64[np.ndarray, "2"], min
 
 def _peaks(correlation: ScalarMap, start: np.ndarray, along: np.ndarray, offsets: np.ndarray) -> list[float]:
     """Offsets of the highest local maxima of the correlation along a line, ascending."""
+    from texloom.stages.kernels.core.resample import sampled
+
     middle = np.array(correlation.shape) // 2
     places = (middle + start + offsets[:, None] * along).astype(np.float32)
     values = sampled(correlation[..., None], places[None])[0, :, 0]

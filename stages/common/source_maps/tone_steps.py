@@ -1,5 +1,7 @@
 """Steps of tone at joints of a source map: where tone jumps and the exemplar's does not beside either source."""
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Float32
 
@@ -27,13 +29,12 @@ class ToneSteps:
 
     Parameters
     ----------
-    lab : CIELAB of the exemplar, or L alone.
+    shape : height and width of the exemplar.
+    lab : CIELAB, or L alone, of its rows from one to before another.
     """
 
-    def __init__(self, lab: Float32[np.ndarray, "h w c"]):
-        import cv2
-
-        self._known = [cv2.dilate(steps, np.ones((_SLACK, _SLACK), np.uint8)) for steps in _known_steps(lab)]
+    def __init__(self, shape: tuple[int, int], lab: Callable[[int, int], Float32[np.ndarray, "n w c"]]):
+        self._known = _known_steps(*shape, lab)
 
     def at_joints(
         self, result: Float32[np.ndarray, "H W c"], match: Correspondence, wraps: Wraps, counted: Mask | None = None
@@ -80,16 +81,20 @@ def joints_along(match: Correspondence, axis: int, wraps: bool) -> Places:
     return np.argwhere(~kept)
 
 
-def _known_steps(lab: Float32[np.ndarray, "h w c"]) -> list[Float32[np.ndarray, "h w"]]:
-    """`_steps_along` both axes of an exemplar; of a large one in strips, as means take the picture's memory."""
-    height, width = lab.shape[:2]
+def _known_steps(
+    height: int, width: int, lab: Callable[[int, int], Float32[np.ndarray, "n w c"]]
+) -> list[Float32[np.ndarray, "h w"]]:
+    """The largest of `_steps_along` within `_SLACK` px, along both axes; of a large exemplar in strips."""
+    import cv2
+
     rows = _STRIP if reduction(height, width) > 1 else height
     known = [np.empty((height, width), np.float32) for _ in range(2)]
     for top in range(0, height, rows):
-        first = max(0, top - SIDE)
-        means = _means(_padded(lab[first : top + rows + SIDE], NOWHERE))[_INSIDE]
+        first = max(0, top - SIDE - _SLACK)
+        means = _means(_padded(lab(first, min(height, top + rows + SIDE + _SLACK)), NOWHERE))[_INSIDE]
         for axis, steps in enumerate(known):
-            steps[top : top + rows] = _steps_along(means, axis)[top - first :][:rows]
+            near = cv2.dilate(_steps_along(means, axis), np.ones((_SLACK, _SLACK), np.uint8))
+            steps[top : top + rows] = near[top - first :][:rows]
     return known
 
 

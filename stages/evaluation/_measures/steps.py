@@ -16,8 +16,10 @@ def tone_steps(task: Task) -> Figures:
     require_side(4 * SIDE, task.exemplar, task.result)
     if counted is not None and not counted.any():
         raise UnmeasurableError("nothing of the result was made")
-    steps = ToneSteps(task.exemplar.compared).at_joints(task.result.compared, match, task.wraps, counted)
-    worst = steps[tuple(worst_of_cells(steps, SIDE).T)]
-    cells = steps.size if counted is None else int(counted.sum())
+    known, made = task.exemplar.compared, task.result.compared
+    steps = ToneSteps(known.shape[:2], lambda first, last: known[first:last])
+    found = steps.at_joints(made, match, task.wraps, counted)
+    worst = found[tuple(worst_of_cells(found, SIDE).T)]
+    cells = found.size if counted is None else int(counted.sum())
     share = float((worst > SEEN).sum()) * SIDE**2 / cells
     return Figures(share, 0.0, _BAD, {"largest": float(worst.max(initial=0))})

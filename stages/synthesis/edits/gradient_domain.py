@@ -203,8 +203,9 @@ def _excess(
     excess = np.zeros(values.shape, np.float32)
     for axis in (0, 1):
         for first, second in neighbours(values.shape[0], axis, wrap):
-            wanted, known = source_gradients(own, match[first], match[second], usable, axis)
-            missing = np.where(known, wanted - (values[second] - values[first]), np.float32(0))
+            ends = match[first], match[second]
+            wanted, known = source_gradients(lambda *at: own[at][..., None], own.shape, *ends, usable, axis)
+            missing = np.where(known, wanted[..., 0] - (values[second] - values[first]), np.float32(0))
             if border is not None:
                 missing[border[first] == border[second]] = 0
             missing[(np.abs(missing) <= rounding) | (np.abs(missing) > limit)] = 0

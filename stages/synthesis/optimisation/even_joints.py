@@ -7,6 +7,7 @@ from jaxtyping import Float32
 
 from texloom.stages.common.grids.parts import LARGEST_WHOLE, parts_with_margins
 from texloom.stages.common.grids.screened_poisson import neighbours, screened_poisson
+from texloom.stages.common.grids.working_size import reduction
 from texloom.stages.common.source_maps.source_gradients import source_gradients
 from texloom.stages.common.source_maps.tone_steps import SEEN, ToneSteps
 from texloom.stages.kernels.core.elementary_functions import exp, log
@@ -43,13 +44,16 @@ class EvenJoints:
     def __init__(self, exemplar: Image):
         filled = FilledExemplar.of(exemplar)
         self.colors = 1 if exemplar.channels[0] == "Y" else 3
-        color = filled.image.pixels[..., : self.colors]
-        self.range = color.min(axis=(0, 1)), color.max(axis=(0, 1))
-        self.usable = filled.valid
+        self.exemplar, self.usable = filled.image.pixels[..., : self.colors], filled.valid
+        self.range = self.exemplar.min(axis=(0, 1)), self.exemplar.max(axis=(0, 1))
+        step = reduction(exemplar.height, exemplar.width)
+        color = self.exemplar[::step, ::step]
         self.black = max(_BLACK * color.mean(dtype=np.float64).astype(np.float32), np.float32(1e-6))
-        self.planes = self._logarithm(color)
-        self.limit = _LIMIT * math.sqrt(sum(float(plane.var(dtype=np.float64)) for plane in self.planes))
-        self.steps = ToneSteps(self._compared(filled.image))
+        planes = np.moveaxis(self._logarithm(color), 2, 0)
+        self.limit = _LIMIT * math.hypot(*(float(plane.std(dtype=np.float64)) for plane in planes))
+        self.steps = ToneSteps(
+            (exemplar.height, exemplar.width), lambda first, last: self._compared(self.exemplar[first:last])
+        )
 
     def apply(self, made: Image, match: Correspondence, wraps: Wraps) -> None:
         """Change the colours of ``made`` in place.
@@ -61,35 +65,37 @@ class EvenJoints:
         """
         color = made.pixels[..., : self.colors]
         if made.height * made.width <= LARGEST_WHOLE:
-            changed = self._changed(made, match, wraps)
+            changed = self._changed(color, match, wraps)
             if changed is not None:
                 color[:] = changed
             return
         even, margin = empty(color.shape, np.float32), math.ceil(_REACHES * _REACH)
         for rows, columns, inner in parts_with_margins(made.height, made.width, margin, wraps):
             place, own = np.ix_(rows, columns), (rows[inner[0]][:, None], columns[inner[1]])
-            part = self._changed(made.elsewhere(made.pixels[place]), match[place], NOWHERE)
+            part = self._changed(color[place], match[place], NOWHERE)
             even[own] = color[own] if part is None else part[inner]
             release(even, made.pixels, match)
         color[:] = even
 
-    def _changed(self, made: Image, match: Correspondence, wraps: Wraps) -> Float32[np.ndarray, "H W c"] | None:
-        """The colours without steps; none where no step is seen."""
-        near = self._near_steps(made, match, wraps)
-        color = np.ascontiguousarray(made.pixels[..., : self.colors])
+    def _changed(
+        self, color: Float32[np.ndarray, "H W c"], match: Correspondence, wraps: Wraps
+    ) -> Float32[np.ndarray, "H W c"] | None:
+        """Colours without steps; none where no step is seen."""
+        near = self._near_steps(color, match, wraps)
         excess = None if near is None else self._excess(color, match, wraps, near)
         if excess is None:
             return None
-        for plane, values, low, high in zip(excess, np.moveaxis(color, 2, 0), *self.range, strict=True):
+        changed = np.empty_like(color)
+        for place, (plane, low, high) in enumerate(zip(excess, *self.range, strict=True)):
             change = exp(screened_poisson(plane, _REACH, wraps))
-            values[:] = np.clip((values + self.black) * change - self.black, low, high)
-        return color
+            changed[..., place] = np.clip((color[..., place] + self.black) * change - self.black, low, high)
+        return changed
 
-    def _near_steps(self, made: Image, match: Correspondence, wraps: Wraps) -> Mask | None:
+    def _near_steps(self, color: Float32[np.ndarray, "H W c"], match: Correspondence, wraps: Wraps) -> Mask | None:
         """True near a step that is seen; none where there is none."""
         import cv2
 
-        seen = self.steps.at_joints(self._compared(made), match, wraps) > SEEN
+        seen = self.steps.at_joints(self._compared(color), match, wraps) > SEEN
         if not seen.any():
             return None
         margin = [(_NEAR if wrap else 0,) * 2 for wrap in wraps]
@@ -109,18 +115,20 @@ class EvenJoints:
                 if not both.any():
                     continue
                 ends = match[first][both], match[second][both]
-                found = [source_gradients(plane, *ends, self.usable, axis) for plane in self.planes]
-                own = self._logarithm(color[second][both]) - self._logarithm(color[first][both])
-                missing = np.stack([wanted for wanted, _ in found]) - own
-                missing[:, ~found[0][1] | ((missing * missing).sum(axis=0) > self.limit**2)] = 0
-                for plane, lacking in zip(excess, missing, strict=True):
+                wanted, known = source_gradients(self._own, self.exemplar.shape, *ends, self.usable, axis)
+                missing = wanted - (self._logarithm(color[second][both]) - self._logarithm(color[first][both]))
+                missing[~known | ((missing * missing).sum(axis=1) > self.limit**2)] = 0
+                for plane, lacking in zip(excess, missing.T, strict=True):
                     plane[first][both] += lacking
                     plane[second][both] -= lacking
         return excess if excess.any() else None
 
-    def _logarithm(self, color: Float32[np.ndarray, "*n c"]) -> Float32[np.ndarray, "c *n"]:
-        return np.ascontiguousarray(np.moveaxis(log(np.maximum(color, 0) + self.black), -1, 0))
+    def _own(self, row: np.ndarray, column: np.ndarray) -> Float32[np.ndarray, "n c"]:
+        return self._logarithm(self.exemplar[row, column])
 
-    def _compared(self, image: Image) -> Float32[np.ndarray, "H W c"]:
+    def _logarithm(self, color: Float32[np.ndarray, "*n c"]) -> Float32[np.ndarray, "*n c"]:
+        return log(np.maximum(color, 0) + self.black)
+
+    def _compared(self, color: Float32[np.ndarray, "H W c"]) -> Float32[np.ndarray, "H W c"]:
         """CIELAB; L alone of grey pictures."""
-        return lab_from_linear(image.color)[..., : self.colors]
+        return lab_from_linear(np.repeat(color, 3, axis=2) if self.colors == 1 else color)[..., : self.colors]

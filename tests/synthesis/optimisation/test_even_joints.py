@@ -45,7 +45,8 @@ def evened(exemplar: Image, match: np.ndarray, wraps: Wraps = NOWHERE) -> Image:
 
 def seen(exemplar: Image, made: Image, match: np.ndarray, wraps: Wraps = NOWHERE) -> int:
     labs = (lab_from_linear(image.color) for image in (exemplar, made))
-    steps = ToneSteps(next(labs))
+    known = next(labs)
+    steps = ToneSteps(known.shape[:2], lambda first, last: known[first:last])
     return int((steps.at_joints(next(labs), match, wraps) > SEEN).sum())
 
 
