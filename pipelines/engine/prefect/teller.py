@@ -18,8 +18,9 @@ from prefect.settings import PREFECT_CLIENT_MAX_RETRIES, temporary_settings
 _ANSWER = 10.0  # seconds for an answer
 _PAUSE = 5.0  # seconds before a server that did not answer is asked again
 _LAST_PAUSE = 1.0  # the same at the end
-_OVERLOADED = {408, 429, *range(500, 600)}  # answers of a server that does not take what it is told
-_TRIES = 3  # of a call that is answered so: it may be at fault itself
+_BUSY = {408, 429, 503}  # answers of a server that will take it later, as while its database is locked
+_OVERLOADED = {*_BUSY, *range(500, 600)}  # of one that does not take what it is told
+_TRIES = 3  # of a call that is answered so, but for a busy server: it may be at fault itself
 
 Call = Callable[[SyncPrefectClient], object]
 
@@ -72,7 +73,7 @@ class Teller:
                 self._is_silent = problem is not None
                 if problem is None:
                     self._answered = time.monotonic()
-                if problem is None or (isinstance(problem, httpx.HTTPStatusError) and tries >= _TRIES):
+                if problem is None or (tries >= _TRIES and _may_be_at_fault(problem)):
                     self._waiting.popleft()
                     tries = 0
                 elif self._end.is_set():
@@ -85,6 +86,11 @@ class Teller:
         with self._changed:
             self._changed.wait_for(lambda: self._waiting or self._end.is_set())
             return self._waiting[0] if self._waiting and self._has_patience() else None
+
+
+def _may_be_at_fault(problem: httpx.HTTPError) -> bool:
+    """Whether a server answered, and is not just busy."""
+    return isinstance(problem, httpx.HTTPStatusError) and problem.response.status_code not in _BUSY
 
 
 def _problem_of(call: Call, client: SyncPrefectClient) -> httpx.HTTPError | None:

@@ -23,14 +23,18 @@ class Server:
         self.asked = threading.Event()
         self.is_silent = False
         self.refused: str | None = None
+        self.busy = 0
+        """how often it will say that its database is locked"""
 
     def take(self, what: str) -> None:
         self.asked.set()
         if self.is_silent:
             raise httpx.ConnectError("refused")
-        if what == self.refused:
+        if what == self.refused or self.busy:
+            code = 503 if self.busy else 500
+            self.busy -= code == 503
             request = httpx.Request("POST", "http://localhost")
-            raise httpx.HTTPStatusError("500", request=request, response=httpx.Response(500))
+            raise httpx.HTTPStatusError(str(code), request=request, response=httpx.Response(code))
         self.told.append(what)
 
 
@@ -82,6 +86,15 @@ def test_what_a_server_never_takes_is_left_out(server: Server) -> None:
         ours.tell(saying(what))
     assert ours.close(60) == 0
     assert server.told == ["done"]
+
+
+def test_a_busy_server_is_told_all(server: Server) -> None:
+    server.busy = 10
+    ours = Teller()
+    for what in ("begun", "done"):
+        ours.tell(saying(what))
+    assert ours.close(60) == 0
+    assert server.told == ["begun", "done"]
 
 
 def test_a_call_with_a_fault_of_its_own_stops_no_other(server: Server) -> None:
