@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Int64
 
+from texloom.stages.common.grids.growing import grown
 from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.vocabulary.arrays import Mask
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
@@ -50,16 +51,8 @@ def windows(region: Mask, margin: int, wrap: Wraps) -> list[tuple[Window, Bool[n
 
 def _parts(region: Mask, margin: int, wrap: Wraps) -> np.ndarray:
     """Numbers of the parts from 1, at their pixels; each part is at least ``margin`` px from the others."""
-    import cv2
-
     ndimage = loaded("scipy.ndimage")
-    side = margin + 1 - margin % 2
-    reach = side // 2
-    beyond = wrap.where_closed(reach)
-    wide = np.pad(region, [(one, one) for one in beyond], mode="wrap")
-    grown = cv2.dilate(wide.astype(np.uint8), np.ones((side, side), np.uint8))
-    grown = grown[tuple(slice(one, one + length) for one, length in zip(beyond, region.shape, strict=True))]
-    parts = np.asarray(ndimage.label(grown, np.ones((3, 3)))[0])
+    parts = np.asarray(ndimage.label(grown(region, margin // 2, wrap), np.ones((3, 3)))[0])
     if not wrap:
         return parts
     ends = [(parts[0], parts[-1])] * wrap.down + [(parts[:, 0], parts[:, -1])] * wrap.across

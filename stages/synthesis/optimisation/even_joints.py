@@ -5,6 +5,7 @@ import math
 import numpy as np
 from jaxtyping import Float32
 
+from texloom.stages.common.grids.growing import grown
 from texloom.stages.common.grids.parts import LARGEST_WHOLE, parts_with_margins
 from texloom.stages.common.grids.screened_poisson import neighbours, screened_poisson
 from texloom.stages.common.grids.working_size import reduction
@@ -93,16 +94,8 @@ class EvenJoints:
 
     def _near_steps(self, color: Float32[np.ndarray, "H W c"], match: Correspondence, wraps: Wraps) -> Mask | None:
         """True near a step that is seen; none where there is none."""
-        import cv2
-
         seen = self.steps.at_joints(self._compared(color), match, wraps) > SEEN
-        if not seen.any():
-            return None
-        margin = [(_NEAR if wrap else 0,) * 2 for wrap in wraps]
-        near = np.pad(seen.astype(np.uint8), margin, mode="wrap")
-        near = cv2.dilate(near, np.ones((2 * _NEAR + 1, 2 * _NEAR + 1), np.uint8)).view(bool)
-        (above, _), (left, _) = margin
-        return near[above : above + seen.shape[0], left : left + seen.shape[1]]
+        return grown(seen, _NEAR, wraps) if seen.any() else None
 
     def _excess(
         self, color: Float32[np.ndarray, "H W c"], match: Correspondence, wraps: Wraps, near: Mask
