@@ -28,7 +28,8 @@ from texloom.pipelines.media.material_export import channels_of
 from texloom.pipelines.media.sources import Source, open_source
 from texloom.pipelines.media.writers.layouts import with_bits, write_layout
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
-from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
+from texloom.stages.synthesis.optimisation.optimise import optimise
+from texloom.stages.synthesis.optimisation.optimise_params import OptimiseParams
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import lab_from_linear, srgb_from_linear
 from texloom.stages.vocabulary.normals import NORMAL, unit

@@ -14,7 +14,7 @@ from texloom.pipelines.store import codec, exr
 from texloom.stages.kernels.core.threads import sharing
 from texloom.stages.lookup.registry import find_stage
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams
-from texloom.stages.synthesis.optimisation.optimise import OptimiseParams
+from texloom.stages.synthesis.optimisation.optimise_params import OptimiseParams
 from texloom.stages.vocabulary import scratch
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.masks import USABLE

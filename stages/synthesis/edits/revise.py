@@ -19,7 +19,8 @@ from texloom.stages.synthesis.edits.region_windows import Window, windows
 from texloom.stages.synthesis.edits.tracing import continued, trace
 from texloom.stages.synthesis.optimisation.inputs import check_patches
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
-from texloom.stages.synthesis.optimisation.optimise import PRESETS, Optimised, OptimiseParams, optimise
+from texloom.stages.synthesis.optimisation.optimise import Optimised, optimise
+from texloom.stages.synthesis.optimisation.optimise_params import PRESETS, OptimiseParams
 from texloom.stages.synthesis.stitching.overlap import Errors, compared
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import InputError, Outline, stage

@@ -14,7 +14,8 @@ from texloom.stages.kernels.seams.window_state import FILLED, FREE, KEPT
 from texloom.stages.synthesis.edits.gradient_domain import GradientDomainParams, gradient_domain
 from texloom.stages.synthesis.edits.revise import ReviseParams, Revision
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
-from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
+from texloom.stages.synthesis.optimisation.optimise import optimise
+from texloom.stages.synthesis.optimisation.optimise_params import OptimiseParams
 from texloom.stages.synthesis.stitching.overlap import compared
 from texloom.stages.synthesis.stitching.seams import SeamCosts, cheapest_cut
 from texloom.stages.synthesis.tiles.border_waves import Displacement

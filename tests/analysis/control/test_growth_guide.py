@@ -13,7 +13,8 @@ from texloom.stages.analysis.control.growth_guide import GrowthGuide, GrowthGuid
 from texloom.stages.analysis.control.progression import ProgressionParams, progression
 from texloom.stages.common.features.slow_features import progression_in
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
-from texloom.stages.synthesis.optimisation.optimise import Optimised, OptimiseParams, optimise
+from texloom.stages.synthesis.optimisation.optimise import Optimised, optimise
+from texloom.stages.synthesis.optimisation.optimise_params import OptimiseParams
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 

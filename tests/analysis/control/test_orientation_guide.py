@@ -7,7 +7,8 @@ from tests.synthetic import picture
 from texloom.stages.analysis.control.orientation_field import OrientationFieldParams, orientation_field
 from texloom.stages.analysis.control.orientation_guide import OrientationGuideParams, orientation_guide
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
-from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
+from texloom.stages.synthesis.optimisation.optimise import optimise
+from texloom.stages.synthesis.optimisation.optimise_params import OptimiseParams
 from texloom.stages.vocabulary.arrays import Image
 
 SHAPE, SIZE = (112, 96), (80, 88)

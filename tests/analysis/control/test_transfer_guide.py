@@ -10,7 +10,8 @@ import pytest
 from tests.synthetic import masked, picture
 from texloom.stages.analysis.control.transfer_guide import TransferGuide, TransferGuideParams, transfer_guide
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
-from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
+from texloom.stages.synthesis.optimisation.optimise import optimise
+from texloom.stages.synthesis.optimisation.optimise_params import OptimiseParams
 from texloom.stages.vocabulary.arrays import Image
 
 

@@ -19,7 +19,7 @@ from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.flow.model import Overrides, Reference
 from texloom.pipelines.media.part import Part
 from texloom.pipelines.yaml import parse_yaml
-from texloom.stages.synthesis.optimisation.optimise import PRESETS
+from texloom.stages.synthesis.optimisation.optimise_params import PRESETS
 from texloom.stages.vocabulary.declare import InputError
 
 NO_OVERRIDES = Overrides()

@@ -14,7 +14,8 @@ from texloom.stages.common.grids.border_steps import border_steps
 from texloom.stages.lookup.registry import find_stage
 from texloom.stages.synthesis.edits.border_band import BorderBandParams, border_band
 from texloom.stages.synthesis.edits.inpaint import Inpainted, InpaintParams, inpaint
-from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
+from texloom.stages.synthesis.optimisation.optimise import optimise
+from texloom.stages.synthesis.optimisation.optimise_params import OptimiseParams
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.facts import TORUS, Wraps

@@ -10,7 +10,8 @@ from tests.runs import run_with_threads
 from tests.synthetic import blobs, masked, picture, tiled
 from texloom.stages.lookup.registry import find_stage
 from texloom.stages.synthesis.edits.layout import Layout, LayoutParams, layout
-from texloom.stages.synthesis.optimisation.optimise import Optimised, OptimiseParams, optimise
+from texloom.stages.synthesis.optimisation.optimise import Optimised, optimise
+from texloom.stages.synthesis.optimisation.optimise_params import OptimiseParams
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 

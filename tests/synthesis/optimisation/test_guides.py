@@ -12,7 +12,8 @@ from tests.runs import run_with_threads
 from tests.synthetic import masked
 from texloom.stages.analysis.control.guide import GuideParams, guide
 from texloom.stages.synthesis.optimisation.initialise import Initialised, InitialiseParams, initialise
-from texloom.stages.synthesis.optimisation.optimise import Optimised, OptimiseParams, optimise
+from texloom.stages.synthesis.optimisation.optimise import Optimised, optimise
+from texloom.stages.synthesis.optimisation.optimise_params import OptimiseParams
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 

@@ -14,13 +14,8 @@ from tests.wraps import X, Y
 from texloom.stages.lookup.registry import find_stage
 from texloom.stages.synthesis.optimisation import optimise as optimise_module
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
-from texloom.stages.synthesis.optimisation.optimise import (
-    PRESETS,
-    Optimised,
-    OptimiseParams,
-    OptimiseScale,
-    optimise,
-)
+from texloom.stages.synthesis.optimisation.optimise import Optimised, OptimiseScale, optimise
+from texloom.stages.synthesis.optimisation.optimise_params import PRESETS, OptimiseParams
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.facts import Wraps

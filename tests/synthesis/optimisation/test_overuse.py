@@ -7,7 +7,8 @@ import skimage.data
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
-from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
+from texloom.stages.synthesis.optimisation.optimise import optimise
+from texloom.stages.synthesis.optimisation.optimise_params import OptimiseParams
 from texloom.stages.synthesis.optimisation.overuse import Overuse
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.facts import NOWHERE

@@ -9,7 +9,8 @@ import pytest
 
 from tests.synthetic import masked, picture
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
-from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
+from texloom.stages.synthesis.optimisation.optimise import optimise
+from texloom.stages.synthesis.optimisation.optimise_params import OptimiseParams
 from texloom.stages.synthesis.remix.exemplar_origin import ExemplarOrigin, ExemplarOriginParams, exemplar_origin
 from texloom.stages.synthesis.remix.exemplar_sheet import ExemplarSheet, ExemplarSheetParams, exemplar_sheet
 from texloom.stages.vocabulary.arrays import Image

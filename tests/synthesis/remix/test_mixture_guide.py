@@ -10,7 +10,8 @@ import pytest
 from tests.synthetic import picture
 from texloom.stages.common.features.control import painted_values
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
-from texloom.stages.synthesis.optimisation.optimise import OptimiseParams, optimise
+from texloom.stages.synthesis.optimisation.optimise import optimise
+from texloom.stages.synthesis.optimisation.optimise_params import OptimiseParams
 from texloom.stages.synthesis.remix.exemplar_origin import ExemplarOriginParams, exemplar_origin
 from texloom.stages.synthesis.remix.exemplar_sheet import ExemplarSheet, ExemplarSheetParams, exemplar_sheet
 from texloom.stages.synthesis.remix.mixture_guide import MixtureGuide, MixtureGuideParams, mixture_guide
