@@ -47,6 +47,7 @@ DAB = 64  # px
 OTHER = "texloom:plaster"
 PREVIEWS, DABS, DRAGS, TABS = 5, 50, 30, 3
 IDLE = 0.02  # share of a processor below which nothing is being prepared
+SCREEN = 900  # px, up to which previews get finer
 REPORTS = 6  # of the memory
 MOVES = 120  # of the pointer
 PHOTO = "skimage:brick"
@@ -123,10 +124,12 @@ def preview(page: Page, server: int, exemplar: str, seed: int) -> str:
     """The times of a preview."""
     recipe = Recipe(flow="self_tuning", sources={"exemplar": exemplar}, size=(1024, 1024), seed=seed)
     before, first = processor(server), ""
-    for seconds, told in answers(page, PreviewRequest(number=seed, recipe=recipe)):
+    for seconds, told in answers(page, PreviewRequest(number=seed, recipe=recipe, largest=SCREEN)):
         first = first or f"first picture {seconds:.2f} s ({processor(server) - before:.2f} s of processors)"
+        if told["done"] == 1:
+            first += f", {told['width']} px {seconds:.2f} s"
         if told["is_final"]:
-            return f"{first}, last {seconds:.2f} s"
+            return first
     raise AssertionError
 
 

@@ -39,7 +39,7 @@ def make(page: Page, shoot: Callable[[str], None]) -> None:
     """The preview of a tileable texture."""
     page.get_by_title("stones").first.click()
     page.get_by_label("Tileable").select_option("both")
-    page.wait_for_function("() => document.querySelector('make-view').previews.done === 1")
+    page.get_by_role("status").filter(has_text="full size").wait_for()  # nothing finer follows
     page.wait_for_timeout(1000)
     shoot("make")
 

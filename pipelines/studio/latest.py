@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 from texloom.pipelines.studio.messages.answers import PreviewFailed
 from texloom.pipelines.studio.messages.message import packed
-from texloom.pipelines.studio.messages.requests import AlternativesRequest, PhotoRequest, PreviewRequest, ToServer
+from texloom.pipelines.studio.messages.requests import AlternativesRequest, Answered, PhotoRequest, PreviewRequest
 from texloom.pipelines.studio.processes import WorkCancelledError, WorkerProcess
 from texloom.stages.vocabulary.declare import InputError
 
@@ -29,6 +29,11 @@ class Latest:
         self._is_wanted.set()
         self.worker.cancel()
 
+    def stop(self) -> None:
+        """Do nothing more until something is wanted."""
+        self._is_wanted.clear()
+        self.worker.cancel()
+
     async def serve(self) -> None:
         """Do what is wanted, for ever."""
         while True:
@@ -41,7 +46,7 @@ class Latest:
             await answer(self.worker, request, payload, self._send)
 
 
-async def answer(worker: WorkerProcess, request: ToServer, payload: bytes, send: Callable[[bytes], None]) -> None:
+async def answer(worker: WorkerProcess, request: Answered, payload: bytes, send: Callable[[bytes], None]) -> None:
     """Send what a worker makes of a request, and why where it refuses; no more once it is cancelled."""
     try:
         async for frame in worker.frames(request, payload):

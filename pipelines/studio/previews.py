@@ -31,7 +31,7 @@ from texloom.pipelines.studio.recipes import (
     steps_alone,
     upstream_of,
 )
-from texloom.pipelines.studio.reduced import Reducer, reduced_document, reduced_lengths, reduced_size, scale_of
+from texloom.pipelines.studio.reduced import Reducer, Reduction, reduced_document, reduced_lengths
 from texloom.pipelines.studio.work import Places
 from texloom.stages.vocabulary.arrays import Image
 
@@ -41,6 +41,7 @@ _FAST = "fast"  # preset of previews of many tiles
 _TILE = "tile"  # the param of the side of tiles of a set
 _TILES = 2  # sides of an exemplar that all tiles of a set take, about
 _INTERVAL = 0.06  # seconds between pictures of one preview
+_NEARLY_DONE = 0.99  # of a picture that is not made from all scales yet
 
 
 class Previewer:
@@ -58,7 +59,10 @@ class Previewer:
     def make(
         self, work: PreviewRequest, payload: bytes, check: Callable[[], None], send: Callable[..., None]
     ) -> None:
-        """Send pictures of a recipe until the preview is final; ``check`` raises when it is not wanted any more."""
+        """Send pictures of a recipe until the preview is final; ``check`` raises when it is not wanted any more.
+
+        Those of the first one come scale by scale; finer ones follow as a whole, each from larger exemplars.
+        """
         recipe = work.recipe
         self._keep(work.attached, payload)
         offer = OFFERS.get(recipe.flow, _UNOFFERED)
@@ -69,40 +73,59 @@ class Previewer:
             recipe = recipe.model_copy(update={"params": {**recipe.params, WAY[1]: way}})
             export = offer.ways[way]
         exemplar = min(self._exemplars(recipe, run), key=lambda one: min(one.height, one.width))
-        scale = scale_of((exemplar.height, exemplar.width), _size(recipe, run, exemplar, offer))
-        smaller, made = open_texture(self._smaller(recipe, run, scale, offer), self.library, self.store, export)
+        size = _size(recipe, run, exemplar, offer)
+        os.environ.pop("PREFECT_API_URL", None)  # a server there shows runs, not previews
+        reduction: Reduction | None = Reduction.first((exemplar.height, exemplar.width), size)
+        is_first = True
+        while reduction is not None:
+            began = last = time.perf_counter()
+
+            def tell(image: Image, done: float, is_final: bool, scale: float = reduction.scale) -> None:
+                picture = PreviewPicture(
+                    number=work.number,
+                    height=image.height,
+                    width=image.width,
+                    scale=scale,
+                    done=done,
+                    is_final=is_final,
+                )
+                send(picture, rgba(image))
+
+            def listen(event: Event, tells: bool = is_first, tell: Callable[..., None] = tell) -> None:
+                nonlocal last
+                check()
+                if tells and isinstance(event, StepProgress) and event.progress.preview is not None:
+                    now = time.perf_counter()
+                    if now - last >= _INTERVAL:
+                        tell(event.progress.preview(), min(_NEARLY_DONE, event.progress.done), False)
+                        last = now
+
+            image = self._made(recipe, run, exemplar, reduction, export, listen)
+            reduction = reduction.finer(size, work.largest, time.perf_counter() - began)
+            tell(image, 1.0, reduction is None)
+            is_first = False
+
+    def _made(
+        self,
+        recipe: Recipe,
+        run: Run,
+        exemplar: Source,
+        reduction: Reduction,
+        export: str | None,
+        listen: Callable[[Event], None],
+    ) -> Image:
+        """What a recipe makes of pictures that are reduced; ``run`` is that of the recipe as it is."""
+        offer = OFFERS.get(recipe.flow, _UNOFFERED)
+        smaller, made = open_texture(self._smaller(recipe, run, reduction, offer), self.library, self.store, export)
         sources = {
-            name: self.reducer.reference(run.shared.source(name), exemplar, scale)
+            name: self.reducer.reference(run.shared.source(name), exemplar, reduction)
             for name, given in recipe.sources.items()
             if isinstance(given, str)
         }
         flow = dataclasses.replace(smaller.flow, sources={**smaller.flow.sources, **sources})
         run = Run(flow, self.store)
-        last = 0.0
-
-        def tell(image: Image, done: float, is_final: bool) -> None:
-            picture = PreviewPicture(
-                number=work.number,
-                height=image.height,
-                width=image.width,
-                scale=scale,
-                done=done,
-                is_final=is_final,
-            )
-            send(picture, rgba(image))
-
-        def listen(event: Event) -> None:
-            nonlocal last
-            check()
-            if isinstance(event, StepProgress) and event.progress.preview is not None:
-                now = time.perf_counter()
-                if now - last >= _INTERVAL:
-                    tell(event.progress.preview(), min(1.0, event.progress.done), False)
-                    last = now
-
-        os.environ.pop("PREFECT_API_URL", None)  # a server there shows runs, not previews
         execute(run, listen, self.store.root / "out")
-        tell(image_of(run, made), 1.0, True)
+        return image_of(run, made)
 
     def _exemplars(self, recipe: Recipe, run: Run) -> list[Source]:
         """The pictures of the first source."""
@@ -111,16 +134,17 @@ class Previewer:
             return [run.shared.source(name)]
         return [open_source(name, self.library.reference(one)) for one in given]
 
-    def _smaller(self, recipe: Recipe, run: Run, scale: float, offer: Offer) -> Recipe:
+    def _smaller(self, recipe: Recipe, run: Run, reduction: Reduction, offer: Offer) -> Recipe:
         """The recipe of reduced pictures; those of which there is one for a source are replaced in its run."""
+        scale = reduction.scale
         changes: dict[str, Any] = {
             "files": self._reduced_files(recipe, scale),
             "params": reduced_lengths(recipe.params, offer.lengths, scale),
         }
         if "size" in run.flow.params:
             exemplar = self._exemplars(recipe, run)[0]
-            changes["size"] = reduced_size(_size(recipe, run, exemplar, offer), scale)
-        if _TILE in offer.lengths and recipe.preset is None:
+            changes["size"] = reduction.size(_size(recipe, run, exemplar, offer))
+        if _TILE in offer.lengths and recipe.preset is None and scale < 1:
             changes["preset"] = _FAST
         if scale < 1:
             changes["sources"] = {

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
+import math
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -16,22 +18,55 @@ from texloom.pipelines.studio.messages.recipes import Params
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.masks import valid_pixels, without_usable
 
-_EXEMPLAR = 208  # px of an exemplar's shorter side, at most
+_EXEMPLAR = 208  # px of an exemplar's shorter side, at most, at first
 _LEAST_EXEMPLAR = 72  # px of it, at least
 _RESULT = 288  # px of a result's longer side, unless the exemplar would become too small
 _LARGEST_RESULT = 400  # px; of larger ones a part is shown
+_FINER = 2.0  # times as large is each picture after the first
+_NEARLY = 0.7  # of the last one's scale, from which the next picture is the last one
+_PATIENCE = 10.0  # seconds, below which a preview of the full size is made
 
 
-def scale_of(exemplar: tuple[int, int], size: tuple[int, int]) -> float:
-    """How much smaller a preview is than the result; both are reduced alike."""
-    least, most = (min(1.0, side / min(exemplar)) for side in (_LEAST_EXEMPLAR, _EXEMPLAR))
-    return min(most, max(least, _RESULT / max(size)))
+@dataclasses.dataclass(frozen=True)
+class Reduction:
+    """How much smaller a preview is than the result; exemplars and results are reduced alike."""
 
+    scale: float
+    """of a side; 1 is the full size"""
+    most: int = _LARGEST_RESULT
+    """px of a side of the preview; of larger ones a part is made"""
 
-def reduced_size(size: tuple[int, int], scale: float) -> tuple[int, int]:
-    """Height and width of a preview, px; multiples of 4, which pyramids of tileable textures divide."""
-    height, width = (min(_LARGEST_RESULT, max(16, 4 * round(side * scale / 4))) for side in size)
-    return height, width
+    @classmethod
+    def first(cls, exemplar: tuple[int, int], size: tuple[int, int]) -> Self:
+        """That of the first picture of a preview, which is to come at once."""
+        least, most = (min(1.0, side / min(exemplar)) for side in (_LEAST_EXEMPLAR, _EXEMPLAR))
+        return cls(min(most, max(least, _RESULT / max(size))))
+
+    def size(self, size: tuple[int, int]) -> tuple[int, int]:
+        """Height and width of a preview, px; reduced ones are multiples of 4, which tileable pyramids divide."""
+        step = 1 if self.scale >= 1 else 4
+        height, width = (min(self.most, max(16, step * round(side * self.scale / step))) for side in size)
+        return height, width
+
+    def finer(self, size: tuple[int, int], largest: int, seconds: float) -> Self | None:
+        """That of the next picture, or none where a finer one is not wanted or would take too long.
+
+        Parameters
+        ----------
+        size : of the result, px.
+        largest : px of the longer side that are to be seen; the full size follows where it takes less than 10 s.
+        seconds : that this one took; it is taken that another one does by its area.
+        """
+        made = self.size(size)
+        is_quick = seconds * (size[0] * size[1]) / (made[0] * made[1]) < _PATIENCE
+        last = 1.0 if is_quick else min(1.0, largest * self.scale / max(made))
+        if not largest or (self.scale >= last and (made == size or not is_quick)):
+            return None
+        scale = _FINER * self.scale
+        if scale >= _NEARLY * last:
+            scale = last
+        most = max(size) if scale == 1 and is_quick else math.ceil(self.most * scale / self.scale)
+        return dataclasses.replace(self, scale=scale, most=most)
 
 
 def reduced_lengths(params: Params, lengths: Mapping[str, int], scale: float) -> Params:
@@ -74,14 +109,14 @@ class Reducer:
         self.folder = folder
         self._made: dict[tuple[str, tuple[int, int]], str] = {}
 
-    def reference(self, source: Source, exemplar: Source, scale: float) -> str:
+    def reference(self, source: Source, exemplar: Source, reduction: Reduction) -> str:
         """The small picture of a source, with all its channels: an exemplar's, its map's, or that of a result."""
-        if scale >= 1:
+        if reduction.scale >= 1:
             return source.reference
         size = source.height, source.width
-        small = _sides(size, scale)
+        small = _sides(size, reduction.scale)
         if size != (exemplar.height, exemplar.width):
-            small = reduced_size(size, scale)
+            small = reduction.size(size)
         return self._small(source, small)
 
     def named(self, source: Source, scale: float) -> str:

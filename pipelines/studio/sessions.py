@@ -18,6 +18,7 @@ from texloom.pipelines.studio.messages.requests import (
     PaintDabRequest,
     PaintOpenRequest,
     PhotoRequest,
+    PreviewStopRequest,
     ToServer,
 )
 from texloom.pipelines.studio.outbox import Outbox
@@ -186,6 +187,9 @@ class _Session:
                     self._strokes.get_nowait()
                 self._painter.cancel()
             await self._strokes.put((request, payload))
+            return
+        if isinstance(request, PreviewStopRequest):
+            self._previews.stop()
             return
         newest = self._photographs if isinstance(request, PhotoRequest) else self._previews
         newest.want(request, payload)

@@ -13,7 +13,7 @@ from texloom.stages.vocabulary.sizes import SIDES
 
 
 class PreviewRequest(Message):
-    """Make a small picture of a recipe; an earlier preview of this page is cancelled."""
+    """Make a small picture of a recipe, then finer ones; an earlier preview of this page is cancelled."""
 
     kind: Literal["preview"] = "preview"
     number: int
@@ -21,6 +21,14 @@ class PreviewRequest(Message):
     recipe: Recipe
     attached: dict[Annotated[str, Field(pattern=r"^[a-z_]+\.(png|json)$")], int] = Field({}, max_length=16)
     """the bytes of each picture or document that the payload has, one after the other; ids as ``attached:NAME``"""
+    largest: int = Field(0, ge=0, le=16384)
+    """px of the longer side of the finest picture, or the full size where that takes seconds; 0: the first alone"""
+
+
+class PreviewStopRequest(Message):
+    """Make no finer pictures: the processors are wanted for something else."""
+
+    kind: Literal["preview_stop"] = "preview_stop"
 
 
 class AlternativesRequest(Message):
@@ -92,7 +100,9 @@ class LatticeRequest(Message):
     """None: detected"""
 
 
-ToServer = AlternativesRequest | LatticeRequest | PaintDabRequest | PaintOpenRequest | PhotoRequest | PreviewRequest
+Answered = AlternativesRequest | LatticeRequest | PaintDabRequest | PaintOpenRequest | PhotoRequest | PreviewRequest
+"""whose answers have their numbers"""
+ToServer = Answered | PreviewStopRequest
 
 
 TO_SERVER: pydantic.TypeAdapter[ToServer] = pydantic.TypeAdapter(ToServer)

@@ -10,7 +10,7 @@ import type { Drawable, PictureView } from "./picture-view";
 import "./picture-view";
 import "./recipe-form";
 import { bitmap, fileAddress, pictureAddress } from "./server";
-import { sides, sizeText } from "./sizes";
+import { screenPixels, sides, sizeText } from "./sizes";
 import { canvasOf, type Payload, type Studio } from "./studio";
 
 export const MODES = { paint: "Paint", collage: "Collage", lattice: "Lattice" } as const;
@@ -28,6 +28,8 @@ export abstract class DirectMode extends Element {
   @state() protected size: [number, number] = [512, 512];
   @state() private form: Partial<Recipe> = {};
   @state() private done = 1;
+  /** whether a finer preview follows */
+  @state() private isRefined = false;
   @state() private problem = "";
   /** what to try again, where the server has failed */
   protected failed: (() => void) | null = null;
@@ -120,7 +122,7 @@ export abstract class DirectMode extends Element {
     this.refuse("");
     this.done = 0;
     this.number = this.studio.next();
-    await this.studio.previewDraft(draft, this.number);
+    await this.studio.previewDraft(draft, this.number, screenPixels(this.querySelector(".panes")));
   }
 
   protected base(flow: string, sources: Record<string, string> = {}, params: Recipe["params"] = {}): Recipe {
@@ -130,7 +132,7 @@ export abstract class DirectMode extends Element {
   private receive(message: ToPage, payload: Payload): void {
     if (message.kind === "preview_picture" && message.number === this.number) {
       this.shown = canvasOf(payload, message.width, message.height);
-      this.done = message.is_final ? 1 : message.done;
+      [this.done, this.isRefined] = [message.done, message.done === 1 && !message.is_final];
     } else if (message.kind === "preview_failed" && message.number === this.number) {
       this.refuse(this.explained(message.problem), () => void this.ask());
       this.done = 1;
@@ -159,7 +161,10 @@ export abstract class DirectMode extends Element {
   }
 
   private async finish(): Promise<void> {
-    this.job = (await this.studio.start(await this.recipe()))?.id ?? this.job;
+    const job = await this.studio.start(await this.recipe());
+    if (!job) return;
+    this.studio.stopPreview();
+    [this.job, this.number, this.done, this.isRefined] = [job.id, -1, 1, false];
   }
 
   private async showRecipe(): Promise<void> {
@@ -225,6 +230,7 @@ export abstract class DirectMode extends Element {
     if (job?.state === "done") return "Full size";
     if (job?.state === "running") return "Running at full size; scales appear as they finish";
     if (this.done < 1) return this.shown ? "Refining the preview …" : "Preparing the first preview …";
+    if (this.isRefined) return "Preview; a finer one is being made …";
     return this.shown ? "Preview; the full size has its own details" : this.hint();
   }
 }

@@ -14,12 +14,15 @@ export class MakePreviews {
   /** of `picture` relative to the result */
   scale = 1;
   done = 1;
+  /** whether a finer picture follows */
+  isRefined = false;
   problem = "";
   sheet: Sheet | null = null;
   private number = 0;
   private recipe: Recipe | null = null;
 
-  constructor(private readonly studio: Studio, private readonly changed: () => void) {}
+  /** ``largest``: px of the screen that there are for it */
+  constructor(private readonly studio: Studio, private readonly largest: () => number, private readonly changed: () => void) {}
 
   /** Forget all but the last picture, which is shown until there is a better one; of another method also that. */
   forget(flow: string | undefined): void {
@@ -29,7 +32,14 @@ export class MakePreviews {
 
   /** Want none. */
   stop(): void {
-    [this.picture, this.done, this.number] = [null, 1, 0];
+    this.hold();
+    this.picture = null;
+  }
+
+  /** Keep what there is: the processors are wanted for something else. */
+  hold(): void {
+    if (this.done < 1 || this.isRefined) this.studio.stopPreview();
+    [this.done, this.isRefined, this.number] = [1, false, 0];
   }
 
   /** Show the picture that a recipe begins with. */
@@ -43,8 +53,8 @@ export class MakePreviews {
   }
 
   ask(recipe: Recipe): void {
-    [this.recipe, this.done] = [recipe, 0];
-    this.number = this.studio.preview(recipe);
+    [this.recipe, this.done, this.isRefined] = [recipe, 0, false];
+    this.number = this.studio.preview(recipe, this.sheet ? 0 : this.largest());
     this.changed();
   }
 
@@ -63,14 +73,14 @@ export class MakePreviews {
   receive(message: ToPage, payload: Payload): void {
     if (message.kind === "preview_picture" && message.number === this.number) this.onPicture(message, payload);
     else if (message.kind === "preview_failed" && message.number === this.number) {
-      [this.problem, this.done, this.picture] = [message.problem, 1, null];
+      [this.problem, this.done, this.isRefined, this.picture] = [message.problem, 1, false, null];
       this.changed();
     }
   }
 
   private onPicture(message: PreviewPicture, payload: Payload): void {
     const picture = canvasOf(payload, message.width, message.height);
-    this.done = message.is_final ? 1 : message.done;
+    [this.done, this.isRefined] = [message.done, message.done === 1 && !message.is_final];
     this.scale = message.scale;
     if (!this.sheet) this.picture = picture;
     else {

@@ -99,6 +99,7 @@ export class MakeStage extends Element {
       .exemplar=${this.other ?? this.exemplar}
       .exemplarScale=${this.other && shown ? shown.width / this.other.width : this.exemplarScale(shown)}
       .mode=${this.mode as Mode}
+      .isReduced=${results.picture ? !results.isWhole : this.previewScale < 1}
       .tool=${this.isCorrecting ? "lasso" : "pan"}
       .outline=${this.outline}
       .patch=${this.patch}

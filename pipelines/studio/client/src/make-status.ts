@@ -1,15 +1,16 @@
 // What a person is told of a texture that is being made.
 import type { MadeResults } from "./made-results";
 
-/** How far it is; ``scale`` is that of the preview, 0 where there is none yet. */
-export function statusOf({ job, runs }: MadeResults, lacking: string, isWaiting: boolean, scale: number): string {
+/** How far it is; ``scale`` is that of the preview, 0 where there is none yet; ``isRefined`` where a finer one follows. */
+export function statusOf({ job, runs }: MadeResults, lacking: string, isWaiting: boolean, scale: number, isRefined: boolean): string {
   if (lacking) return `Choose: ${lacking.toLowerCase()}`;
   if (job?.state === "done") return runs.canUndo ? "Full size, corrected" : `Full size, seed ${job.recipe.seed}`;
   if (job?.recipe.flow === "revise") return "Keeping the correction …";
   if (job?.state === "running") return "Running at full size; scales appear as they finish";
   if (isWaiting) return scale ? "Refining the preview …" : "Preparing the first preview …";
   const percent = Math.round(100 * scale);
-  return percent && percent < 100 ? `Preview at ${percent} % of the size; the full size has its own details` : "Preview";
+  if (isRefined) return `Preview at ${percent} % of the size; a finer one is being made …`;
+  return percent < 100 ? `Preview at ${percent} % of the size; the full size has its own details` : "Preview at full size";
 }
 
 /** What is shown before there is a picture. */

@@ -18,6 +18,7 @@ import "./picture-list";
 import type { Patch, Point } from "./picture-view";
 import { isFull, lacking, picturesOf, toggled, tooMany, withExemplar, withMethod } from "./recipe-edits";
 import { RequestError } from "./server";
+import { screenPixels } from "./sizes";
 import type { Payload, Studio } from "./studio";
 import { Undo } from "./undo";
 
@@ -41,7 +42,7 @@ export class MakeView extends Element {
     super.connectedCallback();
     this.results ??= new MadeResults(this.studio, () => this.requestUpdate());
     this.other ??= new Comparison(this.studio);
-    this.previews ??= new MakePreviews(this.studio, () => this.requestUpdate());
+    this.previews ??= new MakePreviews(this.studio, () => screenPixels(this.querySelector(".stage")), () => this.requestUpdate());
     this.stop = this.studio.listen((message, payload) => this.receive(message, payload));
     this.studio.addEventListener("change", () => this.requestUpdate());
     this.studio.addEventListener("opened", () => this.open(this.studio.project.material));
@@ -192,8 +193,10 @@ export class MakeView extends Element {
     this.studio.project.edit({ draft: recipe, shown: results.id, mode: this.mode, file: this.file });
     if (this.lacking) previews.stop();
     else if (this.mode === "seeds") previews.askForSheet(recipe);
-    else if (results.job?.state === "done") this.load();
-    else previews.ask(recipe);
+    else if (results.job?.state === "done") {
+      previews.hold();
+      this.load();
+    } else previews.ask(recipe);
     void previews.showExemplar(this.exemplarId);
   }
 
@@ -214,6 +217,7 @@ export class MakeView extends Element {
     const recipe = this.recipe!;
     const job = await this.studio.make(recipe);
     if (!job) return;
+    this.previews.hold();
     this.results.begin(recipe, job);
     if (this.previews.sheet) [this.previews.sheet, this.mode] = [null, "single"];
     this.requestUpdate();
@@ -278,10 +282,10 @@ export class MakeView extends Element {
   }
 
   private status(): string | TemplateResult {
-    const { problem, done, picture, scale } = this.previews;
+    const { problem, done, picture, scale, isRefined } = this.previews;
     if (problem) return failure(problem, () => this.previews.again());
     if (this.other.job) return "Left of the line is the result that it is compared with";
-    return statusOf(this.results, this.lacking, done < 1, picture ? scale : 0);
+    return statusOf(this.results, this.lacking, done < 1, picture ? scale : 0, isRefined);
   }
 
   private settings(recipe: Recipe): TemplateResult {

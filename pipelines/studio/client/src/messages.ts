@@ -330,6 +330,11 @@ export interface PreviewRequest {
   number: number;
   recipe: Recipe;
   attached?: Record<string, number>;
+  largest?: number;
+}
+
+export interface PreviewStopRequest {
+  kind: "preview_stop";
 }
 
 export interface AlternativesRequest {
@@ -495,6 +500,6 @@ export interface JobPicture {
   width: number;
 }
 
-export type ToServer = AlternativesRequest | LatticeRequest | PaintDabRequest | PaintOpenRequest | PhotoRequest | PreviewRequest;
+export type ToServer = AlternativesRequest | LatticeRequest | PaintDabRequest | PaintOpenRequest | PhotoRequest | PreviewRequest | PreviewStopRequest;
 
 export type ToPage = AlternativePicture | MaterialChanged | ProjectSaved | Connected | LatticePicture | PaintOpened | PaintPicture | PaintProgress | PhotoArea | PhotoLines | PhotoPreview | PhotoProposal | PhotoState | PreviewPicture | PreviewFailed | JobChanged | JobPicture;

@@ -38,6 +38,8 @@ export class PictureView extends Element {
   @property({ attribute: false }) exemplar: Drawable | null = null;
   /** how large the exemplar's pixels are, in pixels of the picture */
   @property({ type: Number }) exemplarScale = 1;
+  /** whether it stands for a larger picture, whose pixels are not these */
+  @property({ type: Boolean }) isReduced = false;
   @property() mode: Mode = "single";
   @property() label = "Texture";
   /** what dragging does: pan; draw around a spot, when `lasso` is told, with points of the picture; or what those make
@@ -149,7 +151,7 @@ export class PictureView extends Element {
     if (!size) return;
     context.scale(ratio, ratio);
     const scale = this.scale;
-    context.imageSmoothingEnabled = scale < 3;
+    context.imageSmoothingEnabled = this.isReduced || scale < 3;
     context.imageSmoothingQuality = "high";
     const left = width / 2 - this.center.x * size.width * scale;
     const top = height / 2 - this.center.y * size.height * scale;

@@ -6,6 +6,11 @@ export function sides(text: string): [number, number] {
   return [height ?? width, width];
 }
 
+/** Pixels of the screen along the longer side of an element, up to which previews in it get finer. */
+export function screenPixels(element: HTMLElement | null): number {
+  return element ? Math.ceil(devicePixelRatio * Math.max(element.clientWidth, element.clientHeight)) : 0;
+}
+
 /** [height, width] as `768x512`. */
 export function sizeText([height, width]: [number, number]): string {
   return `${width}x${height}`;

@@ -12,7 +12,7 @@ const TELLING = 200; // ms until what has arrived is told, if no message tells i
 const TOO_MANY = 1013; // why the server has closed the socket
 /** Requests of which only the newest of a group counts; they are made again where the server has forgotten this page. */
 const GROUPS: Partial<Record<ToServer["kind"], string>> = {
-  preview: "preview", alternatives: "preview", photo: "photo", lattice: "lattice",
+  preview: "preview", preview_stop: "preview", alternatives: "preview", photo: "photo", lattice: "lattice",
 };
 
 interface Sent {
@@ -53,7 +53,7 @@ export class Socket {
 
   /** Ask once more for what was asked for under a number, if nothing newer was. */
   repeat(number: number): void {
-    const asked = [...this.newest.values()].find(([message]) => message.number === number);
+    const asked = [...this.newest.values()].find(([message]) => "number" in message && message.number === number);
     if (asked) this.send(...asked);
   }
 

@@ -80,18 +80,23 @@ export class Studio extends EventTarget {
     if (described) this.dispatchEvent(new CustomEvent("described", { detail: described }));
   }
 
-  /** Ask for a preview; its number tells its answers from those of others. */
-  preview(recipe: Recipe): number {
+  /** Ask for a preview; its number tells its answers from those of others. It gets finer up to ``largest`` px. */
+  preview(recipe: Recipe, largest: number): number {
     const number = this.next();
-    this.send({ kind: "preview", number, recipe });
+    this.send({ kind: "preview", number, recipe, largest });
     return number;
   }
 
+  /** Let previews get no finer, as something else is to be computed. */
+  stopPreview(): void {
+    this.send({ kind: "preview_stop" });
+  }
+
   /** Ask for a preview of what the server does not have yet, with a number of `next`. */
-  async previewDraft({ recipe, attached }: Draft, number: number): Promise<void> {
+  async previewDraft({ recipe, attached }: Draft, number: number, largest: number): Promise<void> {
     const payload = new Uint8Array(await new Blob(Object.values(attached)).arrayBuffer());
     const attachedSizes = Object.fromEntries(Object.entries(attached).map(([name, { size }]) => [name, size]));
-    this.send({ kind: "preview", number, recipe, attached: attachedSizes }, payload);
+    this.send({ kind: "preview", number, recipe, attached: attachedSizes, largest }, payload);
   }
 
   /** Ask for other versions of a region; numbered as previews. */

@@ -1,0 +1,108 @@
+"""Previews: how large their pictures are, and what the finest one shows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import PIL.Image
+import pytest
+
+import texloom
+from tests.studio.conftest import Served
+from tests.studio.sockets import Page
+from texloom.pipelines.studio.messages.answers import PreviewPicture
+from texloom.pipelines.studio.messages.recipes import Recipe
+from texloom.pipelines.studio.messages.requests import PreviewRequest, PreviewStopRequest
+from texloom.pipelines.studio.previews import Previewer
+from texloom.pipelines.studio.reduced import Reduction
+from texloom.pipelines.studio.work import Places
+
+EXEMPLAR, RESULT = (512, 512), (1024, 1024)
+
+
+def scales(size: tuple[int, int], largest: int, seconds_of_full: float) -> list[float]:
+    """Those of all pictures of a preview, where the full size takes so long."""
+    found: list[float] = []
+    reduction: Reduction | None = Reduction.first(EXEMPLAR, size)
+    while reduction is not None:
+        found.append(reduction.scale)
+        made = reduction.size(size)
+        reduction = reduction.finer(size, largest, seconds_of_full * made[0] * made[1] / (size[0] * size[1]))
+    return found
+
+
+def test_the_first_picture_alone_is_made_without_a_screen() -> None:
+    assert scales(RESULT, 0, 1.0) == [288 / 1024]
+
+
+def test_pictures_get_finer_up_to_the_screen() -> None:
+    assert scales((8192, 8192), 1024, 1e6) == pytest.approx([72 / 512, 2.56 * 72 / 512])  # of the part that is made
+    first = 288 / 1024
+    assert scales(RESULT, 900, 60.0) == pytest.approx([first, 2 * first, 900 / 1024])
+    assert scales(RESULT, 500, 60.0) == pytest.approx([first, 500 / 1024])
+    assert scales(RESULT, 200, 60.0) == [first]
+
+
+def test_the_full_size_is_made_where_it_takes_seconds() -> None:
+    first = 288 / 1024
+    assert scales(RESULT, 900, 9.0) == pytest.approx([first, 2 * first, 1])
+    assert scales(RESULT, 200, 9.0)[-1] == 1
+
+
+def test_a_part_of_a_large_result_is_the_same_part_in_all_pictures() -> None:
+    first = Reduction.first(EXEMPLAR, (8192, 4096))
+    second = first.finer((8192, 4096), 1024, 100.0)
+    assert second is not None
+    for reduction in (first, second):
+        assert np.array(reduction.size((8192, 4096))) / reduction.scale == pytest.approx(400 * 512 / 72, abs=8)
+
+
+def test_all_of_what_a_small_exemplar_makes_follows_its_part() -> None:
+    first = Reduction.first((64, 64), RESULT)
+    assert first == Reduction(1.0, 400)
+    assert first.finer(RESULT, 900, 1.0) == Reduction(1.0, 1024)
+    assert first.finer(RESULT, 900, 2.0) is None
+    assert Reduction(1.0, 1024).finer(RESULT, 900, 1.0) is None
+
+
+def test_sides_of_the_full_size_are_kept() -> None:
+    assert Reduction(1.0).size((301, 299)) == (301, 299)
+    assert Reduction(0.5).size((301, 299)) == (152, 148)
+
+
+def test_the_finest_picture_is_the_result(tmp_path: Path) -> None:
+    rows, columns = np.indices((300, 320))
+    picture = (127 + 100 * np.sin(columns / 9 + np.sin(rows / 11))).astype(np.uint8)
+    (tmp_path / "project").mkdir()
+    PIL.Image.fromarray(picture).save(tmp_path / "project/waves.png")
+    places = Places(folder=f"{tmp_path}/project", store=f"{tmp_path}/store", scratch=f"{tmp_path}/scratch")
+    recipe = Recipe(flow="quilting", sources={"exemplar": "folder:waves.png"}, size=(310, 330), seed=5)
+    sent: list[tuple[PreviewPicture, bytes]] = []
+    request = PreviewRequest(number=1, recipe=recipe, largest=800)
+    Previewer(places).make(request, b"", lambda: None, lambda *told: sent.append(told))
+    assert [one.is_final for one, _ in sent] == [False] * (len(sent) - 1) + [True]
+    assert len({one.scale for one, _ in sent}) == 2
+    last, pixels = sent[-1]
+    assert (last.scale, last.height, last.width) == (1, 310, 330)
+    options = {"size": (310, 330), "seed": 5, "store": tmp_path / "store", "out": tmp_path / "made"}
+    texloom.run("quilting", {"exemplar": tmp_path / "project/waves.png"}, **options)
+    whole = np.asarray(PIL.Image.open(tmp_path / "made/texture.png").convert("RGBA"))
+    np.testing.assert_array_equal(np.frombuffer(pixels, np.uint8).reshape(310, 330, 4), whole)
+
+
+def test_a_page_can_stop_finer_pictures(served: Served) -> None:
+    large = Recipe(flow="self_tuning", sources={"exemplar": "texloom:bricks"}, size=(2048, 2048))
+    small = Recipe(flow="quilting", sources={"exemplar": "folder:blotches.png"}, size=(48, 64))
+    with Page(served.base, served.cookie) as page:
+        page.send(PreviewRequest(number=1, recipe=large, largest=4096))
+        told = next(told for told, _ in page.messages() if told.get("number") == 1 and told["done"] == 1)
+        assert not told["is_final"]
+        page.send(PreviewStopRequest())
+        page.send(PreviewRequest(number=2, recipe=small))
+        later = []
+        for told, _ in page.messages():
+            later += [told] if told["kind"] == "preview_picture" else []
+            if later and later[-1]["number"] == 2 and later[-1]["is_final"]:
+                break
+    assert {one["number"] for one in later} == {2}
