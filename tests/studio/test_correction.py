@@ -62,3 +62,31 @@ def test_only_the_inside_of_an_outline_changes(watched: Watched, tmp_path: Path)
     assert (shown(page) == before).all()
     page.get_by_role("button", name="Redo").click()
     assert (shown(page) == after).all()
+
+
+def test_all_but_the_inside_of_an_outline_is_made_again(watched: Watched) -> None:
+    page = watched.page
+    page.get_by_role("button", name="blotches").first.click()
+    page.get_by_label("Method").select_option("quilting")
+    page.get_by_label("Height").fill("96")
+    page.get_by_label("Height").press("Enter")
+    page.get_by_label("Width").fill("96")
+    page.get_by_label("Width").press("Enter")
+    page.get_by_role("button", name="Finish at full size").click()
+    page.get_by_label("Settings").get_by_text("Done in").wait_for()
+    before = shown(page)
+    page.get_by_role("button", name="Correct a spot").click()
+    page.get_by_role("radio", name="All else").click()
+    box = page.get_by_label("Texture at full size").bounding_box()
+    middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.move(*middle)
+    page.mouse.down()
+    for right, down in ((120, 0), (120, 120), (0, 120), (0, 0)):
+        page.mouse.move(middle[0] + right, middle[1] + down, steps=3)
+    page.mouse.up()
+    page.get_by_role("radio", name="Version 1").wait_for()
+    page.get_by_role("button", name="Accept").click()
+    page.get_by_text("Full size, corrected").wait_for()
+    after = shown(page)
+    assert (before[52:58, 52:58] == after[52:58, 52:58]).all()
+    assert (before != after).any(axis=2).mean() > 0.3

@@ -61,7 +61,7 @@ def test_views_undo_and_keys(watched: Watched) -> None:
     page = watched.page
     page.get_by_role("button", name="blotches").first.click()
     page.get_by_label("Method").select_option("quilting")
-    for mode in ("Repeat", "Compare", "Seeds", "Single"):
+    for mode in ("Repeat", "Compare", "Variants", "Single"):
         page.get_by_role("radio", name=mode).click()
         assert page.get_by_role("radio", name=mode).get_attribute("aria-checked") == "true"
     seed = page.get_by_label("Seed", exact=True)

@@ -2,6 +2,7 @@
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
+import { choice } from "./fields";
 import type { AlternativePicture, BadPlace, Job, Recipe, ToPage } from "./messages";
 import type { Drawable, Patch, Point } from "./picture-view";
 import { PAINTED, upload } from "./server";
@@ -9,6 +10,12 @@ import { canvasOf, type Payload, type Studio } from "./studio";
 
 const SEEDS = 4; // versions at a time
 const ROUND = 24; // points of a circle
+const PARTS = { inside: "The inside", outside: "All else" } as const;
+type Part = keyof typeof PARTS;
+const HINTS: Record<Part, string> = {
+  inside: "Draw around a bad spot in the picture: only its inside is synthesised again, everything else stays as it is.",
+  outside: "Draw around what is good in the picture: it stays as it is, and all else is synthesised again.",
+};
 
 interface Alternative {
   picture: Drawable;
@@ -26,6 +33,8 @@ export class CorrectPanel extends Element {
   @state() private found: Alternative[] = [];
   @state() private chosen: Alternative | null = null;
   @state() private wanted = 0;
+  /** what is made again */
+  @state() private again: Part = "inside";
   @state() private problem = "";
   private recipe: Recipe | null = null;
   private number = -1;
@@ -41,13 +50,13 @@ export class CorrectPanel extends Element {
     this.stop?.();
   }
 
-  /** Synthesise the inside of an outline again. */
+  /** Synthesise the inside of an outline again, or all else. */
   async begin(outline: Point[]): Promise<void> {
     this.found = [];
     this.choose(null);
     this.problem = "";
     this.wanted = SEEDS;
-    const region = await this.studio.attempt(painted(outline, this.size).then((file) => upload([file], "")));
+    const region = await this.studio.attempt(painted(outline, this.size, this.again).then((file) => upload([file], "")));
     if (!region) {
       this.wanted = 0;
       return;
@@ -88,6 +97,7 @@ export class CorrectPanel extends Element {
   }
 
   private accept(): void {
+    if (this.again === "outside") this.tell("outline", cornersOf(this.size)); // no bad place of before is left
     this.tell("accept", { ...this.recipe!, seed: this.chosen!.place.seed });
   }
 
@@ -105,9 +115,9 @@ export class CorrectPanel extends Element {
     const waits = this.found.length < this.wanted;
     return html`
       <h2>Correct a spot</h2>
-      <p class="hint">Draw around a bad spot in the picture: only its inside is synthesised again, everything else stays as it is.
-        Alt-drag pans, the wheel zooms.</p>
-      ${this.places.length && !this.wanted
+      ${this.wanted ? nothing : choice("What is made again", PARTS, this.again, (part) => (this.again = part))}
+      <p class="hint">${HINTS[this.again]} Alt-drag pans, the wheel zooms.</p>
+      ${this.places.length && !this.wanted && this.again === "inside"
         ? html`<p>Places least like the exemplar:</p>
             <div class="chips" role="group" aria-label="Worst places">${this.places.map((place, index) => html`<button
               title="Row ${place.row}, column ${place.column}" @click=${() => this.around(place)}>${index + 1}</button>`)}</div>`
@@ -127,14 +137,18 @@ export class CorrectPanel extends Element {
   }
 }
 
-/** A picture of a region: white inside of an outline, black elsewhere. */
-async function painted(outline: Point[], [height, width]: [number, number]): Promise<File> {
+const cornersOf = ([height, width]: [number, number]): Point[] =>
+  [{ x: -1, y: -1 }, { x: width, y: -1 }, { x: width, y: height }, { x: -1, y: height }];
+
+/** A picture of a region: white inside of an outline, or elsewhere; else black. */
+async function painted(outline: Point[], [height, width]: [number, number], part: Part): Promise<File> {
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [width, height];
   const context = canvas.getContext("2d")!;
-  context.fillStyle = "#000";
+  const colors = { inside: ["#000", "#fff"], outside: ["#fff", "#000"] }[part];
+  context.fillStyle = colors[0];
   context.fillRect(0, 0, width, height);
-  context.fillStyle = "#fff";
+  context.fillStyle = colors[1];
   context.beginPath();
   outline.forEach(({ x, y }) => context.lineTo(x + 0.5, y + 0.5));
   context.fill();

@@ -1,11 +1,12 @@
-// The preview of a recipe, or the sheet of what several seeds make of it.
+// The preview of a recipe, or the sheet of its variants.
 import type { PreviewPicture, Recipe, ToPage } from "./messages";
 import type { Drawable } from "./picture-view";
-import { newSheet, type Sheet, withSeed } from "./seed-sheet";
 import { bitmap, pictureAddress } from "./server";
 import { canvasOf, type Payload, type Studio } from "./studio";
+import { type Cell, type Sheet, withCell } from "./variants";
 
 const EXEMPLAR = 1024; // px of the exemplar that is shown, at most
+const RESULT = 2048; // px of a result in the sheet, at most
 
 export class MakePreviews {
   exemplar: ImageBitmap | null = null;
@@ -58,10 +59,28 @@ export class MakePreviews {
     this.changed();
   }
 
-  /** Ask for what seeds make, from that of the recipe on. */
-  askForSheet(recipe: Recipe): void {
-    this.sheet = newSheet(recipe.seed ?? 7);
-    this.ask(recipe);
+  /** Fill a sheet, a cell after the other. */
+  askForSheet(sheet: Sheet): void {
+    [this.sheet, this.done, this.number] = [sheet, 1, 0];
+    void this.goOn();
+  }
+
+  /** Make the next cell, if there is one. */
+  private async goOn(): Promise<void> {
+    const { sheet } = this;
+    const next = sheet?.cells[sheet.waiting];
+    this.changed();
+    if (!next?.result) {
+      if (next) this.ask(next.recipe);
+      return;
+    }
+    const loaded = await this.studio.attempt(bitmap(pictureAddress(next.result.job.texture, RESULT)));
+    if (this.sheet === sheet) this.fill(loaded ? { picture: loaded } : { problem: "It is no longer there." }, true);
+  }
+
+  private fill(change: Partial<Cell>, isFinal: boolean): void {
+    this.sheet = withCell(this.sheet!, change, isFinal);
+    if (isFinal) void this.goOn();
   }
 
   again(): void {
@@ -73,7 +92,9 @@ export class MakePreviews {
   receive(message: ToPage, payload: Payload): void {
     if (message.kind === "preview_picture" && message.number === this.number) this.onPicture(message, payload);
     else if (message.kind === "preview_failed" && message.number === this.number) {
-      [this.problem, this.done, this.isRefined, this.picture] = [message.problem, 1, false, null];
+      [this.done, this.isRefined] = [1, false];
+      if (this.sheet) this.fill({ problem: message.problem }, true);
+      else [this.problem, this.picture] = [message.problem, null];
       this.changed();
     }
   }
@@ -82,12 +103,8 @@ export class MakePreviews {
     const picture = canvasOf(payload, message.width, message.height);
     [this.done, this.isRefined] = [message.done, message.done === 1 && !message.is_final];
     this.scale = message.scale;
-    if (!this.sheet) this.picture = picture;
-    else {
-      const { waiting, first } = this.sheet;
-      this.sheet = withSeed(this.sheet, picture, message.is_final);
-      if (this.sheet.waiting > waiting) this.ask({ ...this.recipe!, seed: first + this.sheet.waiting });
-    }
+    if (this.sheet) this.fill({ picture }, message.is_final);
+    else this.picture = picture;
     this.changed();
   }
 }

@@ -8,14 +8,14 @@ import type { Method, Recipe } from "./messages";
 import type { Drawable, Mode, Patch, Point } from "./picture-view";
 import "./picture-view";
 import { picturesOf } from "./recipe-edits";
-import type { Sheet } from "./seed-sheet";
-import "./seed-sheet";
 import { sides } from "./sizes";
 import "./source-inset";
 import type { Studio } from "./studio";
+import type { Sheet } from "./variants";
+import "./variant-sheet";
 
-export type Shown = Mode | "seeds";
-export const MODES: Record<Shown, string> = { single: "Single", repeat: "Repeat", compare: "Compare", seeds: "Seeds" };
+export type Shown = Mode | "variants";
+export const MODES: Record<Shown, string> = { single: "Single", repeat: "Repeat", compare: "Compare", variants: "Variants" };
 const NONE: Point[] = [];
 
 /** What there is before any picture is chosen. */
@@ -27,9 +27,9 @@ export const WELCOME = html`<div class="welcome">
 
 /** The ways to look at what a method makes; tiles are no texture beside its exemplar. */
 export const modesOf = (method: Method): Partial<Record<Shown, string>> =>
-  method.is_texture ? MODES : { single: MODES.single, seeds: MODES.seeds };
+  method.is_texture ? MODES : { single: MODES.single, variants: MODES.variants };
 
-/** Tells `mode`, `step` with `undo` or `redo`, `file` with the export to show, `seed`, and `lasso` with an outline. */
+/** Tells `mode`, `step` with `undo` or `redo`, `file` with the export to show, what a sheet of variants tells, and `lasso` with an outline. */
 @customElement("make-stage")
 export class MakeStage extends Element {
   @property({ attribute: false }) studio!: Studio;
@@ -81,7 +81,7 @@ export class MakeStage extends Element {
           : nothing}
         <span class="state" role="status">${this.status}</span>
       </div>
-      ${this.sheet ? html`<seed-sheet .sheet=${this.sheet}></seed-sheet>` : this.view(shown)}
+      ${this.sheet ? html`<variant-sheet .sheet=${this.sheet}></variant-sheet>` : this.view(shown)}
       ${shown || this.sheet ? nothing : html`<p class="welcome over">${this.waits}</p>`}
       ${results.origins && results.picture && this.exemplar && this.hovered && !this.isCorrecting
         ? html`<source-inset .exemplar=${this.exemplar} .origins=${results.origins} .place=${this.hovered}

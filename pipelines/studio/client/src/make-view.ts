@@ -21,12 +21,14 @@ import { RequestError } from "./server";
 import { screenPixels } from "./sizes";
 import type { Payload, Studio } from "./studio";
 import { Undo } from "./undo";
+import { blendOf, type Cell, type Kind, newSheet, pictureOf, progressOf } from "./variants";
 
 @customElement("make-view")
 export class MakeView extends Element {
   @property({ attribute: false }) studio!: Studio;
   @state() private undo = new Undo<Recipe | null>(null);
   @state() private mode: Shown = "single";
+  @state() private kind: Kind = "seeds";
   /** the export that is shown of a result */
   @state() private file = "";
   @state() private isCorrecting = false;
@@ -64,6 +66,12 @@ export class MakeView extends Element {
 
   private get lacking(): string { return lacking(this.recipe, this.method); }
 
+  /** The results of this material, as they are now. */
+  private get made(): Variant[] {
+    const { project, jobs } = this.studio;
+    return (project.material?.variants ?? []).map((one) => ({ ...one, job: jobs.get(one.job.id) ?? one.job }));
+  }
+
   private get exemplarId(): string {
     return picturesOf(this.recipe)[0] ?? "";
   }
@@ -89,18 +97,20 @@ export class MakeView extends Element {
     const { project } = this.studio;
     const isOther = picturesOf(recipe)[0] !== this.exemplarId;
     if (this.recipe && (!isOther || !project.material?.variants.length)) this.edit(recipe);
-    else {
-      project.begin(recipe);
-      this.undo = new Undo<Recipe | null>(recipe);
-      this.results.restore([], "");
-      this.refresh();
-    }
+    else this.begin(recipe);
+  }
+
+  private begin(recipe: Recipe): void {
+    this.studio.project.begin(recipe);
+    this.undo = new Undo<Recipe | null>(recipe);
+    this.results.restore([], "");
+    this.refresh();
   }
 
   /** Go back to an earlier result, with the recipe that has made it. */
   private goBack(variant: Variant): void {
     const recipe = this.results.open(this.studio.project.material!.variants, variant);
-    if (this.mode === "seeds") this.mode = "single";
+    if (this.mode === "variants") this.mode = "single";
     this.undo.set(recipe);
     this.refresh();
   }
@@ -119,6 +129,28 @@ export class MakeView extends Element {
     else if (isDropped && picturesOf(recipe).includes(picture.id)) return;
     else if (isFull(recipe, method) && !picturesOf(recipe).includes(picture.id)) this.studio.problem(new RequestError(tooMany(picture, method)));
     else this.edit(toggled(recipe, method, picture.id));
+  }
+
+  /** Go on with a variant: another recipe, or a result. */
+  private take({ recipe, result }: Cell): void {
+    if (result) this.goBack(result);
+    else {
+      this.mode = "single";
+      this.undo.set(recipe);
+      this.refresh();
+    }
+  }
+
+  /** Begin a material that leads from one result to another. */
+  private blend(results: Variant[]): void {
+    this.studio.know(results.map((one) => pictureOf(one, this.method)));
+    this.mode = "single";
+    this.begin(blendOf(results));
+  }
+
+  private vary(kind: Kind): void {
+    this.kind = kind;
+    this.refresh();
   }
 
   private edit(change: Partial<Recipe>): void {
@@ -187,12 +219,12 @@ export class MakeView extends Element {
     this.endCorrection();
     if (this.other.job) this.mode = "single";
     this.other.end();
-    if (this.mode !== "seeds") results.recall(recipe);
+    if (this.mode !== "variants") results.recall(recipe);
     this.requestUpdate();
     if (!recipe) return;
     this.studio.project.edit({ draft: recipe, shown: results.id, mode: this.mode, file: this.file });
     if (this.lacking) previews.stop();
-    else if (this.mode === "seeds") previews.askForSheet(recipe);
+    else if (this.mode === "variants") previews.askForSheet(newSheet(this.kind, recipe, this.studio.begin.methods, this.made));
     else if (results.job?.state === "done") {
       previews.hold();
       this.load();
@@ -201,9 +233,9 @@ export class MakeView extends Element {
   }
 
   private chooseMode(mode: Shown): void {
-    const wasSheet = this.mode === "seeds";
+    const wasSheet = this.mode === "variants";
     this.mode = mode;
-    if (mode === "seeds" || wasSheet) this.refresh();
+    if (mode === "variants" || wasSheet) this.refresh();
     else this.studio.project.edit({ mode });
     if (mode !== "compare") this.other.end();
   }
@@ -271,10 +303,9 @@ export class MakeView extends Element {
       @mode=${(event: CustomEvent<Shown>) => this.chooseMode(event.detail)}
       @step=${(event: CustomEvent<"undo" | "redo">) => this.step(event.detail)}
       @file=${(event: CustomEvent<string>) => this.chooseFile(event.detail)}
-      @seed=${({ detail: seed }: CustomEvent<number>) => {
-        this.mode = "single";
-        this.edit({ seed });
-      }}
+      @vary=${(event: CustomEvent<Kind>) => this.vary(event.detail)}
+      @take=${(event: CustomEvent<Cell>) => this.take(event.detail)}
+      @blend=${(event: CustomEvent<Variant[]>) => this.blend(event.detail)}
       @lasso=${(event: CustomEvent<Point[]>) => {
         this.outline = event.detail;
         void this.panel.begin(event.detail);
@@ -282,8 +313,9 @@ export class MakeView extends Element {
   }
 
   private status(): string | TemplateResult {
-    const { problem, done, picture, scale, isRefined } = this.previews;
+    const { problem, done, picture, scale, isRefined, sheet } = this.previews;
     if (problem) return failure(problem, () => this.previews.again());
+    if (sheet) return progressOf(sheet);
     if (this.other.job) return "Left of the line is the result that it is compared with";
     return statusOf(this.results, this.lacking, done < 1, picture ? scale : 0, isRefined);
   }

@@ -3,9 +3,9 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
 import type { MaterialRequest, Variant } from "./messages";
-import { title } from "./recipe-form";
 import { thumbnailAddress } from "./server";
 import { isOver, type Studio } from "./studio";
+import { named } from "./variants";
 
 @customElement("material-bar")
 export class MaterialBar extends Element {
@@ -75,7 +75,7 @@ export class MaterialResults extends Element {
   private result(variant: Variant, canCompare: boolean): TemplateResult {
     const job = this.studio.jobs.get(variant.job.id) ?? variant.job;
     const isDone = job.state === "done";
-    const words = named(job.recipe.flow, job.recipe.seed, variant);
+    const words = named({ ...variant, job });
     const state = isDone ? "" : isOver(job) ? job.state : job.state === "running" ? `${Math.round(100 * job.done)} %` : "waits";
     return html`<li class=${job.id === this.against ? "against" : ""}>
       <button aria-pressed=${job.id === this.shown} title="${words}, ${new Date(1000 * variant.made).toLocaleString()}"
@@ -89,6 +89,3 @@ export class MaterialResults extends Element {
     </li>`;
   }
 }
-
-const named = (flow: string, seed: number | undefined, { parent }: Variant): string =>
-  `Seed ${seed ?? 7}, ${parent ? "correction" : title(flow).toLowerCase()}`;

@@ -23,6 +23,11 @@ export interface Act extends Point {
 }
 /** Draws over a picture; ``at`` gives the place in the view of one in the picture's pixels. */
 export type Over = (context: CanvasRenderingContext2D, at: (point: Point) => [number, number], scale: number) => void;
+/** What of a picture is in view: screen pixels that it is wide, 0 where it fits, and the middle in shares of it. */
+export interface Look extends Point {
+  span: number;
+}
+export const FITTED: Look = { span: 0, x: 0.5, y: 0.5 };
 export type Mode = "single" | "repeat" | "compare";
 export type Drawable = ImageBitmap | HTMLCanvasElement;
 
@@ -54,6 +59,8 @@ export class PictureView extends Element {
   @property({ attribute: false }) marks: Point[] = [];
   /** a part that is shown in place of what is there */
   @property({ attribute: false }) patch: Patch | null = null;
+  /** what is in view, where that is the same of several pictures; each of them tells `look` when it is moved */
+  @property({ attribute: false }) look: Look | null = null;
   @query("canvas") protected canvas!: HTMLCanvasElement;
 
   protected zoom = 0; // screen pixels of a pixel; 0 fits
@@ -99,13 +106,23 @@ export class PictureView extends Element {
     const [before, now] = [this.shown, this.picture];
     if (!this.extent && before && now && this.zoom && before.width !== now.width) this.zoom *= before.width / now.width;
     this.shown = now;
+    if (this.look && this.size) {
+      const { span, x, y } = this.look;
+      [this.zoom, this.center] = [span / this.size.width, { x, y }];
+    }
     this.draw();
   }
 
   fit(): void {
     this.zoom = 0;
     this.center = { x: 0.5, y: 0.5 };
+    this.moved();
+  }
+
+  /** Draw what is in view now, and tell those that show as much. */
+  private moved(): void {
     this.draw();
+    if (this.look) this.tell<Look>("look", { span: this.zoom * (this.size?.width ?? 0), ...this.center });
   }
 
   /** Width and height that the picture is shown at. */
@@ -119,7 +136,7 @@ export class PictureView extends Element {
     if (this.zoom || !size) return this.zoom || 1;
     const { clientWidth, clientHeight } = this.canvas;
     const parts = this.mode === "repeat" ? 2.5 : 1;
-    const margin = this.mode === "repeat" ? 0 : 32;
+    const margin = this.mode === "repeat" || this.look ? 0 : 32;
     const fit = Math.min(
       (clientWidth - margin) / size.width,
       (clientHeight - margin) / size.height,
@@ -363,7 +380,7 @@ export class PictureView extends Element {
     this.zoom = scale;
     this.center.x -= x / (size.width * scale);
     this.center.y -= y / (size.height * scale);
-    this.draw();
+    this.moved();
   }
 
   private wheel(event: WheelEvent): void {
@@ -382,7 +399,7 @@ export class PictureView extends Element {
     const change = 1 / before - 1 / this.zoom;
     this.center.x += (right * change) / size.width;
     this.center.y += (down * change) / size.height;
-    this.draw();
+    this.moved();
   }
 
   protected key(event: KeyboardEvent): void {
