@@ -19,7 +19,7 @@ export class VariantSheet extends Element {
   @property({ attribute: false }) sheet!: Sheet;
   /** of all pictures */
   @state() private look: Look = FITTED;
-  /** labels of the results that are to be blended */
+  /** runs of the results that are to be blended */
   @state() private blended: readonly string[] = [];
 
   protected override willUpdate(changed: Map<string, unknown>): void {
@@ -30,7 +30,7 @@ export class VariantSheet extends Element {
   override render(): TemplateResult {
     const { kind, cells } = this.sheet;
     const columns = Math.ceil(Math.sqrt(cells.length));
-    const chosen = cells.filter(({ label }) => this.blended.includes(label));
+    const chosen = cells.filter(({ result }) => result && this.blended.includes(result.job.id));
     return html`<div class="bar">
         ${choice("What varies", KINDS, kind, (one) => this.tell("vary", one))}
         <span class="hint">All are moved and zoomed together.</span>
@@ -47,20 +47,22 @@ export class VariantSheet extends Element {
 
   private cell(cell: Cell): TemplateResult {
     const { label, result, picture, problem } = cell;
-    const isBlended = this.blended.includes(label);
     return html`<figure aria-label=${label}>
       ${problem ? html`<p class="hint" title=${problem}>${problem.split(". ")[0]}</p>` : html`<picture-view .picture=${picture} .look=${this.look} .isReduced=${!result} label=${label}></picture-view>`}
       <figcaption>
         <button ?disabled=${problem !== ""} title="Go on with this one" @click=${() => this.tell("take", cell)}>${label}</button>
-        ${result
-          ? html`<label><input type="checkbox" .checked=${isBlended} @change=${() => this.choose(label, isBlended)} /> blend</label>`
-          : nothing}
+        ${result ? this.blendBox(result.job.id) : nothing}
       </figcaption>
     </figure>`;
   }
 
+  private blendBox(job: string): TemplateResult {
+    const isBlended = this.blended.includes(job);
+    return html`<label><input type="checkbox" .checked=${isBlended} @change=${() => this.choose(job, isBlended)} /> blend</label>`;
+  }
+
   /** Blend one, in place of the first where there are two; or no more. */
-  private choose(label: string, isBlended: boolean): void {
-    this.blended = isBlended ? this.blended.filter((one) => one !== label) : [...this.blended, label].slice(-BLENDED);
+  private choose(job: string, isBlended: boolean): void {
+    this.blended = isBlended ? this.blended.filter((one) => one !== job) : [...this.blended, job].slice(-BLENDED);
   }
 }
