@@ -101,9 +101,15 @@ class Studio:
         """What a material is called after the picture, or the first ones of several, that it begins with."""
         given = next(iter(recipe.sources.values()), "")
         try:
-            return " ".join(map(self.library.name_of, (given,) if isinstance(given, str) else given[:MOST_NAMES]))
+            names = map(self._name_of_picture, (given,) if isinstance(given, str) else given[:MOST_NAMES])
+            return " ".join(dict.fromkeys(names))
         except InputError:
             return recipe.flow.replace("_", " ")
+
+    def _name_of_picture(self, picture: str) -> str:
+        """Its own, or that of the material of which it is a result."""
+        made_it = self.project.with_result(picture)
+        return self.library.name_of(picture) if made_it is None else made_it.name
 
     def renamed(self, material: Material) -> Material:
         """Call the files of its runs after a material."""

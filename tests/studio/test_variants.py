@@ -88,3 +88,4 @@ def test_two_results_are_blended_in_a_new_material(watched: Watched) -> None:
         "Seed 7, quilting",
     ]
     page.get_by_role("status").filter(has_text="Preview at").wait_for()
+    assert page.get_by_label("Name of the material").input_value().startswith("blotches")

@@ -61,6 +61,11 @@ class Project:
             raise InputError("this material is no longer there")
         return f"{stem(owner.name)}_{_first_flow(owner, job)}"
 
+    def with_result(self, texture: str) -> Material | None:
+        """The material of which a picture is a result; None where it is of none."""
+        every = self.materials.values()
+        return next((one for one in every if any(made.job.texture == texture for made in one.variants)), None)
+
     # -- changing
 
     def create(self, name: str, recipe: Recipe | None, **fields: Any) -> Material:
