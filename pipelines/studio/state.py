@@ -42,7 +42,7 @@ class Studio:
         self.reader = WorkerProcess(places)
         """decodes pictures"""
         practice = Recipe(
-            flow="self_tuning", sources={"exemplar": "texloom:bricks"}, size=(512, 512), tileable="both"
+            flow="self_tuning", sources={"exemplar": "texloom:bricks"}, size=(64, 64), tileable="both"
         )
         self.spares = Spares(places, PreviewRequest(number=0, recipe=practice))
         self.tiler = WorkerProcess(places)
