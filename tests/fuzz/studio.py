@@ -9,11 +9,13 @@ import tempfile
 from functools import cache
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import PIL.Image
 
 from tests.fuzz.mutations import mutated, mutated_text
+from texloom.pipelines.studio import reduced
 from texloom.pipelines.studio.lattices import Lattices
 from texloom.pipelines.studio.messages.message import unpacked
 from texloom.pipelines.studio.messages.requests import (
@@ -68,6 +70,7 @@ _VALUES = (
     "folder:a.png", "folder:../a.png", "folder:a\n\x1b[31m.png", "texloom:bricks", "attached:lattice.json",
     "quilting", "values", [], {}, [[]], [1, 1], [32, 32], [2048, 1], {"a": 1}, [[0, 0, 0, 0]] * 3,
 )  # fmt: skip
+_SIDE = 96  # px of a preview, at most; without a size, one is as large as its method makes it
 _PIXELS = {"paint_open": 480, "paint_dab": 20}
 
 
@@ -92,7 +95,8 @@ class _Workers:
             raise InputError("not a message of the studio") from None
         match request:
             case PreviewRequest():
-                self.previewer.make(request, bytes(payload), _go_on, _send)
+                with patch.object(reduced, "_LARGEST_RESULT", _SIDE):
+                    self.previewer.make(request, bytes(payload), _go_on, _send)
             case AlternativesRequest():
                 open_recipe(request.recipe, self.previewer.library, self.previewer.store).plan()
             case PaintOpenRequest():

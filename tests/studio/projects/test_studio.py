@@ -6,6 +6,7 @@ import io
 import json
 import os
 import shutil
+import time
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any
 import PIL.Image
 import pytest
 
+from tests.pipelines.engine.prefect.server import wait_for
 from tests.studio.conftest import Served, Watched, exemplar, watching
 from texloom.pipelines.studio.projects.files import FOLDER
 
@@ -23,6 +25,10 @@ RECIPE = {"flow": "quilting", "sources": {"exemplar": "folder:blotches.png"}, "s
 def opened(folder: Path) -> Served:
     """A studio of a folder, with a store beside it."""
     return Served(folder, folder.parent / "store")
+
+
+def job_of(served: Served, material: str, variant: int) -> Any:
+    return served.json(f"/api/materials/{material}")["material"]["variants"][variant]["job"]
 
 
 def ended(served: Served) -> None:
@@ -137,8 +143,7 @@ def test_a_name_that_is_typed_outlives_news(tab: Watched) -> None:
     assert name.input_value() == "Half a na"
     name.press_sequentially("me")
     name.press("Enter")
-    while served.json(f"/api/materials/{made['id']}")["material"]["name"] != "Half a name":
-        pass
+    wait_for(lambda: served.json(f"/api/materials/{made['id']}")["material"]["name"] == "Half a name")
 
 
 def test_rename_tag_duplicate_delete_and_undo_on_the_wall(tab: Watched) -> None:
@@ -182,20 +187,15 @@ def test_rename_tag_duplicate_delete_and_undo_on_the_wall(tab: Watched) -> None:
 def test_another_server_comes_back_and_finishes_what_was_running(folder: Path, chromium: Any) -> None:
     first = opened(folder)
     made = first.json("/api/jobs", RECIPE)
-    while (
-        first.json(f"/api/materials/{(owner := first.json('/api/materials')['shown'][0]['id'])}")["material"][
-            "variants"
-        ][0]["job"]["state"]
-        != "done"
-    ):
-        pass
+    owner = first.json("/api/materials")["shown"][0]["id"]
+    wait_for(lambda: job_of(first, owner, 0)["state"] == "done")
     first.json("/api/project/view", {"view": "make", "material": owner})
     waiting = [
         first.json(f"/api/jobs?material={owner}", RECIPE | {"seed": seed, "size": "256x256"}) for seed in (4, 5)
     ]
     path = folder / FOLDER / "materials" / f"{owner}.json"
     while len(json.loads(path.read_text())["variants"]) < 3 or not (folder / FOLDER / "project.json").exists():
-        pass
+        time.sleep(0.01)
     with first.process:
         first.process.kill()
     second = opened(folder)
@@ -226,12 +226,11 @@ def test_another_server_comes_back_and_finishes_what_was_running(folder: Path, c
     for name in ("../../store.key", "..%2f..%2fidentity", "/etc/passwd", ".."):
         assert third.request(f"/api/jobs/{made['id']}/files/{name}")[0] in (404, 422)
     assert third.request(f"/api/jobs/{made['id']}/files/texture.png") == (200, content)
-    job = third.json(f"/api/materials/{owner}")["material"]["variants"][1]["job"]
+    job = job_of(third, owner, 1)
     assert job["state"] == "cancelled"
     assert "no longer in the store" in job["text"]
     third.json(f"/api/jobs/{job['id']}/again", b"", "POST")
-    while third.json(f"/api/materials/{owner}")["material"]["variants"][1]["job"]["state"] != "done":
-        pass
+    wait_for(lambda: job_of(third, owner, 1)["state"] == "done")
     assert third.request(f"/api/jobs/{job['id']}/files/texture.png") == before
     ended(third)
 

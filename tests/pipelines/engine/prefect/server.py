@@ -36,6 +36,8 @@ class Server:
             "PREFECT_SERVER_SERVICES_SCHEDULER_LOOP_SECONDS": "2",
             "DO_NOT_TRACK": "1",
         }
+        # one: each reads the certificates of the system; no connection is kept that the server might close
+        self.client = httpx.Client(timeout=120, limits=httpx.Limits(max_keepalive_connections=0))
         self.started: list[subprocess.Popen[bytes]] = []
         self.start("server", "start", "--host", "127.0.0.1", "--port", str(port))
         wait_for(lambda: self.post("health", method="GET"))
@@ -60,7 +62,7 @@ class Server:
     def post(self, path: str, body: Any = None, method: str = "POST") -> Any:
         """The answer of the server's interface; none while it does not listen, or closes a connection."""
         try:
-            answer = httpx.request(method, f"{self.url}/{path}", json=body, timeout=120)
+            answer = self.client.request(method, f"{self.url}/{path}", json=body)
         except httpx.TransportError:
             return None
         if answer.status_code == httpx.codes.SERVICE_UNAVAILABLE:  # its database is locked
@@ -75,6 +77,7 @@ class Server:
 
     def stop(self) -> None:
         """End all, the server last."""
+        self.client.close()
         for process in reversed(self.started):
             process.terminate()
             try:

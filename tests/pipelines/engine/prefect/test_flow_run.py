@@ -330,10 +330,11 @@ def test_two_workers_run_the_deployments(server: Server, tmp_path: Path, rng: np
         PIL.Image.fromarray(rng.integers(0, 256, (32, 32, 3), np.uint8)).save(place / "library" / f"{name}.png")
     (place / "library.yaml").write_text(LIBRARY)
     shutil.copy(ROOT / "prefect.yaml", place)
-    server.call("work-pool", "create", "--type", "process", "texloom", folder=place)
+    worker = ("worker", "start", "--pool", "texloom", "--limit", "1", "--name")
+    server.start(*worker, "one", "--type", "process")  # which creates the pool
+    wait_for(lambda: server.post("work_pools/filter", {}))
+    server.start(*worker, "two")
     server.call("deploy", "--all", "--no-prompt", folder=place)
-    for name in ("one", "two"):
-        server.start("worker", "start", "--pool", "texloom", "--name", name, "--limit", "1")
     known = {entry["name"]: entry for entry in wait_for(lambda: server.post("deployments/filter", {}))}
     assert set(known) == {"run", "nightly"}
     assert [entry["schedule"]["cron"] for entry in known["nightly"]["schedules"]] == ["0 2 * * *"]
