@@ -12,14 +12,12 @@ from texloom.stages.vocabulary.facts import NOWHERE, TORUS, Wraps
 
 def counted(filled: np.ndarray, block: int, wrap: Wraps) -> np.ndarray:
     """Filled pixels of the block that has each pixel in its middle, by its definition."""
-    counts = np.zeros(filled.shape, int)
-    for place in np.ndindex(*filled.shape):
-        lines = []
-        for at, side, around in zip(place, filled.shape, wrap, strict=True):
-            line = at - block // 2 + np.arange(block)
-            lines.append(line % side if around else line[(line >= 0) & (line < side)])
-        counts[place] = filled[np.ix_(*lines)].sum()
-    return counts
+    margins = (block // 2, block - 1 - block // 2)
+    padded = filled
+    for axis, around in enumerate(wrap):
+        sides = [margins if axis == one else (0, 0) for one in range(2)]
+        padded = np.pad(padded, sides, mode="wrap" if around else "constant")
+    return np.lib.stride_tricks.sliding_window_view(padded, (block, block)).sum((2, 3))
 
 
 @pytest.mark.parametrize("block", [7, 8])
