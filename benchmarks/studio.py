@@ -40,6 +40,7 @@ from texloom.pipelines.studio.messages.requests import (
     PreviewRequest,
 )
 from texloom.pipelines.studio.page import BUILT
+from texloom.pipelines.studio.processes import PAUSE
 
 EXEMPLAR = "texloom:bricks"
 SIDE = 1024  # px of the canvas
@@ -304,7 +305,7 @@ def processes(server: int) -> list[str]:
 
 def wait_until_idle(server: int) -> None:
     """Wait until nothing is being prepared any more."""
-    time.sleep(5)  # until the next worker is begun
+    time.sleep(PAUSE + 2)  # until the next worker is begun
     before = processor(server)
     while True:
         time.sleep(2)

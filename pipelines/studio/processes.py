@@ -16,8 +16,8 @@ from texloom.stages.vocabulary.declare import InputError
 
 _PATIENCE = 15.0
 """seconds after which a worker that does not cancel its work is killed"""
-_PAUSE = 3.0
-"""seconds until the next worker is prepared, which are left to the first preview of the one that was taken"""
+PAUSE = 15.0
+"""seconds until the next worker is prepared, which are left to the previews of the one that was taken"""
 _ENDED = b'{"kind":"ended"'
 
 
@@ -152,7 +152,7 @@ class Spares:
     def take(self) -> WorkerProcess:
         """The worker that is ready, or a new one; `give` it back. The next one is prepared."""
         worker, self._spare = self._spare, None
-        self.prepare(_PAUSE)
+        self.prepare(PAUSE)
         return worker or WorkerProcess(self._places)
 
     def give(self, worker: WorkerProcess) -> None:

@@ -369,7 +369,7 @@ def test_work_may_follow_what_was_killed_as_it_ended(tmp_path: Path, monkeypatch
 
 
 def test_the_next_worker_is_ready_before_it_is_needed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(processes, "_PAUSE", 0.0)
+    monkeypatch.setattr(processes, "PAUSE", 0.0)
     places = Places(folder=str(tmp_path), store=str(tmp_path / "store"), scratch=str(tmp_path / "scratch"))
 
     async def work() -> list[bool]:
