@@ -108,14 +108,49 @@ def _planes(
         covered = ((shared > 0) & half).astype(np.uint8)
         closed = cv2.morphologyEx(covered, cv2.MORPH_CLOSE, np.ones((_GAP, _GAP), np.uint8)) * half
         count, labels = cv2.connectedComponents(closed.astype(np.uint8), connectivity=4)
-        for label in range(1, count):
-            area = labels == label
-            # Segments at the borders have few neighbours.
-            around = cv2.dilate(area.astype(np.uint8), np.ones((3, 3), np.uint8)) * half > 0
-            first, second = (family[around[cells.of(family.middles)]] for family in families)
-            if np.count_nonzero(area) >= _MIN_CELLS and len(first.ends) and len(second.ends):
-                planes.append(_plane(points, (first, second), area, float(shared[area].sum())))
+        parts = [labels == label for label in range(1, count)]
+        found = [_around(points, families, area, half, (shared, cells)) for area in parts]
+        # Lines at one place, such as a joint between large tiles, lie on a plane with the next ones.
+        if len(parts) > 1 and any(plane is not None and _is_thin(plane, cells) for plane in found):
+            found.append(_around(points, families, _hull(closed) & half, half, (shared, cells)))
+        planes += found
     return [plane for plane in planes if plane is not None]
+
+
+def _around(
+    points: tuple[np.ndarray, np.ndarray],
+    families: tuple[Segments, Segments],
+    area: Mask,
+    half: Mask,
+    density: tuple[Float32[np.ndarray, "m n"], Cells],
+) -> PlaneCandidate | None:
+    """The plane of the segments in and beside an area; none where that is small."""
+    import cv2
+
+    shared, cells = density
+    # Segments at the borders have few neighbours.
+    near = cv2.dilate(area.astype(np.uint8), np.ones((3, 3), np.uint8)) * half > 0
+    first, second = (family[near[cells.of(family.middles)]] for family in families)
+    if np.count_nonzero(area) < _MIN_CELLS or not (len(first.ends) and len(second.ends)):
+        return None
+    return _plane(points, (first, second), area, float(shared[area].sum()))
+
+
+def _is_thin(plane: PlaneCandidate, cells: Cells) -> bool:
+    """Whether the rectangle is narrower than a cell."""
+    corners = cells.pixels(plane.corners)
+    sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
+    return bool(min(sides[::2].max(), sides[1::2].max()) < cells.side)
+
+
+def _hull(area: np.ndarray) -> Mask:
+    """The convex hull of an area."""
+    import cv2
+
+    filled = np.zeros(area.shape, np.uint8)
+    points = np.argwhere(area > 0)[:, ::-1].astype(np.int32)
+    cv2.fillConvexPoly(filled, cv2.convexHull(points), 1)
+    return filled > 0
 
 
 def _plane(

@@ -87,6 +87,22 @@ def test_corners_of_planes_of_known_pose(
     assert corner_error(corners, proposal.corners[0]) < 0.01
 
 
+def large_tiles(rng: np.random.Generator) -> np.ndarray:
+    """A row of tiles of upright grain, from joint to joint."""
+    wall = np.tile(0.25 + 0.1 * rng.random((1, 120)).repeat(4, axis=1), (360, 1))
+    for joint in (0, 357):
+        wall[joint : joint + 3] = 0.8
+    for joint in (0, 120, 240, 360, 477):
+        wall[:, joint : joint + 3] = 0.8
+    return wall.astype(np.float32)
+
+
+def test_joints_that_are_far_apart_lie_on_one_plane(rng: np.random.Generator) -> None:
+    corners = pixels(rectangle(2.9, 3.8, -0.4, 0.1, 0.0))
+    proposal = plane_proposal(rendered([(large_tiles(rng), corners)], rng), PlaneProposalParams(extend=False))
+    assert corner_error(corners, proposal.corners[0]) < 0.02
+
+
 def test_both_walls_of_a_corner(rng: np.random.Generator) -> None:
     edge, up = np.array([0, 0, 4]), np.array([0, -1.2, 0])
     left, right = np.array([-2.3, 0, 5.9]), np.array([2.2, 0, 6])
