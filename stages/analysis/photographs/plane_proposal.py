@@ -24,7 +24,8 @@ _FAMILIES = 6  # vanishing points
 _MOST = 8  # planes that are numbered
 _SAME = 0.5  # shared area, as a share of that of both planes: they are one
 _SHOWN_SIDE = 2048  # px of the picture, at most
-_AS_EVEN = 0.95  # of the evenness of a rectangle, that it must have when it is extended
+_AS_EVEN = 0.95  # of the evenness of a rectangle, that it must have when it is extended,
+_REPEATS = 0.85  # unless it repeats so clearly: of large tiles, some parts have joints and others none
 _COLORS = ((1.0, 0.1, 0.1), (0.1, 1.0, 0.1))  # of segments down and across
 _CHOSEN, _OTHER = (1.0, 0.8, 0.0), (0.3, 0.6, 1.0)  # of rectangles
 
@@ -68,7 +69,8 @@ def plane_proposal(image: Image, params: PlaneProposalParams) -> PlaneProposal:
     Line segments that point to the same vanishing point are parallel in space. Where segments of two such families
     meet, they lie on a plane, and the homography of the plane follows from both vanishing points but for the
     aspect ratio. The rectangle encloses the segments of both; it may reach beyond the photograph. That of the plane
-    that is taken is extended to where its texture ends, see `extended`, unless it is less even then.
+    that is taken is extended to where its texture ends, see `extended`, unless it is less even then and does not
+    repeat clearly.
 
     Planes are ranked by what they look like from the front: how well they repeat, how even they are, and how many
     of their lines are straight. Confidence is the geometric mean of the three; a plane holds from .45 on, and
@@ -196,7 +198,7 @@ def _extended(image: Image, plane: RankedPlane) -> tuple[RankedPlane, float]:
     further = extended(image, corners, segments)
     candidate = dataclasses.replace(plane.candidate, corners=cells.places(further.corners))
     after = measured(image, candidate, segments, cells) if further.share > 1 else None
-    if after is None or after.evenness < _AS_EVEN * plane.evenness:
+    if after is None or (after.evenness < _AS_EVEN * plane.evenness and after.repetition < _REPEATS):
         return plane, 1.0
     return dataclasses.replace(plane, candidate=candidate), further.share
 

@@ -11,11 +11,14 @@ import pytest
 
 from tests.photographs import unit_square
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.analysis.photographs import plane_proposal as module
+from texloom.stages.analysis.photographs.plane_candidates import PlaneCandidate
 from texloom.stages.analysis.photographs.plane_proposal import (
     PlaneProposalParams,
     find_planes,
     plane_proposal,
 )
+from texloom.stages.analysis.photographs.plane_ranking import RankedPlane
 from texloom.stages.common.features.line_segments import Frame
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -101,6 +104,20 @@ def test_joints_that_are_far_apart_lie_on_one_plane(rng: np.random.Generator) ->
     corners = pixels(rectangle(2.9, 3.8, -0.4, 0.1, 0.0))
     proposal = plane_proposal(rendered([(large_tiles(rng), corners)], rng), PlaneProposalParams(extend=False))
     assert corner_error(corners, proposal.corners[0]) < 0.02
+
+
+@pytest.mark.parametrize(("repetition", "goes_on"), [(0.9, True), (0.8, False)])
+def test_a_plane_is_extended_that_is_less_even_then_but_repeats(
+    repetition: float, goes_on: bool, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wall = np.tile(large_tiles(rng), (2, 1))[90:-90]
+    photo = rendered([(wall, pixels(rectangle(4.4, 4.2, -0.3, 0.0, 0.0)))], rng)
+
+    def less_even(_: Any, candidate: PlaneCandidate, *__: Any) -> RankedPlane:
+        return RankedPlane(candidate, repetition, evenness=0.1, straightness=1.0)
+
+    monkeypatch.setattr(module, "measured", less_even)
+    assert (plane_proposal(photo, PlaneProposalParams()).table["extended"] > 1.3) == goes_on
 
 
 def test_both_walls_of_a_corner(rng: np.random.Generator) -> None:
