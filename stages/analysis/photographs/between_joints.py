@@ -45,7 +45,8 @@ class BetweenJoints:
     image: Image
     """the surface, cropped from joint to joint along each side where these are clear"""
     generators: Vectors
-    """one row, px: the distance of joints, where it is a multiple of the given period; else no rows"""
+    """px: of a cropped surface whose generators run along both sides, these, by the distances of joints; one row
+    where the only one is a multiple of the given period; else no rows"""
     table: dict[str, Any]
     """``why``: a sentence, empty where nothing is cropped; ``periods``: numbers of periods down and across, 0 where
     that is not known; ``box``: top, left, height and width of what is kept, px"""
@@ -86,16 +87,20 @@ def between_joints(image: Image, generators: Vectors, params: BetweenJointsParam
         usable = np.ones((image.height, image.width), np.bool_) if valid is None else valid
         lab, shown = reduced_surface(image, usable, _SIDE)
         factor = max(shown.shape) / max(image.height, image.width)
+        lengths = [_along(generators, axis) for axis in (0, 1)]
         for axis in (0, 1):
-            period = _along(generators, axis) * factor
+            period = lengths[axis] * factor
             joints = _joints(*_profile(lab, shown, axis), period) if period >= _MIN_PX else None
             if joints is None:
                 continue
             numbers[axis] = joints.count
             box[axis] = round(joints.first / factor), round(joints.last / factor)
+            lengths[axis] = (joints.last - joints.first) / joints.count / factor
             if joints.multiple > 1 and len(generators) == 1:
-                length = (joints.last - joints.first) / joints.count / factor
-                known = np.array([[length, 0] if axis == 0 else [0, length]], np.float32)
+                known = np.array([[lengths[0], 0] if axis == 0 else [0, lengths[1]]], np.float32)
+        # Two periods are too few to be found once more.
+        if any(numbers) and len(generators) == 2 and min(lengths) > 0:
+            known = np.diag(lengths).astype(np.float32)
     (top, bottom), (left, right) = box
     why = ""
     if any(numbers):

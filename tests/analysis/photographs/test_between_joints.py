@@ -52,6 +52,16 @@ def test_boards_are_two_rows_of_things_apart(rng: np.random.Generator) -> None:
     np.testing.assert_allclose(made.generators, [[60, 0]], atol=1)
 
 
+def test_both_generators_are_told_of_what_is_cropped(rng: np.random.Generator) -> None:
+    """That along the cropped side by its joints: few periods are left to find them in."""
+    image = picture(shelves([30, 90, 150, 210], 235, rng))
+    made = between_joints(image, np.array([[0, 40], [59, 0]], np.float32), BetweenJointsParams())
+    np.testing.assert_allclose(made.generators, [[60, 0], [0, 40]], atol=0.7)
+    slanted = between_joints(image, np.array([[59, 0], [30, 40]], np.float32), BetweenJointsParams())
+    assert slanted.table["periods"] == [3, 0]
+    assert len(slanted.generators) == 0
+
+
 @pytest.mark.parametrize("generators", [NONE, np.array([[60, 30]], np.float32), np.array([[5, 0]], np.float32)])
 def test_all_is_kept_where_no_period_runs_along_a_side(generators: np.ndarray, rng: np.random.Generator) -> None:
     image = picture(shelves([30, 90, 150, 210], 235, rng))
