@@ -105,4 +105,4 @@ Answered = AlternativesRequest | LatticeRequest | PaintDabRequest | PaintOpenReq
 ToServer = Answered | PreviewStopRequest
 
 
-TO_SERVER: pydantic.TypeAdapter[ToServer] = pydantic.TypeAdapter(ToServer)
+TO_SERVER: pydantic.TypeAdapter[ToServer] = pydantic.TypeAdapter(Annotated[ToServer, Field(discriminator="kind")])
