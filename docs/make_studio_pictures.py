@@ -24,10 +24,18 @@ CHROMIUM = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enab
 PATIENCE_MS = 300_000
 
 
+def begin(page: Page, title: str) -> None:
+    """Begin a material with a picture of the folder, whichever material an earlier page has left open."""
+    page.get_by_role("tab", name="Make").click()
+    page.wait_for_timeout(1000)  # until that is open
+    if (button := page.get_by_role("button", name="New material")).is_enabled():
+        button.click()
+    page.get_by_title(title).first.click()
+
+
 def finish(page: Page, title: str) -> None:
     """Make a tileable texture of 256 px from a picture of the folder."""
-    page.get_by_role("tab", name="Make").click()
-    page.get_by_title(title).first.click()
+    begin(page, title)
     page.get_by_role("button", name="256", exact=True).click()
     page.get_by_label("Preset").select_option("fast")
     page.get_by_label("Tileable").select_option("both")
@@ -37,7 +45,7 @@ def finish(page: Page, title: str) -> None:
 
 def make(page: Page, shoot: Callable[[str], None]) -> None:
     """The preview of a tileable texture."""
-    page.get_by_title("stones").first.click()
+    begin(page, "stones")
     page.get_by_label("Tileable").select_option("both")
     page.get_by_role("status").filter(has_text="full size").wait_for()  # nothing finer follows
     page.wait_for_timeout(1000)
@@ -46,7 +54,7 @@ def make(page: Page, shoot: Callable[[str], None]) -> None:
 
 def several(page: Page, shoot: Callable[[str], None]) -> None:
     """Two pictures in their order, and a way from the first to the second."""
-    page.get_by_title("moss").first.click()
+    begin(page, "moss")
     page.get_by_label("Method").select_option("mix")
     page.get_by_title("stones").first.click()
     settings = page.get_by_label("Settings")
@@ -54,9 +62,19 @@ def several(page: Page, shoot: Callable[[str], None]) -> None:
     settings.get_by_role("radio", name="Way").click()
     drag(settings.locator("map-painter"), 0, (0.1, 0.9), (0.2, 0.3), (0.5, 0.15), (0.8, 0.3), (0.9, 0.9))
     page.wait_for_timeout(1500)  # until the map has been sent
-    page.wait_for_function("() => document.querySelector('make-view').done === 1")
-    page.wait_for_timeout(1000)
+    page.get_by_role("status").filter(has_text="full size").wait_for()
     shoot("several")
+
+
+def variants(page: Page, shoot: Callable[[str], None]) -> None:
+    """What each method makes of a picture."""
+    begin(page, "stones")
+    page.get_by_role("button", name="512", exact=True).click()
+    page.get_by_role("radio", name="Variants").click()
+    page.get_by_role("radio", name="Methods").click()
+    page.get_by_role("status").filter(has_text="Making").wait_for()
+    page.get_by_role("status").filter(has_text="Making").wait_for(state="detached")
+    shoot("variants")
 
 
 def correct(page: Page, shoot: Callable[[str], None]) -> None:
@@ -97,7 +115,7 @@ def drag(shown: Locator, view: int, *points: tuple[float, float]) -> None:
 def followed(shown: Locator, shoot: Callable[[], None]) -> None:
     """Take the picture when the preview is there."""
     shown.page.wait_for_timeout(1000)  # until the last stroke has been sent
-    shown.locator(".state", has_text="Preview;").wait_for()
+    shown.locator(".state", has_text="the full size has").wait_for()
     shown.page.mouse.move(640, 20)
     shoot()
 
@@ -227,6 +245,7 @@ def runs(page: Page, shoot: Callable[[str], None]) -> None:
 VIEWS = {
     "make": (make, "light"),
     "several": (several, "dark"),
+    "variants": (variants, "light"),
     "correct": (correct, "dark"),
     "direct": (direct, "light"),
     "collage": (collage, "dark"),
@@ -242,7 +261,7 @@ VIEWS = {
 def save(name: str, shot: bytes) -> None:
     """Keep a picture as soon as it is taken: all of them take several minutes."""
     with PIL.Image.open(io.BytesIO(shot)) as picture:
-        picture.convert("RGB").save(PICTURES / f"studio_{name}.webp", quality=36, method=6)
+        picture.convert("RGB").save(PICTURES / f"studio_{name}.webp", quality=28, method=6)
     print(f"studio_{name}.webp", flush=True)
 
 

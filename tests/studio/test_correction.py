@@ -19,27 +19,35 @@ def shown(page: Any) -> np.ndarray:
     return np.asarray(PIL.Image.open(io.BytesIO(Path(download.value.path()).read_bytes())))
 
 
-def test_only_the_inside_of_an_outline_changes(watched: Watched, tmp_path: Path) -> None:
-    page = watched.page
-    page.get_by_role("button", name="blotches").first.click()
-    page.get_by_label("Preset").select_option("fast")
-    page.get_by_label("Height").fill("128")
-    page.get_by_label("Height").press("Enter")
-    page.get_by_label("Width").fill("128")
-    page.get_by_label("Width").press("Enter")
+def finish(page: Any, side: int) -> None:
+    """Make a square texture of the picture."""
+    for name in ("Height", "Width"):
+        page.get_by_label(name).fill(str(side))
+        page.get_by_label(name).press("Enter")
     page.get_by_role("button", name="Finish at full size").click()
-    settings = page.get_by_label("Settings")
-    settings.get_by_text("Done in").wait_for()
-    before = shown(page)
-    page.get_by_role("button", name="Correct a spot").click()
+    page.get_by_label("Settings").get_by_text("Done in").wait_for()
+
+
+def draw_around(page: Any, length: int) -> None:
+    """Draw around a square, px of the screen, right of the middle of the result and below."""
     box = page.get_by_label("Texture at full size").bounding_box()
     middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.mouse.move(*middle)
     page.mouse.down()
-    for right, down in ((80, 0), (80, 80), (0, 80), (0, 0)):
+    for right, down in ((length, 0), (length, length), (0, length), (0, 0)):
         page.mouse.move(middle[0] + right, middle[1] + down, steps=3)
         page.evaluate("document.querySelector('make-view').requestUpdate()")  # as news from the server do
     page.mouse.up()
+
+
+def test_only_the_inside_of_an_outline_changes(watched: Watched, tmp_path: Path) -> None:
+    page = watched.page
+    page.get_by_role("button", name="blotches").first.click()
+    page.get_by_label("Preset").select_option("fast")
+    finish(page, 128)
+    before = shown(page)
+    page.get_by_role("button", name="Correct a spot").click()
+    draw_around(page, 80)
     page.get_by_role("radio", name="Version 2").click()
     page.get_by_role("button", name="Accept").click()
     page.get_by_text("Full size, corrected").wait_for()
@@ -68,22 +76,11 @@ def test_all_but_the_inside_of_an_outline_is_made_again(watched: Watched) -> Non
     page = watched.page
     page.get_by_role("button", name="blotches").first.click()
     page.get_by_label("Method").select_option("quilting")
-    page.get_by_label("Height").fill("96")
-    page.get_by_label("Height").press("Enter")
-    page.get_by_label("Width").fill("96")
-    page.get_by_label("Width").press("Enter")
-    page.get_by_role("button", name="Finish at full size").click()
-    page.get_by_label("Settings").get_by_text("Done in").wait_for()
+    finish(page, 96)
     before = shown(page)
     page.get_by_role("button", name="Correct a spot").click()
     page.get_by_role("radio", name="All else").click()
-    box = page.get_by_label("Texture at full size").bounding_box()
-    middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    page.mouse.move(*middle)
-    page.mouse.down()
-    for right, down in ((120, 0), (120, 120), (0, 120), (0, 0)):
-        page.mouse.move(middle[0] + right, middle[1] + down, steps=3)
-    page.mouse.up()
+    draw_around(page, 120)
     page.get_by_role("radio", name="Version 1").wait_for()
     page.get_by_role("button", name="Accept").click()
     page.get_by_text("Full size, corrected").wait_for()

@@ -75,6 +75,13 @@ def test_views_undo_and_keys(watched: Watched) -> None:
     assert page.evaluate("document.documentElement.dataset.theme") in ("light", "dark")
 
 
+def test_maps_of_a_material_are_made_to_tile(watched: Watched) -> None:
+    page = watched.page
+    page.get_by_title("brick_maps").first.click()
+    assert page.get_by_label("Method").input_value() == "materials"
+    assert page.get_by_label("Tileable").input_value() == "both"
+
+
 def test_refusals_are_shown_and_the_page_goes_on(watched: Watched, tmp_path: Path) -> None:
     broken = tmp_path / "broken.png"
     broken.write_bytes(b"\x89PNG\r\n\x1a\nnothing")

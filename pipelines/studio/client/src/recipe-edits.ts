@@ -56,7 +56,8 @@ export function withExemplar(recipe: Recipe | null, picture: Picture, methods: M
   const method = methods.find((one) => one.flow === flow)!;
   const begun = recipe ?? { flow, sources: {}, seed: SEED, size: doubled(picture, method) };
   const changed = begun.flow === flow ? begun : withMethod(begun, method);
-  return { ...changed, sources: withPictures(changed.sources, method, [picture.id]) };
+  const tileable = changed.tileable ?? (picture.is_material ? "both" : null); // a material is laid side by side
+  return { ...changed, tileable, sources: withPictures(changed.sources, method, [picture.id]) };
 }
 
 /** What has still to be chosen before anything can be made; empty: nothing. */

@@ -48,7 +48,7 @@ export class VariantSheet extends Element {
   private cell(cell: Cell): TemplateResult {
     const { label, result, picture, problem } = cell;
     return html`<figure aria-label=${label}>
-      ${problem ? html`<p class="hint" title=${problem}>${problem.split(". ")[0]}</p>` : html`<picture-view .picture=${picture} .look=${this.look} .isReduced=${!result} label=${label}></picture-view>`}
+      ${problem ? html`<p class="hint" title=${problem}>${inShort(problem)}</p>` : html`<picture-view .picture=${picture} .look=${this.look} .isReduced=${!result} label=${label}></picture-view>`}
       <figcaption>
         <button ?disabled=${problem !== ""} title="Go on with this one" @click=${() => this.tell("take", cell)}>${label}</button>
         ${result ? this.blendBox(result.job.id) : nothing}
@@ -66,3 +66,6 @@ export class VariantSheet extends Element {
     this.blended = isBlended ? this.blended.filter((one) => one !== job) : [...this.blended, job].slice(-BLENDED);
   }
 }
+
+/** The first sentence of a problem, without the step that it is of. */
+const inShort = (problem: string): string => problem.split(". ")[0].replace(/^(\w+: )+/, "");
