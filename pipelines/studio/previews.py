@@ -75,35 +75,39 @@ class Previewer:
         exemplar = min(self._exemplars(recipe, run), key=lambda one: min(one.height, one.width))
         size = _size(recipe, run, exemplar, offer)
         os.environ.pop("PREFECT_API_URL", None)  # a server there shows runs, not previews
-        reduction: Reduction | None = Reduction.first((exemplar.height, exemplar.width), size)
-        is_first = True
-        while reduction is not None:
-            began = last = time.perf_counter()
+        first = Reduction.first((exemplar.height, exemplar.width), size)
+        last = 0.0
 
-            def tell(image: Image, done: float, is_final: bool, scale: float = reduction.scale) -> None:
-                picture = PreviewPicture(
-                    number=work.number,
-                    height=image.height,
-                    width=image.width,
-                    scale=scale,
-                    done=done,
-                    is_final=is_final,
-                )
-                send(picture, rgba(image))
+        def tell(image: Image, scale: float, done: float, is_final: bool) -> None:
+            picture = PreviewPicture(
+                number=work.number,
+                height=image.height,
+                width=image.width,
+                scale=scale,
+                done=done,
+                is_final=is_final,
+            )
+            send(picture, rgba(image))
 
-            def listen(event: Event, tells: bool = is_first, tell: Callable[..., None] = tell) -> None:
-                nonlocal last
-                check()
-                if tells and isinstance(event, StepProgress) and event.progress.preview is not None:
-                    now = time.perf_counter()
-                    if now - last >= _INTERVAL:
-                        tell(event.progress.preview(), min(_NEARLY_DONE, event.progress.done), False)
-                        last = now
+        def show(event: Event) -> None:
+            nonlocal last
+            check()
+            if isinstance(event, StepProgress) and event.progress.preview is not None:
+                now = time.perf_counter()
+                if now - last >= _INTERVAL:
+                    tell(event.progress.preview(), first.scale, min(_NEARLY_DONE, event.progress.done), False)
+                    last = now
 
+        reduction = first
+        listen: Callable[[Event], None] = show
+        while True:
+            began = time.perf_counter()
             image = self._made(recipe, run, exemplar, reduction, export, listen)
-            reduction = reduction.finer(size, work.largest, time.perf_counter() - began)
-            tell(image, 1.0, reduction is None)
-            is_first = False
+            finer = reduction.finer(size, work.largest, time.perf_counter() - began)
+            tell(image, reduction.scale, 1.0, finer is None)
+            if finer is None:
+                break
+            reduction, listen = finer, lambda _: check()
 
     def _made(
         self,

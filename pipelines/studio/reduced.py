@@ -33,14 +33,14 @@ class Reduction:
 
     scale: float
     """of a side; 1 is the full size"""
-    most: int = _LARGEST_RESULT
+    most: int
     """px of a side of the preview; of larger ones a part is made"""
 
     @classmethod
     def first(cls, exemplar: tuple[int, int], size: tuple[int, int]) -> Self:
         """That of the first picture of a preview, which is to come at once."""
         least, most = (min(1.0, side / min(exemplar)) for side in (_LEAST_EXEMPLAR, _EXEMPLAR))
-        return cls(min(most, max(least, _RESULT / max(size))))
+        return cls(min(most, max(least, _RESULT / max(size))), _LARGEST_RESULT)
 
     def size(self, size: tuple[int, int]) -> tuple[int, int]:
         """Height and width of a preview, px; reduced ones are multiples of 4, which tileable pyramids divide."""

@@ -164,6 +164,13 @@ def watched(chromium: Any, served: Served) -> Iterator[Watched]:
         yield watched
 
 
+def resize(page: Any, width: int, height: int) -> None:
+    """Give the size of the result in Make, px."""
+    for side, length in (("Height", height), ("Width", width)):
+        page.get_by_label(side).fill(str(length))
+        page.get_by_label(side).press("Enter")
+
+
 def run_again(arguments: list[str], folder: Path) -> Path:
     """Run `texloom run` with a store of its own; the folder of its exports."""
     out = folder / "out"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import PIL.Image
 
-from tests.studio.conftest import Watched, run_again
+from tests.studio.conftest import Watched, resize, run_again
 
 
 def shown(page: Any) -> np.ndarray:
@@ -21,9 +21,7 @@ def shown(page: Any) -> np.ndarray:
 
 def finish(page: Any, side: int) -> None:
     """Make a square texture of the picture."""
-    for name in ("Height", "Width"):
-        page.get_by_label(name).fill(str(side))
-        page.get_by_label(name).press("Enter")
+    resize(page, side, side)
     page.get_by_role("button", name="Finish at full size").click()
     page.get_by_label("Settings").get_by_text("Done in").wait_for()
 

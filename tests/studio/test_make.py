@@ -6,7 +6,7 @@ import re
 import shutil
 from pathlib import Path
 
-from tests.studio.conftest import Watched, repeated
+from tests.studio.conftest import Watched, repeated, resize
 
 
 def test_from_a_dropped_picture_to_the_same_bits_in_a_terminal(watched: Watched, tmp_path: Path) -> None:
@@ -15,10 +15,7 @@ def test_from_a_dropped_picture_to_the_same_bits_in_a_terminal(watched: Watched,
         watched.served.folder / "blotches.png"
     )
     page.get_by_label("Method").select_option("quilting")
-    page.get_by_label("Height").fill("96")
-    page.get_by_label("Height").press("Enter")
-    page.get_by_label("Width").fill("80")
-    page.get_by_label("Width").press("Enter")
+    resize(page, 80, 96)
     page.get_by_label("Seed", exact=True).fill("5")
     page.get_by_label("Seed", exact=True).press("Enter")
     page.get_by_role("status").filter(has_text="Preview").wait_for()
@@ -113,10 +110,7 @@ def test_another_picture_is_chosen_for_a_method_that_takes_one(watched: Watched,
     page.get_by_role("status").filter(has_text="Choose: picture that it is laid over").wait_for()
     assert settings.get_by_role("button", name="Finish at full size").is_disabled()
     settings.get_by_label("Picture that it is laid over").select_option("texloom:bricks")
-    page.get_by_label("Height").fill("64")
-    page.get_by_label("Height").press("Enter")
-    page.get_by_label("Width").fill("96")
-    page.get_by_label("Width").press("Enter")
+    resize(page, 96, 64)
     page.get_by_role("status").filter(has_text="Preview").wait_for()
     assert "texloom:bricks" in repeated(settings, tmp_path)
     page.get_by_label("Method").select_option("quilting")

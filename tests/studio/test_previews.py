@@ -67,8 +67,8 @@ def test_all_of_what_a_small_exemplar_makes_follows_its_part() -> None:
 
 
 def test_sides_of_the_full_size_are_kept() -> None:
-    assert Reduction(1.0).size((301, 299)) == (301, 299)
-    assert Reduction(0.5).size((301, 299)) == (152, 148)
+    assert Reduction(1.0, 400).size((301, 299)) == (301, 299)
+    assert Reduction(0.5, 400).size((301, 299)) == (152, 148)
 
 
 def test_the_finest_picture_is_the_result(tmp_path: Path) -> None:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-from tests.studio.conftest import Watched
+from tests.studio.conftest import Watched, resize
 
 
 def begin(page: Any, width: int = 64, height: int = 48) -> None:
     """Choose the picture, the quickest method, and a small size."""
     page.get_by_role("button", name="blotches").first.click()
     page.get_by_label("Method").select_option("quilting")
-    for side, length in (("Height", height), ("Width", width)):
-        page.get_by_label(side).fill(str(length))
-        page.get_by_label(side).press("Enter")
+    resize(page, width, height)
 
 
 def vary(page: Any, kind: str, count: int) -> None:

@@ -8,6 +8,7 @@ from jaxtyping import Float32
 from texloom.stages.analysis.one_off.foreign_outlines import likewise, outlined
 from texloom.stages.analysis.one_off.unlikeness import unlikeness
 from texloom.stages.analysis.regularity.mean_cell import mean_cell
+from texloom.stages.common.grids.growing import convex_hull
 from texloom.stages.common.grids.pyramid import reduced, resize
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.numerics.matrices import determinant
@@ -210,17 +211,15 @@ def _filled(found: Mask) -> Mask:
     import cv2
 
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(found.astype(np.uint8), connectivity=4)
-    filled = found.astype(np.uint8)
+    filled = found.copy()
     whole = np.arange(count) > 0
     for edge in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
         whole[edge] = False
     for label in np.flatnonzero(whole):
-        hull = np.zeros_like(filled)
-        points = np.argwhere(labels == label)[:, ::-1].astype(np.int32)
-        cv2.fillConvexPoly(hull, cv2.convexHull(points), 1)
-        if boxes[label, cv2.CC_STAT_AREA] >= _CONVEX * hull.sum(dtype=np.int64):
+        hull = convex_hull(labels == label)
+        if boxes[label, cv2.CC_STAT_AREA] >= _CONVEX * np.count_nonzero(hull):
             filled |= hull
-    return filled > 0
+    return filled
 
 
 def _grown(found: Mask, reach: float) -> Mask:

@@ -9,6 +9,7 @@ from jaxtyping import Float32, Float64
 
 from texloom.stages.analysis.photographs.vanishing import pointing_to
 from texloom.stages.common.features.line_segments import Frame, Segments
+from texloom.stages.common.grids.growing import convex_hull
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
 from texloom.stages.vocabulary.arrays import Mask
@@ -112,7 +113,7 @@ def _planes(
         found = [_around(points, families, area, half, (shared, cells)) for area in parts]
         # Lines at one place, such as a joint between large tiles, lie on a plane with the next ones.
         if len(parts) > 1 and any(plane is not None and _is_thin(plane, cells) for plane in found):
-            found.append(_around(points, families, _hull(closed) & half, half, (shared, cells)))
+            found.append(_around(points, families, convex_hull(closed > 0) & half, half, (shared, cells)))
         planes += found
     return [plane for plane in planes if plane is not None]
 
@@ -141,16 +142,6 @@ def _is_thin(plane: PlaneCandidate, cells: Cells) -> bool:
     corners = cells.pixels(plane.corners)
     sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
     return bool(min(sides[::2].max(), sides[1::2].max()) < cells.side)
-
-
-def _hull(area: np.ndarray) -> Mask:
-    """The convex hull of an area."""
-    import cv2
-
-    filled = np.zeros(area.shape, np.uint8)
-    points = np.argwhere(area > 0)[:, ::-1].astype(np.int32)
-    cv2.fillConvexPoly(filled, cv2.convexHull(points), 1)
-    return filled > 0
 
 
 def _plane(

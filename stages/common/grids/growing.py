@@ -1,4 +1,4 @@
-"""Masks that grow, also across the borders of a picture that wraps."""
+"""Masks that grow: by a distance, also across the borders of a picture that wraps, or to their convex hull."""
 
 import numpy as np
 
@@ -22,3 +22,13 @@ def grown(region: Mask, reach: int, wrap: Wraps = NOWHERE) -> Mask:
     wide = np.pad(region, [(one, one) for one in beyond], mode="wrap")
     large = cv2.dilate(wide.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)).view(bool)
     return large[tuple(slice(one, one + length) for one, length in zip(beyond, region.shape, strict=True))]
+
+
+def convex_hull(region: Mask) -> Mask:
+    """True in the convex hull of ``region``, which is not empty."""
+    import cv2
+
+    filled = np.zeros(region.shape, np.uint8)
+    points = np.argwhere(region)[:, ::-1].astype(np.int32)
+    cv2.fillConvexPoly(filled, cv2.convexHull(points), 1)
+    return filled.view(bool)

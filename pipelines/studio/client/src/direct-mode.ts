@@ -11,7 +11,7 @@ import "./picture-view";
 import "./recipe-form";
 import { bitmap, fileAddress, pictureAddress } from "./server";
 import { screenPixels, sides, sizeText } from "./sizes";
-import { canvasOf, type Payload, type Studio } from "./studio";
+import { canvasOf, isFollowed, type Payload, type Studio } from "./studio";
 
 export const MODES = { paint: "Paint", collage: "Collage", lattice: "Lattice" } as const;
 export type ModeName = keyof typeof MODES;
@@ -120,7 +120,7 @@ export abstract class DirectMode extends Element {
       return;
     }
     this.refuse("");
-    this.done = 0;
+    [this.done, this.isRefined] = [0, false];
     this.number = this.studio.next();
     await this.studio.previewDraft(draft, this.number, screenPixels(this.querySelector(".panes")));
   }
@@ -132,7 +132,7 @@ export abstract class DirectMode extends Element {
   private receive(message: ToPage, payload: Payload): void {
     if (message.kind === "preview_picture" && message.number === this.number) {
       this.shown = canvasOf(payload, message.width, message.height);
-      [this.done, this.isRefined] = [message.done, message.done === 1 && !message.is_final];
+      [this.done, this.isRefined] = [message.done, isFollowed(message)];
     } else if (message.kind === "preview_failed" && message.number === this.number) {
       this.refuse(this.explained(message.problem), () => void this.ask());
       this.done = 1;

@@ -2,7 +2,7 @@
 import type { PreviewPicture, Recipe, ToPage } from "./messages";
 import type { Drawable } from "./picture-view";
 import { bitmap, pictureAddress } from "./server";
-import { canvasOf, type Payload, type Studio } from "./studio";
+import { canvasOf, isFollowed, type Payload, type Studio } from "./studio";
 import { type Cell, type Sheet, withCell } from "./variants";
 
 const EXEMPLAR = 1024; // px of the exemplar that is shown, at most
@@ -61,7 +61,8 @@ export class MakePreviews {
 
   /** Fill a sheet, a cell after the other. */
   askForSheet(sheet: Sheet): void {
-    [this.sheet, this.done, this.number] = [sheet, 1, 0];
+    this.hold();
+    this.sheet = sheet;
     void this.goOn();
   }
 
@@ -101,7 +102,7 @@ export class MakePreviews {
 
   private onPicture(message: PreviewPicture, payload: Payload): void {
     const picture = canvasOf(payload, message.width, message.height);
-    [this.done, this.isRefined] = [message.done, message.done === 1 && !message.is_final];
+    [this.done, this.isRefined] = [message.done, isFollowed(message)];
     this.scale = message.scale;
     if (this.sheet) this.fill({ picture }, message.is_final);
     else this.picture = picture;

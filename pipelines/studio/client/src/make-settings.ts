@@ -5,7 +5,7 @@ import { Element } from "./element";
 import { isTyping } from "./fields";
 import "./job-panel";
 import type { Job, Method, Picture, Recipe } from "./messages";
-import { picturesOf } from "./recipe-edits";
+import { picturesOf, SEED } from "./recipe-edits";
 import "./recipe-form";
 import type { Studio } from "./studio";
 
@@ -24,7 +24,7 @@ export class MakeSettings extends Element {
 
   protected override onWindowKey(event: KeyboardEvent): void {
     if (this.closest("[hidden]") || isTyping(event) || event.ctrlKey || event.metaKey) return;
-    if (event.key.toLowerCase() === "n") this.tell("edit", { seed: (this.recipe.seed ?? 7) + 1 });
+    if (event.key.toLowerCase() === "n") this.tell("edit", { seed: (this.recipe.seed ?? SEED) + 1 });
   }
 
   private get pictures(): Picture[] {

@@ -2,7 +2,8 @@
 import type { Method, Picture, Recipe } from "./messages";
 import { sides, sizeText } from "./sizes";
 
-const SEED = 7;
+/** that a recipe has without one */
+export const SEED = 7;
 
 /** The exemplar, or the several pictures in their order. */
 export const picturesOf = (recipe: Recipe | null | undefined): string[] => [Object.values(recipe?.sources ?? {})[0] ?? []].flat();

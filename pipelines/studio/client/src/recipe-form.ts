@@ -6,6 +6,7 @@ import { tilingField } from "./fields";
 import "./map-painter";
 import "./method-controls";
 import type { Method, Picture, Recipe } from "./messages";
+import { SEED } from "./recipe-edits";
 import "./several-pictures";
 import { sides, sizeText } from "./sizes";
 import type { Studio } from "./studio";
@@ -49,9 +50,9 @@ export class RecipeForm extends Element {
       <div class="field">
         <span>Seed</span>
         <span class="pair">
-          <input type="number" aria-label="Seed" min="0" step="1" .value=${String(recipe.seed ?? 7)}
+          <input type="number" aria-label="Seed" min="0" step="1" .value=${String(recipe.seed ?? SEED)}
             @change=${(event: Event) => this.edit({ seed: Math.max(0, Math.trunc(Number(value(event)) || 0)) })} />
-          <button title="Another seed (N)" @click=${() => this.edit({ seed: (recipe.seed ?? 7) + 1 })}>Next</button>
+          <button title="Another seed (N)" @click=${() => this.edit({ seed: (recipe.seed ?? SEED) + 1 })}>Next</button>
         </span>
       </div>
       ${method.presets.length

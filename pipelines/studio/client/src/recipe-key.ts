@@ -1,7 +1,6 @@
 // Recipes as keys: equal where they make the same result.
 import type { Recipe } from "./messages";
-
-const SEED = 7; // that a recipe has without one
+import { SEED } from "./recipe-edits";
 
 /** A text that is equal for equal recipes, whichever of their fields are left out or have their defaults. */
 export function recipeKey(recipe: Recipe | null): string {

@@ -1,6 +1,6 @@
 // What all views share: the socket, the runs, the pictures, and messages for the user.
 import type { Draft } from "./drafts";
-import type { Job, Picture, ProjectState, Recipe, Start, ToPage, ToServer, Variant } from "./messages";
+import type { Job, Picture, PreviewPicture, ProjectState, Recipe, Start, ToPage, ToServer, Variant } from "./messages";
 import { Project } from "./project";
 import { describe, type Purpose, RequestError, run } from "./server";
 import { Socket } from "./socket";
@@ -160,6 +160,9 @@ export class Studio extends EventTarget {
 }
 
 export const isOver = ({ state }: Job): boolean => state !== "waiting" && state !== "running";
+
+/** Whether a finer preview follows one that is whole. */
+export const isFollowed = ({ done, is_final }: PreviewPicture): boolean => done === 1 && !is_final;
 
 /** Pixels of a message as something to draw. */
 export function canvasOf(payload: Payload, width: number, height: number): HTMLCanvasElement {

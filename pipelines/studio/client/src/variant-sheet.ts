@@ -5,13 +5,10 @@ import { Element } from "./element";
 import { choice } from "./fields";
 import { FITTED, type Look } from "./picture-view";
 import "./picture-view";
-import { type Cell, type Kind, KINDS, type Sheet } from "./variants";
+import { type Cell, KINDS, type Sheet } from "./variants";
 
 const BLENDED = 2; // results that one texture leads from and to
-const NONE: Record<Kind, string> = {
-  seeds: "", methods: "", settings: "",
-  results: "Finish at full size makes the first result; results of this material are compared here.",
-};
+const NO_RESULTS = "Finish at full size makes the first result; results of this material are compared here.";
 
 /** Tells `vary` with another kind, `take` with a cell, and `blend` with two results. */
 @customElement("variant-sheet")
@@ -39,7 +36,7 @@ export class VariantSheet extends Element {
               @click=${() => this.tell("blend", chosen.map(({ result }) => result!))}>Blend two</button>`
           : nothing}
       </div>
-      ${cells.length ? nothing : html`<p class="welcome">${NONE[kind]}</p>`}
+      ${cells.length ? nothing : html`<p class="welcome">${NO_RESULTS}</p>`}
       <div class="sheet" style="--columns: ${columns}" @look=${(event: CustomEvent<Look>) => (this.look = event.detail)}>
         ${cells.map((one) => this.cell(one))}
       </div>`;

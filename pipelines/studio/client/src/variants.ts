@@ -1,13 +1,12 @@
 // What a texture might be instead: other seeds, methods and settings, and the results that there are.
 import type { Method, Picture, Recipe, Variant } from "./messages";
 import type { Drawable } from "./picture-view";
-import { picturesOf, withMethod } from "./recipe-edits";
+import { picturesOf, SEED, withMethod } from "./recipe-edits";
 import { title } from "./recipe-form";
 import { sides } from "./sizes";
 
 export type Kind = "seeds" | "methods" | "settings" | "results";
 export const KINDS: Record<Kind, string> = { seeds: "Seeds", methods: "Methods", settings: "Settings", results: "Results" };
-const SEED = 7;
 const SEEDS = 9; // in a sheet
 const UNIFORMITIES = [0, 3, 10, 30, 100];
 const MOST_RESULTS = 9; // the newest
