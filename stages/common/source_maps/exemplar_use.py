@@ -14,7 +14,7 @@ def source_counts(match: Correspondence, shape: tuple[int, int]) -> Int32[np.nda
     counts = np.zeros(shape[0] * shape[1], np.int32)
     for band in bands(len(match), match):
         places = match[band, :, 0].astype(np.int64) * shape[1] + match[band, :, 1]
-        np.add.at(counts, places.ravel(), 1)
+        counts += np.bincount(places.ravel(), minlength=counts.size)
     return counts.reshape(shape)
 
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.seams.minimum_cut import cut_window, window_cost
+from texloom.stages.kernels.seams.seam_costs import seam_cost
 from texloom.stages.kernels.seams.window_state import FILLED, FREE, KEPT
 
 _FACTOR = 1 << 24  # sides of pictures are smaller
@@ -55,8 +56,7 @@ def expand_in_tiles(costs, price, places, source, tiles, least, first, last):
                         state[y, x] = FREE
                         new[y, x, 0], new[y, x, 1] = row // 2, column // 2
             cut_window(costs, no_cells, price, old, new, state, taken)
-            before = window_cost(costs, no_cells, price, old, old, state, taken)
-            if window_cost(costs, no_cells, price, old, new, state, taken) >= before:
+            if _saving(costs, price, old, new, state, taken) <= 0:
                 continue
             for y in range(1, height - 1):
                 for x in range(1, width - 1):
@@ -68,6 +68,34 @@ def expand_in_tiles(costs, price, places, source, tiles, least, first, last):
                         for column in range(2 * x, 2 * x + 2):
                             v, u = (top + row) % source.shape[1], (left + column) % source.shape[2]
                             source[0, v, u], source[1, v, u] = row + down, column + across
+
+
+@inner
+def _saving(costs, price, old, new, state, taken):
+    """What the window's seams and sources cost less, see `window_cost`, where new sources are taken."""
+    saved = np.int64(0)
+    for y in range(1, state.shape[0] - 1):
+        for x in range(1, state.shape[1] - 1):
+            if state[y, x] != FREE or not taken[y, x]:
+                continue
+            one, own = old[y, x], new[y, x]
+            if price.size:
+                saved += price[one[0], one[1]] - price[own[0], own[1]]
+            for axis in range(2):
+                for side in (-1, 1):
+                    v, u = y + side * (1 - axis), x + side * axis
+                    moves = state[v, u] == FREE and taken[v, u]
+                    if moves and side < 0:
+                        continue  # seen from there
+                    other = old[v, u]
+                    then = new[v, u] if moves else other
+                    if side > 0:
+                        saved += seam_cost(costs, axis, one[0], one[1], other[0], other[1])
+                        saved -= seam_cost(costs, axis, own[0], own[1], then[0], then[1])
+                    else:
+                        saved += seam_cost(costs, axis, other[0], other[1], one[0], one[1])
+                        saved -= seam_cost(costs, axis, then[0], then[1], own[0], own[1])
+    return saved
 
 
 @inner

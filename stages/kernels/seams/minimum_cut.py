@@ -3,7 +3,7 @@
 import numpy as np
 
 from texloom.stages.kernels.core.compiled import compiled, inner
-from texloom.stages.kernels.seams.seam_costs import seam_cost
+from texloom.stages.kernels.seams.seam_costs import seam_cost, seam_costs_both_ways
 from texloom.stages.kernels.seams.window_state import ABSENT, FILLED, FREE, KEPT
 
 NO_CELLS = np.zeros((0, 0), np.int16)
@@ -54,9 +54,15 @@ def cut_window(costs, inside, price, old, new, state, taken):
                     continue
                 first, second = node[y, x], node[v, u]
                 if one == FREE and other == FREE:
-                    stay = _cost(costs, inside, axis, old[y, x], old[v, u])
-                    right = _cost(costs, inside, axis, old[y, x], new[v, u])
-                    left = _cost(costs, inside, axis, new[y, x], old[v, u])
+                    if inside.size == 0 and _in_one_piece(axis, old, new, y, x, v, u):
+                        stay = np.int64(0)
+                        right, left = seam_costs_both_ways(
+                            costs, axis, old[y, x, 0], old[y, x, 1], new[y, x, 0], new[y, x, 1]
+                        )
+                    else:
+                        stay = _cost(costs, inside, axis, old[y, x], old[v, u])
+                        right = _cost(costs, inside, axis, old[y, x], new[v, u])
+                        left = _cost(costs, inside, axis, new[y, x], old[v, u])
                     stay = min(stay, left + right)
                     share = min(max(stay // 2, stay - left), right)
                     keep[first] += share
@@ -105,6 +111,18 @@ def window_cost(costs, inside, price, old, new, state, taken):
 
 
 @inner
+def _in_one_piece(axis, old, new, y, x, v, u):
+    """Whether the old sources of two neighbours are neighbours too, and their new ones."""
+    down, across = 1 - axis, axis
+    return (
+        old[y, x, 0] + down == old[v, u, 0]
+        and old[y, x, 1] + across == old[v, u, 1]
+        and new[y, x, 0] + down == new[v, u, 0]
+        and new[y, x, 1] + across == new[v, u, 1]
+    )
+
+
+@inner
 def _cost(costs, inside, axis, one, other):
     """Of a seam: twice where both sources are inside of cells, or one is and the other of another exemplar."""
     cost = seam_cost(costs, axis, one[0], one[1], other[0], other[1])
@@ -141,25 +159,27 @@ def _push_flow(keep, take, beside, capacity):
     path = np.empty(count + 1, np.int32)
     while True:
         level[:] = -1
-        last = 0
+        last, wanting = 0, 0
         for node in range(count):
             if keep[node] > 0:
                 level[node] = 0
                 queue[last] = node
                 last += 1
-        first, reached = 0, False
-        while first < last:
+            elif take[node] > 0:
+                wanting += 1
+        first, reached = 0, 0
+        while first < last and (wanting == 0 or reached < wanting):
             node = queue[first]
             first += 1
             if take[node] > 0:
-                reached = True
+                reached += 1
             for side in range(4):
                 other = beside[node, side]
                 if other >= 0 and level[other] < 0 and capacity[other, (side + 2) % 4] > 0:
                     level[other] = level[node] + 1
                     queue[last] = other
                     last += 1
-        if not reached:
+        if reached == 0:
             return level
         side_of[:] = 0
         for index in range(last):

@@ -40,19 +40,18 @@ class Overuse:
         expected: Float32[np.ndarray, "p q"] | None,
         parts: Int64[np.ndarray, "p q"] | None = None,
     ):
-        self.firsts = [np.arange(0, count, -(-count // _CELLS)) for count in places]
-        self.cells = np.ix_(
-            *(
-                np.searchsorted(firsts, np.arange(count), "right") - 1
-                for firsts, count in zip(self.firsts, places, strict=True)
-            )
-        )
+        self.sides = [-(-count // _CELLS) for count in places]
+        """of a cell of the grid"""
+        whole = [-(-count // side) * side for count, side in zip(places, self.sides, strict=True)]
+        self.padded = np.zeros(whole, np.int32)
+        """values of all patches, and zeros beyond them, in whole cells"""
+        self.places = places
         usable = np.ones(places, bool) if allowed is None else allowed.places
         own = usable.astype(np.int32)
         wanted = own if expected is None else np.rint(own * expected * _SHARES).astype(np.int32)
-        self.whole = float(wanted.sum(dtype=np.int64))
-        self.fair = self._of_regions(wanted)
-        self.area = self._of_regions(own)
+        fair = self._of_cells(wanted)
+        self.whole = float(fair.sum())
+        self.fair, self.area = _of_regions(fair), _of_regions(self._of_cells(own))
         self.most_use = most_use
         self.parts = None if parts is None else np.where(usable, parts, parts.max() + 1)
         """with one more for patches that are not permitted"""
@@ -65,27 +64,38 @@ class Overuse:
 
         ``distance`` is how much patches differ from their matches on average, CIELAB units squared.
         """
-        fair = self.fair * (float(counts.sum(dtype=np.int64)) / self.whole)
+        used = self._of_cells(counts)
+        fair = self.fair * (float(used.sum()) / self.whole)
         limit = np.maximum(np.maximum(self.most_use * fair, _LEAST_COPIES * self.area), 1e-9)
-        excess = self.most_use * (self._of_regions(counts) / limit - 1)
+        excess = self.most_use * (_of_regions(used) / limit - 1)
         self.prices += _RISE * np.where(excess > 0, excess, _FALL * excess)
         np.clip(self.prices, 0, _MOST if self.parts is None else _MOST_IN_LATTICE, out=self.prices)
         self.distance = distance
 
     def penalty(self, unit: int) -> Float32[np.ndarray, "p q"]:
         """Of each patch, whole numbers, in ``unit`` parts of CIELAB units squared."""
-        prices = np.rint(self.prices * (self.distance * unit)).astype(np.float32)[self.cells]
+        prices = np.rint(self.prices * (self.distance * unit)).astype(np.float32)
+        down, across = self.sides
+        height, width = self.places
+        prices = np.repeat(np.repeat(prices, across, axis=1)[:, :width], down, axis=0)[:height]
         if self.parts is None:
             return prices
         least = np.full(int(self.parts.max()) + 1, np.inf, np.float32)
         np.minimum.at(least, self.parts, prices)
         return np.maximum(prices - least[self.parts], 0)
 
-    def _of_regions(self, values: Int32[np.ndarray, "p q"]) -> Float64[np.ndarray, "rows columns"]:
-        """Sums over the region around each cell of the grid, as far as it is inside."""
-        import cv2
+    def _of_cells(self, values: Int32[np.ndarray, "p q"]) -> Int64[np.ndarray, "rows columns"]:
+        """Sums over each cell of the grid."""
+        self.padded[: values.shape[0], : values.shape[1]] = values
+        (down, across), (height, width) = self.sides, self.padded.shape
+        rows = self.padded.reshape(height // down, down, width).sum(axis=1, dtype=np.int64)
+        return np.asarray(rows.reshape(len(rows), -1, across).sum(axis=2))
 
-        columns = np.add.reduceat(values, self.firsts[1], axis=1, dtype=np.int64)
-        sums = np.add.reduceat(columns, self.firsts[0], axis=0).astype(np.float64)  # whole: added in any order
-        border = cv2.BORDER_CONSTANT
-        return np.asarray(cv2.boxFilter(sums, -1, (_REGION, _REGION), normalize=False, borderType=border))
+
+def _of_regions(cells: Int64[np.ndarray, "rows columns"]) -> Float64[np.ndarray, "rows columns"]:
+    """Sums over the region around each cell of the grid, as far as it is inside; whole, so in any order."""
+    import cv2
+
+    border = cv2.BORDER_CONSTANT
+    sums = cv2.boxFilter(cells.astype(np.float64), -1, (_REGION, _REGION), normalize=False, borderType=border)
+    return np.asarray(sums)

@@ -1,8 +1,10 @@
+import itertools
+
 import numpy as np
 import pytest
 
-from texloom.stages.kernels.seams.minimum_cut import NO_CELLS, NO_PRICE, window_cost
-from texloom.stages.kernels.seams.window_state import ABSENT, FREE, KEPT
+from texloom.stages.kernels.seams.minimum_cut import NO_CELLS, NO_PRICE, cut_window, window_cost
+from texloom.stages.kernels.seams.window_state import ABSENT, FILLED, FREE, KEPT
 from texloom.stages.synthesis.stitching.seams import SeamCosts, pairs
 
 
@@ -19,3 +21,25 @@ def test_seams_of_a_window_are_summed(gradients: bool, rng: np.random.Generator)
         counted = np.logical_and(*pairs(state != ABSENT, axis)) & np.logical_or(*pairs(state == FREE, axis))
         expected += costs.between(axis, one[counted], other[counted]).sum()
     assert window_cost(costs.given, NO_CELLS, NO_PRICE, old, new, state, taken) == expected > 0
+
+
+@pytest.mark.parametrize("gradients", [False, True])
+@pytest.mark.parametrize("filled", [0, 4])
+@pytest.mark.parametrize(("old", "new"), [((1, 1), (3, 4)), ((-2, 5), (6, -1))])  # the others beyond the border
+def test_between_two_pieces_no_choice_costs_less_than_the_cut(
+    gradients: bool, filled: int, old: tuple[int, int], new: tuple[int, int], rng: np.random.Generator
+) -> None:
+    costs = SeamCosts(rng.random((9, 8, 3), np.float32), gradients).given
+    here = np.moveaxis(np.indices((5, 5)), 0, 2).astype(np.int32)
+    pieces = [here + np.array(shift, np.int32) for shift in (old, new)]
+    state = np.full((5, 5), KEPT, np.int8)
+    state[:, filled] = FILLED
+    state[1:-1, 1:-1] = FREE
+    window, taken = (costs, NO_CELLS, NO_PRICE, *pieces, state), np.zeros((5, 5), np.bool_)
+    cut_window(*window, taken)
+    found = []
+    for choice in itertools.product((False, True), repeat=9):
+        tried = state == FILLED
+        tried[1:-1, 1:-1] = np.reshape(choice, (3, 3))
+        found.append(window_cost(*window, tried))
+    assert window_cost(*window, taken) == min(found) > 0
