@@ -25,10 +25,11 @@ from texloom.stages.analysis.regularity.lattice import (
     valid_lightness,
 )
 from texloom.stages.analysis.regularity.lines import line_period, refined_period
+from texloom.stages.analysis.regularity.offset_statistics import offset_density
 from texloom.stages.analysis.regularity.pattern_search import autocorrelation_splines, refined_generators
 from texloom.stages.analysis.regularity.shown import elements, mirror_symmetry, periods, periods_of_directions
 from texloom.stages.analysis.regularity.superlattice import superlattice
-from texloom.stages.common.grids.working_size import working_image
+from texloom.stages.common.grids.working_size import image_of_means, working_image
 from texloom.stages.common.regularity.lattice_cells import reduced
 from texloom.stages.numerics.matrices import determinant
 from texloom.stages.vocabulary.arrays import Channels, Image, Mask, ScalarMap, Vectors
@@ -55,6 +56,7 @@ _FIRST_STEP = 0.05  # of the refinement of generators, as a share of the shorter
 _MAX_REFINEMENT = 0.1  # the same, of their change; larger ones lead to other peaks
 _HALVED = 512  # px of a shorter side from which gradients are compared at half the size
 _MIN_HALVED = 24.0  # px of a generator for that
+_COARSE = 160  # px of the shorter side, at least, of means in which a lattice is searched that grains may hide
 _BETA = 3.0  # of `lattice`: the autocorrelation has few peaks, so recall counts more
 
 
@@ -105,7 +107,7 @@ class LatticeSelection:
 Origin = Literal["features", "autocorrelation", "short offsets", "gradients", "courses", "phase", "lines"]
 
 
-@stage(version=6)
+@stage(version=7)
 def lattice_selection(
     image: Image, density: ScalarMap, params: LatticeSelectionParams, known: Vectors | None = None
 ) -> LatticeSelection:
@@ -123,6 +125,8 @@ def lattice_selection(
     them exactly. Where all fail, courses may have an even spacing and a free phase along them, or lines an uneven
     one (see ``lines``). Courses are also preferred to a lattice that is barely confident and barely significant.
     Where elements of courses are equally long and line up in every second or third one, they are a lattice.
+    Where nothing repeats, a lattice is searched once more in means over squares, of exemplars of 320 px or more:
+    grains, as of granite, differ from slab to slab and outweigh the joints.
 
     Of an exemplar of more than 1.5 million pixels, its `working_image` is searched, and generators of two
     dimensions and periods of lines are refined in the exemplar itself.
@@ -160,7 +164,10 @@ def lattice_selection(
         )
     small, step = working_image(image)
     with part(0.0, 1.0 if step == 1 else 0.7):
-        selected = _selected(small, density, params.model_copy(update={"min_length": params.min_length / step}))
+        of_small = params.model_copy(update={"min_length": params.min_length / step})
+        selected = _selected(small, density, of_small)
+        if not len(selected.generators):
+            selected = _in_means(small, of_small) or selected
     _warn_if_few(selected, "elements" if selected.chosen in ("none", "lines") else "cells of its lattice")
     selected = dataclasses.replace(selected, fan=fan)
     if step == 1:
@@ -213,6 +220,22 @@ def _selected(image: Image, density: ScalarMap, params: LatticeSelectionParams) 
         cells = lightness.size / abs(float(determinant(selected.generators.astype(np.float64))))
     report(Progress(1.0))
     return dataclasses.replace(selected, shown=shown, cells=cells)
+
+
+def _in_means(image: Image, params: LatticeSelectionParams) -> LatticeSelection | None:
+    """The lattice of the image's means over squares, if one is accepted there: grains hide what is much larger."""
+    side = 1
+    while min(image.height, image.width) >= 2 * side * _COARSE:
+        side *= 2
+    if side == 1:
+        return None
+    coarse = image_of_means(image, side)
+    of_coarse = params.model_copy(update={"min_length": params.min_length / side})
+    selected = _selected(coarse, offset_density(coarse), of_coarse)
+    if len(selected.generators) != 2:
+        return None
+    generators = _refined_in_full(image, selected.generators * np.float32(side), selected.chosen, side)
+    return dataclasses.replace(selected, generators=generators, best=generators)
 
 
 def _refined_in_full(image: Image, generators: Vectors, chosen: str, step: int) -> Vectors:

@@ -107,11 +107,21 @@ def offset_statistics(image: Image, params: OffsetStatisticsParams) -> OffsetSta
     """
     image, step = working_image(image)
     offsets = _offsets(image, params)
+    density = _density(image, offsets)
+    report(Progress(1.0))
+    return OffsetStatistics(density, offsets * np.float32(step))
+
+
+def offset_density(image: Image) -> ScalarMap:
+    """The density of `offset_statistics` with its usual params, at the image's own size."""
+    return _density(image, _offsets(image, OffsetStatisticsParams()))
+
+
+def _density(image: Image, offsets: Vectors) -> ScalarMap:
     reach = np.array([image.height, image.width]) // 2
     density = np.zeros(2 * reach + 1, np.float32)
     if len(offsets):
         index = np.rint(offsets).astype(np.int64) + reach
         np.add.at(density, (index[:, 0], index[:, 1]), 1)
         density = smoothed(density, min(image.height, image.width))
-    report(Progress(1.0))
-    return OffsetStatistics(density, offsets * np.float32(step))
+    return density

@@ -44,11 +44,14 @@ def working_image(image: Image) -> tuple[Image, int]:
         all pixels are excluded.
     """
     step = reduction(image.height, image.width)
-    if step == 1:
-        return image, 1
+    return (image if step == 1 else image_of_means(image, step)), step
+
+
+def image_of_means(image: Image, step: int) -> Image:
+    """The image's means over squares of ``step`` px; see `working_image`."""
     valid = valid_pixels(image)
     if valid is None:
-        return image.with_pixels(square_means(image.pixels, step)).wrapping(False), step
+        return image.with_pixels(square_means(image.pixels, step)).wrapping(False)
     counted = valid.astype(np.float32)
     share = square_means(counted, step)
     pixels = square_means(image.pixels * counted[..., None], step) / np.maximum(share, np.float32(1e-6))[..., None]
@@ -57,7 +60,7 @@ def working_image(image: Image) -> tuple[Image, int]:
     for name in EXCLUSION_CHANNELS:
         if name in image.channels:
             pixels[..., image.channels.index(name)] = known
-    return image.with_pixels(pixels).wrapping(False), step
+    return image.with_pixels(pixels).wrapping(False)
 
 
 class Halvings:

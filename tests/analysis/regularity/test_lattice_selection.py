@@ -144,6 +144,19 @@ def test_a_fine_lattice_that_drifts_is_found(seed: int) -> None:
     assert difference(result.generators, np.diag([period, period])) < 2
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_grains_do_not_hide_joints(seed: int) -> None:
+    y, x = np.indices((640, 800))
+    down, across = y % 300, x % 380
+    joints = (down < 14) | (across < 14) | ((np.abs(down - 110) < 7) & (across < 150))
+    joints |= ((np.abs(across - 150) < 7) & (down < 220)) | ((np.abs(down - 220) < 7) & (across >= 150))
+    grains = np.random.default_rng(seed).normal(size=joints.shape)
+    exemplar = picture(np.clip(0.55 - 0.3 * joints + 0.4 * grains, 0, 1))
+    density = offset_statistics(exemplar, OffsetStatisticsParams()).density
+    result = lattice_selection(exemplar, density, LatticeSelectionParams())
+    assert difference(result.generators, np.diag([300.0, 380.0])) < 2
+
+
 def test_colours_of_every_third_row_are_kept(rng: np.random.Generator) -> None:
     """Contours repeat in every row of squares."""
     side = 24
