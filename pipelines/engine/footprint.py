@@ -27,6 +27,7 @@ _BYTES, _FEWEST_BYTES = (45, 180), 5 * 10**8
 """of memory that a run takes for a pixel of the exemplar and of the result, and besides"""
 _STORED, _STORED_OF_EXEMPLAR = 4, 15
 """bytes on disk for a pixel and channel of what synthesis makes, and for a pixel of what is found in an exemplar"""
+_ANALYSED = 15 * 10**5  # pixels of an exemplar beyond which most of its analysis is at reduced size
 _WRITTEN, _WRITTEN_AS_FLOATS, _FLOATS = 1, 4, (".exr", ".hdr", ".tif", ".tiff", ".tx")
 """bytes for a pixel and channel of an export"""
 _BASE = 16 * 10**8  # bytes of a step that works in bands
@@ -86,24 +87,23 @@ def expectation(steps: Mapping[str, Step], scope: Scope, exemplar: Source) -> st
     )
 
 
-def seconds_of(steps: Sequence[Step], scope: Scope) -> float:
-    """The time that steps take on all processors of this machine, roughly, as far as their stages tell."""
-    made = max((scope.pixels_of(step) for step in steps if step.stage.name.startswith("synthesis.")), default=0)
-    return _seconds(steps, _largest_picture(scope), made)
+def seconds_of(steps: Sequence[Step], whole: Mapping[str, Step], scope: Scope) -> float:
+    """The time that steps of a flow take on all processors of this machine, as far as their stages tell."""
+    return _seconds(steps, *_exemplar_and_result(whole, scope))
 
 
 def memory_of(steps: Sequence[Step], whole: Mapping[str, Step], scope: Scope) -> int:
     """The memory that steps of a flow take, in bytes, roughly; 0 for no steps."""
-    pixels = pixels_of_steps(whole, [scope])
-    return _memory(_largest_picture(scope), max(pixels[step.name] for step in steps)) if steps else 0
+    return _memory(*_exemplar_and_result(whole, scope)) if steps else 0
 
 
 def disk_of(steps: Sequence[Step], whole: Mapping[str, Step], scope: Scope) -> int:
     """What the results of steps of a flow take in the store, in bytes, roughly."""
-    pixels, channels, exemplar = pixels_of_steps(whole, [scope]), _channels([scope]), _largest_picture(scope)
-    made = sum(pixels[step.name] for step in steps if step.stage.name.startswith("synthesis."))
-    found = sum(not step.stage.name.startswith("synthesis.") for step in steps)
-    return _STORED * channels * made + _STORED_OF_EXEMPLAR * exemplar * found
+    exemplar, result = _exemplar_and_result(whole, scope)
+    made = sum(step.stage.name.startswith("synthesis.") for step in steps)
+    analysed = min(exemplar, _ANALYSED)
+    of_synthesis = _STORED * _channels([scope]) * (result or exemplar) * made
+    return of_synthesis + _STORED_OF_EXEMPLAR * analysed * (len(steps) - made)
 
 
 def disk_of_exports(flow: Flow, steps: Sequence[Step], scope: Scope) -> int:
@@ -124,10 +124,12 @@ def _memory(exemplar: int, result: int) -> int:
     return _FEWEST_BYTES + _BYTES[0] * exemplar + _BYTES[1] * result
 
 
-def _largest_picture(scope: Scope) -> int:
-    """Pixels of the largest picture that steps of a scope take."""
+def _exemplar_and_result(whole: Mapping[str, Step], scope: Scope) -> tuple[int, int]:
+    """Pixels of the largest picture that steps of a scope take, and of what synthesis makes, if known, else 0."""
     own = [*scope.sources.values(), *(scope.shared.sources.values() if scope.shared is not None else ())]
-    return max((source.height * source.width for source in own if source.kind == "picture"), default=0)
+    exemplar = max((source.height * source.width for source in own if source.kind == "picture"), default=0)
+    synthesis = (step for step in whole.values() if step.stage.name.startswith("synthesis."))
+    return exemplar, max((scope.pixels_of(step) for step in synthesis), default=0)
 
 
 def _channels(scopes: Sequence[Scope]) -> int:

@@ -100,7 +100,7 @@ def summary(run: Run, steps: Sequence[StepPlan]) -> PlanSummary:
         names = pending_of.get(scope.name, set())
         own = [step for name, step in run.flow.steps.items() if name in names]
         unknown = [step for step in own if step.name not in earlier]
-        seconds += seconds_of(unknown, scope)
+        seconds += seconds_of(unknown, run.flow.steps, scope)
         disk += disk_of(unknown, run.flow.steps, scope) + disk_of_exports(run.flow, own, scope)
         memory = max(memory, memory_of(own, run.flow.steps, scope))
     if run.flow.runner.name == "processes":
