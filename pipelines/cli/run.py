@@ -139,13 +139,17 @@ def commands(
 def _open(flow: str | None, store_folder: Path, **options: Any) -> tuple[Run, Path]:
     """The flow with what the command line changes, checked whole, and the folder of its exports."""
     from texloom.pipelines.engine.opening import open_request
+    from texloom.pipelines.flow.finding import file_called
     from texloom.pipelines.request import request
 
     if not flow:
         raise WhichFlowError
     asked = request(flow=flow, store=store_folder, **options)
     with named_as_given(asked.params):
-        return open_request(asked)
+        opened, folder = open_request(asked)
+    if (file := file_called(flow)) is not None:
+        complain(f"{flow} is a flow that ships; `texloom run {file}` runs the file here")
+    return opened, folder
 
 
 def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool) -> int:

@@ -1087,6 +1087,14 @@ def test_a_plan_of_a_set_counts_items_that_are_new_like_the_others(folder: Path)
     assert (whole["items"], whole["measured"], whole["states"]["cached"]) == (3, 6, 3)
 
 
+def test_a_file_called_like_a_flow_that_ships_is_told(folder: Path) -> None:
+    shutil.copy("flow.yaml", "quilting.yaml")
+    told = "quilting is a flow that ships; `texloom run quilting.yaml` runs the file here\n"
+    assert told in texloom("plan", "quilting", "wall.png").err
+    for flow in ("quilting.yaml", "flow.yaml", "per_pixel"):
+        assert "is a flow that ships" not in texloom("plan", flow).err
+
+
 def test_plan_is_refused_where_run_would_be(folder: Path) -> None:
     (folder / "wall_contours").mkdir()
     (folder / "wall_contours" / "structure.png").write_bytes(b"somebody's")
