@@ -45,6 +45,8 @@ def is_resource_error(error: BaseException | None) -> bool:
 
 def format_error(error: BaseException | None) -> str:
     """An exception in words."""
+    if isinstance(error, AttributeError) and getattr(error.obj, "__name__", "") == "cv2":
+        return f"OpenCV is not whole ({error}); `texloom doctor` tells the remedy"
     return str(error) or "not enough memory" if is_resource_error(error) else repr(error)
 
 

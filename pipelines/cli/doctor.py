@@ -16,6 +16,7 @@ from urllib.error import URLError
 
 import texloom
 from texloom.pipelines.byte_size import format_byte_size
+from texloom.pipelines.errors import one_line
 
 _LIBRARIES = ("numpy", "numba", "scipy", "scikit-image", "OpenEXR", "prefect")
 _WARMED = (
@@ -23,6 +24,7 @@ _WARMED = (
     "near_regular", "per_pixel", "inverse", "bidirectional_similarity",
     "image_melding",
 )  # fmt: skip
+_DISTRIBUTION = "opencv-contrib-python-headless"
 _OPENCV = (4, 10)  # the oldest that is tried
 _SIDE = 96  # px of what is made
 _LITTLE = 1e9  # bytes of free space
@@ -85,7 +87,7 @@ def described(found: dict[str, Any]) -> str:
         "texloom": f"{found['texloom']['version']}  {found['texloom']['folder']}",
         "python": f"{python['version']}  {python['program']}  {python['system']}",
         "libraries": libraries,
-        "opencv": f"{opencv['version']}  {opencv['file']}, of {installed}",
+        "opencv": f"{opencv['version'] or 'not usable'}  {opencv['file'] or ''}, of {installed}",
         "pictures": _formats(found["formats"]),
         "processors": f"{processors['usable']} of {processors['all']}; {processors['threads']} threads",
         "memory": f"{format_byte_size(found['memory']['pictures'])} for the pictures of a run",
@@ -106,18 +108,23 @@ def _formats(found: dict[str, Any]) -> str:
 
 
 def _opencv() -> dict[str, Any]:
-    """The OpenCV that is imported, which another distribution may have put there."""
-    import cv2
-
+    """The OpenCV that is imported, which another distribution may have put there, or taken away."""
     names = ((str(one.name).lower().replace("_", "-"), one.version) for one in importlib.metadata.distributions())
     installed = dict(sorted((name, version) for name, version in names if name.startswith("opencv-")))
-    version = tuple(int(number) for number in cv2.__version__.split(".")[:2])
+    try:
+        import cv2
+
+        version, file = str(cv2.__version__), str(cv2.__file__)
+    except (ImportError, AttributeError) as error:  # of its folder nothing but links or caches may be left
+        problem = (
+            f"OpenCV is not whole ({one_line(str(error))}), as where another distribution of it was removed: "
+            f"pip install --force-reinstall --no-deps {' '.join(installed) or _DISTRIBUTION}"
+        )
+        return {"version": None, "file": None, "installed": installed, "problem": problem}
     oldest = ".".join(map(str, _OPENCV))
-    remedy = (
-        f"OpenCV {cv2.__version__} is older than {oldest}: pip install 'opencv-contrib-python-headless>={oldest}'"
-    )
-    problem = "" if version >= _OPENCV else remedy
-    return {"version": cv2.__version__, "file": cv2.__file__, "installed": installed, "problem": problem}
+    remedy = f"OpenCV {version} is older than {oldest}: pip install '{_DISTRIBUTION}>={oldest}'"
+    is_old = tuple(int(number) for number in version.split(".")[:2]) < _OPENCV
+    return {"version": version, "file": file, "installed": installed, "problem": remedy if is_old else ""}
 
 
 def _processors() -> dict[str, Any]:

@@ -62,17 +62,15 @@ def plan(flow: str | None, as_json: bool, out: Path | None, force: bool, **optio
     texloom plan self_tuning mine.png --preset fast
     texloom plan self_tuning mine.png --set texture.occurrence=20 --set texture.patch_size=12
 
-    Runs nothing and writes nothing. With --out it also says whether the exports can be written there. Of a set with
-    more than a few items each line is a step of all of them. The last line is a summary; exit code 2 if something
-    would be refused.
+    Runs nothing and writes nothing. Of a set with more than a few items each line is a step of all of them. The
+    last line is a summary: items, steps, time, memory and disk, as the last results of the same steps took or
+    estimated. Exit code 2 if something would be refused, such as exports over files of others.
     """
     from texloom.pipelines.engine.plan_summary import summary
+    from texloom.pipelines.engine.preflight import Preflight
 
     opened, folder = _open(flow, out=out, force=force, **options)
-    if out is not None:
-        from texloom.pipelines.engine.preflight import Preflight
-
-        Preflight(opened).check(folder, force)
+    Preflight(opened).check(folder, force)
     steps = opened.first_plan
     for note in opened.notes:
         complain(note)
@@ -81,7 +79,7 @@ def plan(flow: str | None, as_json: bool, out: Path | None, force: bool, **optio
         taken = whole.footprint
         needs = {} if taken is None else {"needs": {"memory": taken.memory, "disk": taken.disk}}
         listed = [_step(step) for step in [*steps, *opened.skipped()]]
-        numbers = {"items": whole.items, "states": whole.states, "seconds": whole.seconds}
+        numbers = {name: value for name, value in dataclasses.asdict(whole).items() if name != "footprint"}
         print_json({**_what(opened), "steps": listed, "summary": numbers, **needs})
     else:
         _print_plan([*steps, *opened.skipped()], whole.items > _FEW)
@@ -141,13 +139,17 @@ def commands(
 def _open(flow: str | None, store_folder: Path, **options: Any) -> tuple[Run, Path]:
     """The flow with what the command line changes, checked whole, and the folder of its exports."""
     from texloom.pipelines.engine.opening import open_request
+    from texloom.pipelines.flow.finding import file_called
     from texloom.pipelines.request import request
 
     if not flow:
         raise WhichFlowError
     asked = request(flow=flow, store=store_folder, **options)
     with named_as_given(asked.params):
-        return open_request(asked)
+        opened, folder = open_request(asked)
+    if (file := file_called(flow)) is not None:
+        complain(f"{flow} is a flow that ships; `texloom run {file}` runs the file here")
+    return opened, folder
 
 
 def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool) -> int:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from texloom.pipelines.byte_size import format_byte_size
 from texloom.pipelines.engine.scope import Scope
-from texloom.pipelines.flow.model import Step
+from texloom.pipelines.flow.model import Flow, Step
 from texloom.pipelines.media.sources import Source
 from texloom.pipelines.memory import machine_memory, memory_limit
 from texloom.stages.kernels.core.threads import thread_count
@@ -23,8 +23,13 @@ LARGE = 4096**2
 _DISK, _DISK_OF_CHANNEL = 63, 22  # bytes a pixel
 _SELF_TUNING = 2  # steps of synthesis, which these hold
 _DISK_OF_IMAGE = 12  # bytes a pixel and channel: read, made and stored
-_BYTES, _FEWEST_BYTES = (40, 50), 6 * 10**8
-"""that self-tuning takes for a pixel of a large exemplar and of the result, and besides"""
+_BYTES, _FEWEST_BYTES = (45, 180), 5 * 10**8
+"""of memory that a run takes for a pixel of the exemplar and of the result, and besides"""
+_STORED, _STORED_OF_EXEMPLAR = 4, 15
+"""bytes on disk for a pixel and channel of what synthesis makes, and for a pixel of what is found in an exemplar"""
+_ANALYSED = 15 * 10**5  # pixels of an exemplar beyond which most of its analysis is at reduced size
+_WRITTEN, _WRITTEN_AS_FLOATS, _FLOATS = 1, 4, (".exr", ".hdr", ".tif", ".tiff", ".tx")
+"""bytes for a pixel and channel of an export"""
 _BASE = 16 * 10**8  # bytes of a step that works in bands
 _MINUTE, _HOUR = 60, 3600  # s
 _SHARE = 0.25  # of the memory limit, that it takes besides
@@ -42,6 +47,11 @@ class Footprint:
     """steps that have all of the exemplar or the result in memory, and the bytes of each, at least"""
 
     @property
+    def all_memory(self) -> int:
+        """Bytes, of all kinds of steps."""
+        return max([self.memory, *self.in_memory.values()])
+
+    @property
     def problem(self) -> str:
         """Why a step cannot run on this machine; empty where all can."""
         most = machine_memory()
@@ -54,7 +64,7 @@ class Footprint:
         return ""
 
     def __str__(self) -> str:
-        memory = format_byte_size(max(self.memory, *self.in_memory.values(), 0))
+        memory = format_byte_size(self.all_memory)
         if not self.disk:
             return f"takes {memory} of memory or more"
         return f"takes up to {format_byte_size(self.disk)} of disk, and {memory} of memory"
@@ -67,7 +77,7 @@ def expectation(steps: Mapping[str, Step], scope: Scope, exemplar: Source) -> st
     made = max((scope.pixels_of(step) for step in synthesis), default=0)
 
     def taken(pixels: int) -> str:
-        memory = format_byte_size(_FEWEST_BYTES + _BYTES[0] * pixels + _BYTES[1] * made)
+        memory = format_byte_size(_memory(pixels, made))
         return f"{describe_seconds(_seconds(steps.values(), pixels, made))} and {memory} of memory"
 
     part = f"a part (--crop {width // 2}x{height // 2}) or half the size (--reduce 0.5)"
@@ -77,11 +87,53 @@ def expectation(steps: Mapping[str, Step], scope: Scope, exemplar: Source) -> st
     )
 
 
-def seconds_of(steps: Sequence[Step], scope: Scope) -> float:
-    """The time that steps take on all processors of this machine, roughly, as far as their stages tell."""
-    exemplars = [source.height * source.width for source in scope.sources.values() if source.kind == "picture"]
-    made = max((scope.pixels_of(step) for step in steps if step.stage.name.startswith("synthesis.")), default=0)
-    return _seconds(steps, max(exemplars, default=0), made)
+def seconds_of(steps: Sequence[Step], whole: Mapping[str, Step], scope: Scope) -> float:
+    """The time that steps of a flow take on all processors of this machine, as far as their stages tell."""
+    return _seconds(steps, *_exemplar_and_result(whole, scope))
+
+
+def memory_of(steps: Sequence[Step], whole: Mapping[str, Step], scope: Scope) -> int:
+    """The memory that steps of a flow take, in bytes, roughly; 0 for no steps."""
+    return _memory(*_exemplar_and_result(whole, scope)) if steps else 0
+
+
+def disk_of(steps: Sequence[Step], whole: Mapping[str, Step], scope: Scope) -> int:
+    """What the results of steps of a flow take in the store, in bytes, roughly."""
+    exemplar, result = _exemplar_and_result(whole, scope)
+    made = sum(step.stage.name.startswith("synthesis.") for step in steps)
+    analysed = min(exemplar, _ANALYSED)
+    of_synthesis = _STORED * _channels([scope]) * (result or exemplar) * made
+    return of_synthesis + _STORED_OF_EXEMPLAR * analysed * (len(steps) - made)
+
+
+def disk_of_exports(flow: Flow, steps: Sequence[Step], scope: Scope) -> int:
+    """What is exported of steps of a flow takes, in bytes, roughly."""
+    pixels, channels, names = (
+        pixels_of_steps(flow.steps, [scope]),
+        _channels([scope]),
+        {step.name for step in steps},
+    )
+    return sum(
+        pixels[given.name] * channels * (_WRITTEN_AS_FLOATS if file.endswith(_FLOATS) else _WRITTEN)
+        for file, given in flow.exports.items()
+        if given.name in names and not file.endswith((".json", ".html", ".csv"))
+    )
+
+
+def _memory(exemplar: int, result: int) -> int:
+    return _FEWEST_BYTES + _BYTES[0] * exemplar + _BYTES[1] * result
+
+
+def _exemplar_and_result(whole: Mapping[str, Step], scope: Scope) -> tuple[int, int]:
+    """Pixels of the largest picture that steps of a scope take, and of what synthesis makes, if known, else 0."""
+    own = [*scope.sources.values(), *(scope.shared.sources.values() if scope.shared is not None else ())]
+    exemplar = max((source.height * source.width for source in own if source.kind == "picture"), default=0)
+    synthesis = (step for step in whole.values() if step.stage.name.startswith("synthesis."))
+    return exemplar, max((scope.pixels_of(step) for step in synthesis), default=0)
+
+
+def _channels(scopes: Sequence[Scope]) -> int:
+    return max((len(source.channels) for scope in scopes for source in scope.sources.values()), default=3)
 
 
 def _seconds(steps: Iterable[Step], exemplar: int, result: int) -> float:
@@ -111,7 +163,7 @@ def footprint(steps: Mapping[str, Step], scopes: list[Scope]) -> Footprint | Non
             whole[name] = step.stage.result_bytes * own + step.stage.exemplar_bytes * taken[name]
     if largest <= LARGE:
         return Footprint(0, 0, whole)
-    channels = max((len(source.channels) for scope in scopes for source in scope.sources.values()), default=3)
+    channels = _channels(scopes)
     made = [
         name for name, count in pixels.items() if count > LARGE and steps[name].stage.name.startswith("synthesis.")
     ]

@@ -35,6 +35,12 @@ def find_flow(name: str, folder: Path = Path()) -> Path:
         raise refused(f"{name}: is a picture, not a flow, as in: texloom run self_tuning {name}")
     if path.is_dir():
         raise refused(f"{name}: is a folder, not a flow file")
-    files = [name + suffix for suffix in (".yaml", ".yml") if (folder / f"{name}{suffix}").is_file()]
-    near = f"; did you mean '{files[0]}'?" if files else closest(name, [*shipped, *others])
+    file = file_called(name, folder)
+    near = f"; did you mean '{file}'?" if file else closest(name, [*shipped, *others])
     raise refused(f"{name}: no such flow{near or '; `texloom flows` lists those that ship'}")
+
+
+def file_called(name: str, folder: Path = Path()) -> str | None:
+    """The name of a flow file in a folder that would be meant by a name without its ending, if there is one."""
+    names = (name + suffix for suffix in (".yaml", ".yml"))
+    return next((file for file in names if (folder / file).is_file()), None)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import io
 import json
+import sys
+import types
 from pathlib import Path
 
 import pytest
 
 from tests.pipelines.cli.test_main import texloom
 from texloom.pipelines.cli import doctor
+from texloom.pipelines.errors import format_error
 
 
 @pytest.fixture(autouse=True)
@@ -43,6 +46,18 @@ def test_formats_that_need_more(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found["HEIC"] == {"missing": "pillow_heif"}
     assert found["TGA"] == {"missing": None}
     assert "; HEIC needs pillow_heif: pip install 'texloom[photos]'" in doctor._formats(found)
+
+
+def test_an_opencv_that_is_not_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As after another distribution of it was removed, which takes the files of both."""
+    monkeypatch.setitem(sys.modules, "cv2", types.ModuleType("cv2"))
+    result = texloom("doctor")
+    assert result.code == 0
+    assert "opencv      not usable" in result.out
+    assert "pip install --force-reinstall --no-deps opencv-contrib-python-headless" in result.out
+    with pytest.raises(AttributeError) as raised:
+        sys.modules["cv2"].resize  # noqa: B018
+    assert format_error(raised.value).endswith("`texloom doctor` tells the remedy")
 
 
 def test_one_screen(folder: Path) -> None:

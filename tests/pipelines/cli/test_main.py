@@ -1047,7 +1047,59 @@ def test_plan_for_people(again: Path) -> None:
         "texture      run      param occurrence: 10.0 -> 20.0",
         "scores       wait     waits for texture",
     ]
-    assert re.fullmatch(r"\d+ cached, 1 to run, 1 waiting; takes about 1 s on this machine", lines[-1])
+    taken = r"takes about \d+ s, \d+\.\d MB of memory and \d+\.\d [kM]B of disk"
+    measured = "time and disk as their last results took, else estimated"
+    assert re.fullmatch(rf"\d+ cached, 1 to run, 1 waiting; {taken}; {measured}", lines[-1])
+
+
+def test_a_plan_takes_time_and_disk_from_the_last_results(folder: Path) -> None:
+    """In proportion to the size, for the same exemplar; else they are estimated."""
+    run = ["quilting", "wall.png", "--set", "scores.window=5", "--out", "out"]
+
+    def summary(*options: str) -> dict[str, Any]:
+        return dict(texloom("plan", *run, "--seed", "4", "--json", *options).report["summary"])
+
+    assert summary("--size", "64")["measured"] == 0
+    assert texloom("run", *run, "--size", "64").code == 0
+    small, large = summary("--size", "64"), summary("--size", "128")
+    results = [path for path in Path("artifacts/cache").rglob("*") if path.is_file()]
+    manifests = [json.loads(path.read_text()) for path in results if path.name == "manifest.json"]
+    assert small["measured"] == large["measured"] == 2
+    assert small["seconds"] == pytest.approx(sum(one["seconds"] for one in manifests))
+    assert large["seconds"] == pytest.approx(4 * small["seconds"])
+    stored = sum(file["bytes"] for one in manifests for file in one["files"].values())
+    assert stored < small["disk"] < large["disk"] < 5 * stored + 16 * 128**2
+    assert 4e8 < small["memory"] < large["memory"] < 7e8
+    save(folder / "wall.png", blobs(40, 40))
+    assert summary("--size", "64")["measured"] == 0
+    assert texloom("run", *run, "--size", "64").code == 0
+    done = texloom("plan", *run, "--size", "64", "--json").report["summary"]
+    assert (done["states"], done["seconds"], done["disk"]) == ({"cached": 2}, 0, 0)
+
+
+def test_a_plan_of_a_set_counts_items_that_are_new_like_the_others(folder: Path) -> None:
+    (folder / "library").mkdir()
+    save(folder / "library" / "a.png", blobs())
+    assert texloom("run", "flow.yaml", "library", "--out", "out").code == 0
+    for name in "bc":
+        save(folder / "library" / f"{name}.png", blobs(50))
+    whole = texloom("plan", "flow.yaml", "library", "--out", "out", "--json").report["summary"]
+    assert (whole["items"], whole["measured"], whole["states"]["cached"]) == (3, 6, 3)
+
+
+def test_a_file_called_like_a_flow_that_ships_is_told(folder: Path) -> None:
+    shutil.copy("flow.yaml", "quilting.yaml")
+    told = "quilting is a flow that ships; `texloom run quilting.yaml` runs the file here\n"
+    assert told in texloom("plan", "quilting", "wall.png").err
+    for flow in ("quilting.yaml", "flow.yaml", "per_pixel"):
+        assert "is a flow that ships" not in texloom("plan", flow).err
+
+
+def test_plan_is_refused_where_run_would_be(folder: Path) -> None:
+    (folder / "wall_contours").mkdir()
+    (folder / "wall_contours" / "structure.png").write_bytes(b"somebody's")
+    for command in ("plan", "run"):
+        assert_refused(texloom(command, "flow.yaml"), "structure.png was not written by texloom")
 
 
 def test_plan_of_a_set_is_short(folder: Path) -> None:
