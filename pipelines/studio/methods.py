@@ -164,9 +164,9 @@ OFFERS = {
                 label="Style",
                 settings=(
                     _set("as the picture"),
-                    _set("more texture", weight=0.4, detail=4.0),
-                    _set("fine drawing", weight=2.0, detail=1.0),
-                    _set("flat signs and letters", weight=2.0, detail=0.0),
+                    _set("more texture", weight=0.3, detail=4.0),
+                    _set("fine drawing", weight=1.3, detail=1.0),
+                    _set("flat signs and letters", weight=1.3, detail=0.0),
                 ),
             ),
         ),

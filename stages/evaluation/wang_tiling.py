@@ -10,7 +10,7 @@ from jaxtyping import Float32, Int32, Int64
 from pydantic import Field
 
 from texloom.stages.common.features.maps import map_channels
-from texloom.stages.common.grids.wang import WangSet, laid
+from texloom.stages.common.grids.wang import WangSet, laid, tiles_of
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
 from texloom.stages.vocabulary.arrays import Correspondence, Image
 from texloom.stages.vocabulary.color import lab_from_linear
@@ -146,9 +146,7 @@ def _changes(
 
 def _tiles(atlas: np.ndarray, places: Int64[np.ndarray, "n 2"], size: int) -> np.ndarray:
     """The tiles at these rows and columns of an atlas of tiles, one after another."""
-    side = np.arange(size)
-    rows, columns = (places[:, axis, None] * size + side for axis in (0, 1))
-    return np.asarray(atlas[rows[:, :, None], columns[:, None, :]])
+    return np.asarray(tiles_of(atlas, size)[places[:, 0], places[:, 1]])
 
 
 def _between(

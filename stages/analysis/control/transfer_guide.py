@@ -18,7 +18,7 @@ from texloom.stages.vocabulary.declare import Outline, Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
 from texloom.stages.vocabulary.sizes import Size
 
-_STRENGTH = 0.6  # of that of values, which would leave single pixels
+_STRENGTH = 0.9  # of that of values; with less, grounds of small elements show little of a picture
 _EDGES = 0.5  # of a value's range, the strongest edge
 
 

@@ -144,9 +144,14 @@ class WangSet:
 
 def laid(atlas: np.ndarray, places: np.ndarray, size: int) -> np.ndarray:
     """The tiles at ``places``, rows and columns of an atlas with tiles of ``size`` px, side by side."""
-    rows, columns = ((places[..., axis] * size)[:, :, None] + np.arange(size) for axis in (0, 1))
-    pixels = atlas[rows[:, :, :, None], columns[:, :, None, :]]
+    pixels = tiles_of(atlas, size)[places[..., 0], places[..., 1]]
     return np.asarray(np.moveaxis(pixels, 2, 1).reshape(len(places) * size, -1, *atlas.shape[2:]))
+
+
+def tiles_of(atlas: np.ndarray, size: int) -> np.ndarray:
+    """A view of an atlas with tiles of ``size`` px: by their row and column, then their own rows and columns."""
+    rows, columns = (side // size for side in atlas.shape[:2])
+    return np.asarray(atlas.reshape(rows, size, columns, size, *atlas.shape[2:]).swapaxes(1, 2))
 
 
 def hashed(rows: Cells, columns: Cells, layer: int) -> Cells:

@@ -126,7 +126,24 @@ def round_votes(sums, weights_across, weights_down, target, first, last):
 
 
 @compiled
-def weighted_values(exemplar, bins, excess, table, first, last):
+def voted(row, column, patch_size, pixels):
+    """Set ``pixels``, (h, w) bool, to those of the exemplar patches at ``row`` and ``column``, int32."""
+    height, width = pixels.shape
+    pixels[:] = False
+    for y in range(row.shape[0]):
+        for x in range(row.shape[1]):
+            pixels[row[y, x], column[y, x]] = True
+    left = np.zeros(width, np.int32)  # px that a patch still reaches down, in each column
+    for y in range(height):
+        right = 0
+        for x in range(width):
+            right = patch_size if pixels[y, x] else right - 1
+            left[x] = patch_size if right > 0 else left[x] - 1
+            pixels[y, x] = left[x] > 0
+
+
+@compiled
+def weighted_values(exemplar, bins, excess, used, table, first, last):
     """Fill rows ``first`` to ``last`` of the exemplar in ``table`` with what a vote for each pixel adds.
 
     A vote for a colour in bins b_c weighs 1 / (1 + sum over channels of ``excess[c, b_c]``) [Kopf2007]_.
@@ -136,11 +153,14 @@ def weighted_values(exemplar, bins, excess, table, first, last):
     exemplar : (h, w * channels) int16
     bins : (h, w * channels) uint8, histogram bin of every exemplar value
     excess : (channels, bins) float32, pixels of the target beyond the exemplar's share, 0 where there are too few
+    used : (h, w) bool, pixels that are voted for; the table keeps what it has at others
     table : (h, w * (channels + 1)) float32, output: the weighted values of each pixel, and its weight
     """
     channels = excess.shape[0]
     for y in range(first, last):
         for x in range(exemplar.shape[1] // channels):
+            if not used[y, x]:
+                continue
             surplus = np.float32(1)
             for c in range(channels):
                 surplus += excess[c, bins[y, x * channels + c]]
@@ -204,7 +224,7 @@ def _add_runs(votes, shares, runs, count, place, line):
 
 @compiled
 def histogram_votes(
-    votes, shares, runs, count, lows, widths, rows, stops, target, counts, wanted, exemplar, bins, is_filled
+    votes, shares, runs, count, lows, widths, rows, stops, target, counts, wanted, exemplar, bins, used, is_filled
 ):
     """Set rows of the target to a weighted mean that avoids colours which the target has too often.
 
@@ -219,7 +239,7 @@ def histogram_votes(
     target : (H, W * channels) int16, changed in place
     counts : (channels, bins) int64, histograms of the target, or anything to which their change is added
     wanted : (channels, bins) float64, what they should be
-    exemplar, bins : see `weighted_values`
+    exemplar, bins, used : see `weighted_values`
     is_filled : the table is; else it is filled by ``counts`` before each chunk
     """
     channels = lows.size
@@ -227,7 +247,8 @@ def histogram_votes(
     start = 0
     for stop in stops:
         if not is_filled:
-            weighted_values(exemplar, bins, surplus(counts, wanted), votes.exemplar, np.int64(0), exemplar.shape[0])
+            excess = surplus(counts, wanted)
+            weighted_values(exemplar, bins, excess, used, votes.exemplar, np.int64(0), exemplar.shape[0])
         for y in rows[start:stop]:
             _add_runs(votes, shares, runs, count, y, sums)
             for x in range(target.shape[1] // channels):

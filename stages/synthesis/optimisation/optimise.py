@@ -34,7 +34,7 @@ from texloom.stages.synthesis.optimisation.optimise_params import OptimiseParams
 from texloom.stages.synthesis.optimisation.overuse import Overuse
 from texloom.stages.synthesis.optimisation.scale import Rounds
 from texloom.stages.synthesis.optimisation.seam_relaxation import relax_seams
-from texloom.stages.synthesis.optimisation.several_cells import completion_of
+from texloom.stages.synthesis.optimisation.several_cells import SeveralCells, completion_of
 from texloom.stages.synthesis.optimisation.several_exemplars import Balance, SeveralExemplars, largest_block
 from texloom.stages.synthesis.optimisation.starts import best_start
 from texloom.stages.synthesis.optimisation.vote import HistogramVote, mean_vote, result_image, vote_pixels, window
@@ -357,7 +357,9 @@ def optimise(
     scales = patch_scales(image, start, params, params.occurrence > 0, cells)
     distance = None if guidance is None else border.around(guidance)
     share = None if share is None else border.around(share)
-    relaxes = params.relaxed_seams and all(part is None for part in (keep, guides, phase, rectangles))
+    led = guides is not None and not params.guided_seams
+    relaxes = params.relaxed_seams and keep is None and phase is None and not led
+    relaxes &= rectangles is None or guides is not None
     optimisation = _Optimisation(
         image, start, distance, weight, guides, phase, regularity, fixed, share, several, relaxes, params
     )
@@ -368,10 +370,15 @@ def optimise(
         optimisation, scales, randoms, params.tolerance, checkpoints, others, optimisation.best
     )
 
-    if optimisation.halved is not None:
-        relax_seams(match, optimisation.halved, params.patch_size, wrap, scales[-1].allowed, scales[-1].places)
+    allowed = scales[-1].allowed
+    if optimisation.halved is not None and not (
+        contours is not None
+        and rectangles is not None
+        and SeveralCells(contours, rectangles, border).consists.any()
+    ):  # borders between exemplars of cells come to lie between these
+        relax_seams(match, optimisation.halved, params.patch_size, wrap, allowed, scales[-1].places)
     if params.whole_cells and keep is None and (guides is None or rectangles is not None):
-        lab, allowed = optimisation.lab, scales[-1].allowed
+        lab = optimisation.lab
         del optimisation.compared
         found = None
         if contours is not None:
@@ -389,7 +396,7 @@ def optimise(
         if given is None:  # else it is a window of what the caller makes
             tell_holes(_LOG, made)
     border.move_back(source)
-    evens = params.even_joints and all(part is None for part in (keep, guides, rectangles))
+    evens = params.even_joints and keep is None and rectangles is None and not led
     if evens:
         EvenJoints(exemplar).apply(made, source, wrap)
     used_area = None if usable is None else int(usable.sum())

@@ -91,10 +91,13 @@ class OptimiseParams(CoarseToFineParams):
     lies where"""
     relaxed_seams: bool = True
     """at the end, seams between pieces of the exemplar move to where they are seen least; where no lattice is
-    enforced, there is one exemplar, and nothing is kept or guided"""
+    enforced, there is one exemplar, and nothing is kept, or guided without `guided_seams`"""
     even_joints: bool = True
     """at the end, steps of tone that are seen at seams are spread over the pieces beside them, see `EvenJoints`;
-    where there is one exemplar, and nothing is kept or guided"""
+    where there is one exemplar, and nothing is kept, or guided without `guided_seams`"""
+    guided_seams: bool = False
+    """whether `relaxed_seams` and `even_joints` also hold under a guide: one that changes slowly, so that seams may
+    move, or that tells which of several exemplars lies where, unless one of these consists of cells"""
 
     def occurrence_at(self, scale: PatchScale) -> float:
         """Weight of spatial uniformity at a scale."""

@@ -51,11 +51,11 @@ class BorderWaves:
         upper, left = self.tiles.borders
         return np.stack([self._of_atlas(0, left), self._of_atlas(1, upper.T).T])
 
-    def band(self, axis: int) -> Displacement:
-        """Of the closed band along a row, axis 0, or along a column, axis 1, see `WangSet.band`."""
+    def band(self, axis: int, height: int) -> Displacement:
+        """Of the closed band, ``height`` px, along a row, axis 0, or along a column, axis 1, see `WangSet.band`."""
         numbers = self.tiles.band[1]
         along = np.concatenate([self._of_border(1 - axis, int(number)) for number in numbers])
-        found = np.zeros((2, self.size, len(along)), np.float32)
+        found = np.zeros((2, height, len(along)), np.float32)
         found[1] = along
         return found if axis == 0 else np.ascontiguousarray(found[::-1].swapaxes(1, 2))
 

@@ -9,6 +9,7 @@ from jaxtyping import Float32, Int64
 from pydantic import Field
 
 from texloom.stages.common.features.maps import MapWeights
+from texloom.stages.common.grids.pyramid import halved_size, resize
 from texloom.stages.common.grids.wang import Kind
 from texloom.stages.kernels.seams.window_state import FILLED, FREE, KEPT
 from texloom.stages.synthesis.edits.gradient_domain import GradientDomainParams, gradient_domain
@@ -28,6 +29,7 @@ from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
 from texloom.stages.vocabulary.progress import part
 
 _STARTS = 4  # of a torus of one material, among which one is chosen
+_MIN_HALVED = 96  # px, side of tiles and exemplars from which on blocks between materials are laid at half the size
 
 
 class WangParams(Params):
@@ -110,16 +112,20 @@ class Synthesis:
         )
         own = guide if materials is None else materials.exemplar
         self.revision = Revision(image, guidance, weight, generators, options, own)
+        self.halved: Revision | None = None
+        """for the blocks between materials, of which the first scale shows no more"""
+        if materials is not None and min(tile, image.height, image.width) >= _MIN_HALVED:
+            self.halved = Revision(_half_image(image), None, 1.0, None, options, _half(materials.exemplar))
 
-    def start(self, count: int, structure: Mask | None, rng: np.random.Generator) -> Torus:
-        """A torus of ``count`` tiles side by side, of the materials one after another."""
+    def start(self, count: int, side: int, structure: Mask | None, rng: np.random.Generator) -> Torus:
+        """A torus of ``count`` squares side by side, of the materials one after another."""
         guidance, weight, generators = self.inputs
         starting, optimising = rng.spawn(2)
         guides: dict[str, Any] = {}
         if self.materials is not None:
-            wanted = self.materials.between(np.arange(count)[None], self.tile, self.tile * count)
+            wanted = self.materials.between(np.arange(count)[None], side, side * count)
             guides = {"exemplar_guide": self.materials.exemplar, "target_guide": wanted}
-        size = InitialiseParams(size=(self.tile, self.tile * count))
+        size = InitialiseParams(size=(side, side * count))
         start = initialise(self.image, size, starting, structure, generators, **guides)
         params = OptimiseParams(**self.chosen, tileable=True)
         made = optimise(self.image, start.match, params, optimising, guidance, weight, generators, **guides)
@@ -153,12 +159,15 @@ class Synthesis:
         block = min(self.tile, self.image.height, self.image.width) // 2
         *placing, optimising = rng.spawn(2 if parts is None else _STARTS + 1)
         with part(0.0, 0.2):
-            starts = [
-                self.revision.start(
-                    known.image, ~keep, known.match, TORUS, random, random, filled, block, parts is None, wanted
-                )
-                for random in placing
-            ]
+            if self.halved is not None and wanted is not None:
+                starts = [self._halved_start(self.halved, known, keep, filled, block, wanted, placing[0])]
+            else:
+                starts = [
+                    self.revision.start(
+                        known.image, ~keep, known.match, TORUS, random, random, filled, block, parts is None, wanted
+                    )
+                    for random in placing
+                ]
         if parts is not None:
             starts.sort(key=lambda start: self._deviation(start, parts))
         with part(0.2, 1.0):
@@ -167,13 +176,35 @@ class Synthesis:
         joined = known.image.elsewhere(np.where(own, made.image.pixels, known.image.pixels))
         return self._level(joined, np.where(own, made.match, known.match), shared)
 
+    def _halved_start(
+        self,
+        halved: Revision,
+        known: Torus,
+        keep: Mask,
+        filled: Mask,
+        block: int,
+        wanted: Float32[np.ndarray, "H W k"],
+        random: np.random.Generator,
+    ) -> Correspondence:
+        """As `Revision.start`, with blocks that are laid at half the size."""
+        every = np.s_[::2, ::2]
+        start = halved.start(
+            _half_image(known.image), ~keep[every], known.match[every] // 2, TORUS, random, random, filled[every],
+            block // 2, True, _half(wanted),
+        )  # fmt: skip
+        rows, columns = np.indices(keep.shape)
+        doubled = 2 * start[rows // 2, columns // 2] + np.stack([rows % 2, columns % 2], axis=2)
+        sides = np.array([self.image.height, self.image.width]) - 1
+        return np.where(keep[..., None], known.match, np.minimum(doubled, sides)).astype(np.uint32)
+
     def _cut(self, known: Image, made: Image, shared: Mask, filled: Mask) -> Mask:
         """Where ``made`` is shown and not ``known``, joined along minimum cuts.
 
         Each tile is cut by itself: those whose lines between them are shared as they are, others from middle to
         middle.
         """
-        shift = 0 if shared[0].all() else self.tile // 2
+        middle = tuple(min(self.tile, side) // 2 for side in shared.shape)
+        shift = (0, 0) if shared[0].all() else middle
         state = np.where(shared, KEPT, np.where(filled, FREE, FILLED)).astype(np.int8)
         first, second, state = (
             np.roll(plane, shift, (0, 1))
@@ -187,7 +218,7 @@ class Synthesis:
             for column in range(0, state.shape[1], self.tile):
                 at = np.s_[row : row + self.tile, column : column + self.tile]
                 taken[at], _ = cheapest_cut(costs, old[at], new[at], state[at])
-        return np.roll(taken, -shift, (0, 1))
+        return np.roll(taken, (-shift[0], -shift[1]), (0, 1))
 
     def _deviation(self, match: Correspondence, parts: Int64[np.ndarray, "H W"]) -> float:
         """Sum of squared differences of mean colours, CIELAB units."""
@@ -200,3 +231,12 @@ class Synthesis:
         """Heights, normals and occlusion without steps at seams."""
         smooth = gradient_domain(self.image, image.wrapping(True), match, GradientDomainParams(), keep)
         return Torus(smooth.image, match)
+
+
+def _half(planes: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "p q c"]:
+    """At half the size, rounded up."""
+    return resize(planes, *halved_size((planes.shape[0], planes.shape[1]), 1), bilinear=True)
+
+
+def _half_image(image: Image) -> Image:
+    return image.elsewhere(_half(image.pixels))

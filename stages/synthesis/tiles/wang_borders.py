@@ -17,7 +17,7 @@ from texloom.stages.kernels.core.elementary_functions import log
 from texloom.stages.numerics.matrices import matrix_product, pseudo_inverse
 from texloom.stages.synthesis.tiles.border_waves import BorderWaves
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, band_points
-from texloom.stages.synthesis.tiles.tile_synthesis import Synthesis, Torus, WangParams
+from texloom.stages.synthesis.tiles.tile_synthesis import Synthesis, WangParams
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import InputError, Outline, stage
 from texloom.stages.vocabulary.progress import part
@@ -203,9 +203,11 @@ def wang_borders(
     border = _border(tile, params)
     first, *randoms = rng.spawn(3)
     corners, numbers = layout.band
+    # Of a band only what is near its line is used. Cells of a lattice and even use need whole tiles.
+    height = tile if materials is None else min(tile, 2 * _reach(tile, border) + 2 * params.patch_size)
     synthesis = Synthesis(
         image, guidance, weight, generators, tile, border, params, materials,
-        kind=layout.kind, pixels=len(numbers) * tile**2,
+        kind=layout.kind, pixels=len(numbers) * tile * height,
     )  # fmt: skip
     points = band_points(layout)
     table: dict[str, Any] = {"kind": layout.kind, "colors": layout.colors, "variants": list(params.variants)}
@@ -214,11 +216,11 @@ def wang_borders(
         table |= {"waves": params.waves, "noise": int(first.integers(2**24))}
     waves = BorderWaves.of(table)
     with part(0.0, 0.3):
-        start = synthesis.start(int(corners.max() + 1), structure, first)
+        start = synthesis.start(int(corners.max() + 1), height, structure, first)
 
     bands = []
-    (corner, along), (_, across) = offsets(tile * len(numbers), tile), offsets(tile, tile)
-    colors = corners[corner] * tile
+    (corner, along), (_, across) = offsets(tile * len(numbers), tile), offsets(height, height)
+    colors = corners[corner] * height
     for axis, random in enumerate(randoms):
         if axis == 0:
             known = start.at(across[:, None], colors + along)
@@ -226,12 +228,13 @@ def wang_borders(
             known = start.at(along[:, None], colors[:, None] + across)
         # The bands have the same corners wherever interiors fit to them, so that all borders continue each other.
         widths = (2 * border - core(border), border, _reach(tile, border))
-        keep, shared, filled = (_squares(known, tile, width) for width in widths)
+        lines = (across, along) if axis == 0 else (along, across)
+        keep, shared, filled = (_squares(*lines, width) for width in widths)
         near = (across >= -border) & (across < border)
         parts = near[:, None] * (1 + np.arange(len(along)) // (tile // 2))
         with part(0.3 + 0.35 * axis, 0.65 + 0.35 * axis):
             line, halves = (points, parts) if axis == 0 else (points.T, parts.T)
-            wandering = None if waves is None else waves.band(axis)
+            wandering = None if waves is None else waves.band(axis, height)
             bands.append(
                 synthesis.completed(known, keep, shared, filled, line, random, halves, displacement=wandering)
             )
@@ -253,10 +256,11 @@ def wang_borders(
     return WangBorders(atlas, match, keep, filled, table)
 
 
-def _squares(torus: Torus, tile: int, width: int) -> Mask:
-    """True around the corners of tiles, to ``width`` px in each direction."""
-    down, across = (
-        (offset >= -width) & (offset < width)
-        for _, offset in (offsets(side, tile) for side in (torus.image.height, torus.image.width))
-    )
-    return np.asarray(down[:, None] & across)
+def _squares(
+    down: Int64[np.ndarray, " rows"],  # type: ignore[name-defined]
+    across: Int64[np.ndarray, " columns"],  # type: ignore[name-defined]
+    width: int,
+) -> Mask:
+    """True around the corners of tiles, to ``width`` px in each direction, from px after the corners."""
+    rows, columns = ((line >= -width) & (line < width) for line in (down, across))
+    return np.asarray(rows[:, None] & columns)

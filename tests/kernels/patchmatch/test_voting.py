@@ -7,7 +7,14 @@ from tests.kernels.patchmatch import naive
 from tests.kernels.patchmatch.conftest import CHANNELS, PLACES, SIZE, flat, outcomes
 from tests.wraps import WRAPS, beyond, sides
 from texloom.stages.common.similarity.neighbourhoods import fixed_point
-from texloom.stages.kernels.patchmatch.voting import Votes, find_runs, histogram_votes, round_votes, weighted_values
+from texloom.stages.kernels.patchmatch.voting import (
+    Votes,
+    find_runs,
+    histogram_votes,
+    round_votes,
+    voted,
+    weighted_values,
+)
 from texloom.stages.synthesis.optimisation.vote import (
     HistogramVote,
     mean_vote,
@@ -117,14 +124,16 @@ def test_histogram_vote_equals_twin(size: int, channels: int, wrap: Wraps, rng: 
     before = rng.integers(-4000, 4001, (height, width * channels)).astype(np.int16)
     target = before.copy()
     table = np.empty((exemplar.shape[0], exemplar.shape[1] * (channels + 1)), np.float32)
-    weighted_values(flat(exemplar), flat(bins), excess, table, 0, exemplar.shape[0])
+    used = np.empty(exemplar.shape[:2], bool)
+    voted(*match, size, used)
+    weighted_values(flat(exemplar), flat(bins), excess, used, table, 0, exemplar.shape[0])
     votes = Votes(*match, table, channels + 1, size, wrap)
     lows, widths = np.full(channels, -4000, np.float32), np.full(channels, 800, np.float32)
     change, shares = np.zeros((channels, 10), np.int64), run_shares(window(size), channels + 1)
     runs = find_runs(*match, size, wrap, len(shares), 0, height)
     histogram_votes(
         votes, shares, *runs, lows, widths, rows, np.array([len(rows)]), target, change, np.zeros(change.shape),
-        flat(exemplar), flat(bins), True,
+        flat(exemplar), flat(bins), used, True,
     )  # fmt: skip
     for c in range(channels):
         counts = [np.histogram(t[:, c::channels], 10, (-4000, 4000))[0] for t in (before, target)]
@@ -136,6 +145,17 @@ def test_histogram_vote_equals_twin(size: int, channels: int, wrap: Wraps, rng: 
             assert np.abs(planes[y, x] - expected).max() <= 0.51  # rounded, from single precision
         else:
             assert (planes[y, x] == before.reshape(planes.shape)[y, x]).all()
+
+
+@pytest.mark.parametrize("size", [1, 3, 4])
+def test_pixels_that_patches_vote_for(size: int) -> None:
+    match, exemplar = random_vote(size, 3, np.random.default_rng(size))
+    expected = np.zeros(exemplar.shape[:2], bool)
+    for row, column in match.reshape(2, -1).T:
+        expected[row : row + size, column : column + size] = True
+    pixels = np.ones(expected.shape, bool)
+    voted(*match, size, pixels)
+    np.testing.assert_array_equal(pixels, expected)
 
 
 @pytest.mark.parametrize("wrap", WRAPS)

@@ -26,7 +26,10 @@ from texloom.stages.vocabulary.sizes import format_size
 SHAPE, LARGE, SIZE = (56, 64), (96, 104), (72, 80)
 """an exemplar, a large one and a result, px"""
 
-INPUTS = ("guidance", "weight", "generators", "keep", "given", "guiding", "checkpoints")
+INPUTS = (
+    "guidance", "weight", "generators", "keep", "given", "guiding", "checkpoints", "exemplar_guide", "target_guide",
+    "contours", "rectangles",
+)  # fmt: skip
 """optional arguments of the stage"""
 
 QUICK = {"first_iterations": 6, "last_iterations": 2}
@@ -647,3 +650,48 @@ def test_seams_are_relaxed_where_nothing_else_decides(exemplar: Image) -> None:
     lattice = {"generators": np.array([[16, 0], [0, 16]], np.float32)}
     same = [run(exemplar, start, **lattice, **params, relaxed_seams=choice).match for choice in (False, True)]
     np.testing.assert_array_equal(*same)
+
+
+def test_seams_are_relaxed_and_joints_evened_under_a_guide_where_asked_for(
+    exemplar: Image, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = random_start(exemplar)
+    ramps = [
+        np.linspace(0, 9, shape[1], dtype=np.float32) for shape in ((exemplar.height, exemplar.width), start.shape)
+    ]
+    own, wanted = (
+        np.tile(ramp, (rows, 1))[..., None] for ramp, rows in zip(ramps, (exemplar.height, len(start)), strict=True)
+    )
+    guided = {"exemplar_guide": own, "target_guide": wanted, "preset": "fast", "whole_cells": False}
+    plain, off, on = (
+        run(exemplar, start, **guided, **more)
+        for more in ({}, {"relaxed_seams": False, "even_joints": False}, {"guided_seams": True})
+    )
+    assert_same(plain, off)
+    assert (plain.match != on.match).any()
+    assert plain.scales == on.scales
+    one, two = run_with_threads(lambda: run(exemplar, start, **guided, guided_seams=True).image.pixels, monkeypatch)
+    np.testing.assert_array_equal(one, two)
+
+
+def test_seams_between_exemplars_of_cells_stay(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
+    """Cells are completed there; else seams move."""
+    image = picture(blobs((48, 96, 3), rng))
+    start = rng.integers(0, 48, (64, 64, 2), dtype=np.uint32)
+    own = np.repeat(np.float32([0, 9]), 48)[None, :, None] * np.ones((48, 1, 1), np.float32)
+    wanted = np.repeat(np.float32([0, 9]), 32)[None, :, None] * np.ones((64, 1, 1), np.float32)
+    inputs = {
+        "exemplar_guide": own, "target_guide": wanted, "contours": np.zeros((48, 96), np.float32),
+        "rectangles": np.array([[0, 0, 48, 48], [0, 48, 48, 48]], np.int32), "whole_cells": False,
+    }  # fmt: skip
+    plain, moved = (run(image, start, **inputs, guided_seams=choice).match for choice in (False, True))
+    assert (plain != moved).any()
+
+    class OfCells:
+        consists = np.ones(1, bool)
+
+    monkeypatch.setattr(
+        "texloom.stages.synthesis.optimisation.optimise.SeveralCells",
+        lambda *given: OfCells(),
+    )
+    np.testing.assert_array_equal(run(image, start, **inputs, guided_seams=True).match, plain)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.runs import run_with_threads
 from tests.synthetic import picture
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.shipped import shipped_flows
@@ -210,6 +211,32 @@ def test_variants_lie_below() -> None:
         row, column = divmod(tile["number"], 4)
         at = tuple(written.corners.pixels[row * 24, column * 24, :2].astype(int))
         assert tiles.tile_corners[at].tolist() == [tile[name] for name in CORNERS]
+
+
+def test_large_tiles_have_the_same_borders_wherever_their_corners_are_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Their blocks are laid at half the size, and bands and corners are less high than they are."""
+    monkeypatch.setattr("texloom.stages.synthesis.tiles.tile_synthesis._MIN_HALVED", TILE)
+    made, tile = exemplars(2), 2 * TILE
+    tiles = tiles_of(made, tile=tile)
+    atlas = tiles.image.pixels
+    layout = WangSet.of(tiles.table)
+    assert atlas.shape[:2] == (4 * tile, 4 * tile)
+    wide = np.pad(atlas, ((tile // 2, tile // 2), (0, 0), (0, 0)), mode="wrap")
+    upper, first = layout.borders[0], dict[int, np.ndarray]()
+    for (row, column), number in np.ndenumerate(upper):
+        at = tile // 2 + row * tile
+        own = wide[at - 1 : at + 1, column * tile : (column + 1) * tile]
+        np.testing.assert_array_equal(own, first.setdefault(number, own))
+    tiling = wang_tiling(tiles.image, tiles.table, WangTilingParams(), tiles.match, made.rectangles)
+    assert tiling.table["albedo"]["ratio"] < 1.1
+
+
+def test_any_number_of_threads_gives_the_same_tiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("texloom.stages.synthesis.tiles.tile_synthesis._MIN_HALVED", TILE)
+    one, two = run_with_threads(lambda: tiles_of(exemplars(2)).match, monkeypatch)
+    np.testing.assert_array_equal(one, two)
 
 
 @pytest.mark.parametrize("count", [1, 4])
