@@ -200,11 +200,11 @@ def test_two_dropped_pictures_are_mixed_as_in_a_terminal(watched: Watched, tmp_p
     assert Path(flow["sources"]["map"]).name == "painted_map.png"
     assert flow["steps"]["mixture"]["params"] == {"size": "64x48", "patchiness": 0}
     page.get_by_role("radio", name="Which picture").click()
-    page.wait_for_function("() => document.querySelector('make-view').results.picture.width === 64")
+    page.wait_for_function("() => document.querySelector('make-view').made.results.picture.width === 64")
     with page.expect_download() as whole:
         settings.get_by_role("link", name="origin.png").click()
     assert whole.value.suggested_filename == "spots_stripes_mix_origin.png"
-    job = page.evaluate("() => document.querySelector('make-view').results.job")
+    job = page.evaluate("() => document.querySelector('make-view').made.results.job")
     status, content = watched.served.request(f"/api/jobs/{job['id']}/all")
     assert status == 200
     assert set(zipfile.ZipFile(io.BytesIO(content)).namelist()) == set(job["files"])
