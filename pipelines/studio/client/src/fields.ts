@@ -38,6 +38,13 @@ export const tilingField = (chosen: Tiling | null | undefined, choose: (tiling: 
       ${Object.entries(TILINGS).map(([one, label]) => html`<option value=${one} ?selected=${one === (chosen ?? "off")}>${label}</option>`)}
     </select></label>`;
 
+/** A step of making a material, which can be folded; folded too one is told what was decided. */
+export const card = (title: string, told: string, isOpen: boolean, body: unknown): TemplateResult => html`
+  <details class="card" aria-label=${title} ?open=${isOpen}>
+    <summary><strong>${title}</strong> <span>${told}</span></summary>
+    <div class="more">${body}</div>
+  </details>`;
+
 /** Buttons that step back and forth; the page clicks them for Ctrl+Z and Ctrl+Shift+Z. */
 export const undoButtons = (
   history: { canUndo: boolean; canRedo: boolean }, step: (direction: "undo" | "redo") => void,

@@ -5,9 +5,12 @@ import type { Mode } from "./picture-view";
 export type Shown = Mode | "variants";
 export const MODES: Record<Shown, string> = { single: "Single", repeat: "Repeat", compare: "Compare", variants: "Variants" };
 
-/** Those of a method; tiles are no texture beside its exemplar. */
-export const modesOf = (method: Method): Partial<Record<Shown, string>> =>
-  method.is_texture ? MODES : { single: MODES.single, variants: MODES.variants };
+/** Those of a method; tiles are no texture beside its exemplar, and a photograph shows it otherwise. */
+export function modesOf(method: Method): Partial<Record<Shown, string>> {
+  const { single, repeat, variants } = MODES;
+  if (!method.is_texture) return { single, variants };
+  return method.begins === "photograph" ? { single, repeat, variants } : MODES;
+}
 
 /** Beside each other, or one of them. */
 export type Space = "flat" | "both" | "lit";

@@ -45,7 +45,7 @@ export class RecipeForm extends Element {
       <method-controls .recipe=${recipe} .method=${method}></method-controls>
       ${method.size ? this.size(method.size) : nothing}
       ${method.can_tile
-        ? tilingField(recipe.tileable, (one) => this.edit({ tileable: one === "off" ? null : one }))
+        ? tilingField(recipe.tileable ?? (method.tiles ? "both" : "off"), (one) => this.edit({ tileable: one === "off" && !method.tiles ? null : one }))
         : nothing}
       <div class="field">
         <span>Seed</span>

@@ -48,9 +48,10 @@ function seedsOf(recipe: Recipe): Cell[] {
 }
 
 function methodsOf(recipe: Recipe, methods: Method[]): Cell[] {
-  const fitting = methods.filter((one) => one.is_texture && !one.several && one.others.every((other) => !other.is_required));
-  const isOne = picturesOf(recipe).length === 1;
-  const others = isOne ? fitting.filter(({ flow }) => flow !== recipe.flow && flow !== "materials") : [];
+  const { begins } = methods.find(({ flow }) => flow === recipe.flow)!;
+  const fitting = methods.filter((one) => !one.has_maps && one.is_texture && !one.several && one.others.every((other) => !other.is_required));
+  const isOne = begins !== "photograph" && picturesOf(recipe).length === 1;
+  const others = isOne ? fitting.filter(({ flow }) => flow !== recipe.flow) : [];
   return [recipe, ...others.map((one) => withMethod(recipe, one))].map((one) => cell(title(one.flow), one));
 }
 
@@ -78,7 +79,7 @@ export const blendOf = (results: readonly Variant[]): Recipe =>
 export function pictureOf(result: Variant, method: Method): Picture {
   const { recipe, texture, maps } = result.job;
   const [height, width] = sides(recipe.size ?? method.size ?? "1");
-  return { id: texture, name: named(result), height, width, is_material: Object.keys(maps).length > 0 };
+  return { id: texture, name: named(result), height, width, is_material: Object.keys(maps).length > 0, is_photograph: false };
 }
 
 /** How far a sheet is. */
