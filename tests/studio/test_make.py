@@ -77,6 +77,8 @@ def test_views_undo_and_keys(watched: Watched) -> None:
 
 def test_maps_of_a_material_are_made_to_tile(watched: Watched) -> None:
     page = watched.page
+    page.get_by_role("button", name="Try it with bricks").click()
+    assert page.get_by_label("Method").input_value() == "self_tuning"
     page.get_by_title("brick_maps").first.click()
     assert page.get_by_label("Method").input_value() == "materials"
     assert page.get_by_label("Tileable").input_value() == "both"

@@ -27,6 +27,10 @@ export const choice = <Key extends string>(
     @click=${() => choose(key)}>${names[key]}</button>`)}
 </div>`;
 
+const PRESETS: Record<string, string> = { default: "usual", fast: "quick", kaspar2015: "as published" };
+/** What a preset is called. */
+export const presetName = (preset: string): string => PRESETS[preset] ?? preset;
+
 /** The borders across which a texture continues. */
 export type Tiling = NonNullable<Recipe["tileable"]>;
 const TILINGS: Record<Tiling, string> = { off: "no", both: "both ways", x: "left to right", y: "top to bottom" };

@@ -20,13 +20,6 @@ import "./variant-sheet";
 
 const NONE: Point[] = [];
 
-/** What there is before any picture is chosen. */
-export const WELCOME = html`<div class="welcome">
-  <h2>Make a texture of a picture</h2>
-  <p>Drop a picture of a material on the left, or choose an example. It should show the material from the front,
-    evenly lit, with its structure repeated a few times.</p>
-</div>`;
-
 /** Tells `mode`, `step` with `undo` or `redo`, `file` with the export to show, what a sheet of variants tells, and `lasso` with an outline. */
 @customElement("make-stage")
 export class MakeStage extends Element {

@@ -9,7 +9,6 @@ import { MakeMaterial } from "./make-material";
 import type { Shown } from "./make-modes";
 import "./make-settings";
 import { waitsFor } from "./make-status";
-import { WELCOME } from "./make-stage";
 import "./make-stage";
 import "./material-bar";
 import type { Picture, Recipe, Variant } from "./messages";
@@ -19,6 +18,7 @@ import { picturesOf } from "./recipe-edits";
 import { screenPixels } from "./sizes";
 import type { Studio } from "./studio";
 import type { Cell, Kind } from "./variants";
+import { welcome } from "./welcome";
 
 @customElement("make-view")
 export class MakeView extends Element {
@@ -43,7 +43,7 @@ export class MakeView extends Element {
       </aside>
       <section class="stage" aria-label="Texture">
         <material-bar .studio=${this.studio}></material-bar>
-        ${recipe ? this.stage() : WELCOME}
+        ${recipe ? this.stage() : welcome(this.studio.begin.examples[0], (picture) => made.choose(picture))}
         <material-results .studio=${this.studio} .shown=${made.results.id} .against=${made.other.job} ?hidden=${made.state.isCorrecting}
           @result=${(event: CustomEvent<Variant>) => made.goBack(event.detail)}
           @against=${(event: CustomEvent<string>) => made.compare(event.detail)}></material-results>

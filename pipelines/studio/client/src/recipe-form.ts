@@ -2,7 +2,7 @@
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
-import { tilingField } from "./fields";
+import { presetName, tilingField } from "./fields";
 import "./map-painter";
 import "./method-controls";
 import type { Method, Picture, Recipe } from "./messages";
@@ -59,7 +59,7 @@ export class RecipeForm extends Element {
         ? html`<label class="field">
             <span>Preset</span>
             <select aria-label="Preset" @change=${(event: Event) => this.edit({ preset: value(event) })}>
-              ${method.presets.map((one) => html`<option value=${one} ?selected=${one === (recipe.preset ?? "default")}>${one}</option>`)}
+              ${method.presets.map((one) => html`<option value=${one} ?selected=${one === (recipe.preset ?? "default")}>${presetName(one)}</option>`)}
             </select>
           </label>`
         : nothing}

@@ -1,5 +1,6 @@
 // What a texture might be instead: other seeds, methods and settings, and the results that there are.
 import type { Method, Picture, Recipe, Variant } from "./messages";
+import { presetName } from "./fields";
 import type { Drawable } from "./picture-view";
 import { picturesOf, SEED, withMethod } from "./recipe-edits";
 import { title } from "./recipe-form";
@@ -60,7 +61,7 @@ function settingsOf(recipe: Recipe, methods: Method[]): Cell[] {
   const uniform = uniformity ? Number(recipe.params?.[uniformity] ?? default_uniformity) : 0;
   return [
     cell("As it is", recipe),
-    ...presets.filter((one) => one !== (recipe.preset ?? "default")).map((preset) => cell(`Preset ${preset}`, { ...recipe, preset })),
+    ...presets.filter((one) => one !== (recipe.preset ?? "default")).map((preset) => cell(`Preset ${presetName(preset)}`, { ...recipe, preset })),
     ...(uniformity ? UNIFORMITIES : []).filter((one) => one !== uniform)
       .map((one) => cell(`Uniformity ${one}`, { ...recipe, params: { ...recipe.params, [uniformity]: one } })),
   ];
