@@ -15,6 +15,7 @@ from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.messages.answers import AlternativePicture
 from texloom.pipelines.studio.messages.requests import AlternativesRequest
 from texloom.pipelines.studio.messages.runs import BadPlace, Insight
+from texloom.pipelines.studio.offers import OFFERS
 from texloom.pipelines.studio.pixels import rgba
 from texloom.pipelines.studio.recipes import image_of, open_recipe, open_texture
 from texloom.pipelines.studio.work import InsightWork, Places, library_of
@@ -41,7 +42,12 @@ def insight(work: InsightWork, places: Places, send: Callable[..., None]) -> Non
     if joints is not None and joints.shape == size:
         worst = worst_places(joints, _COUNT, round(_SEPARATION * max(size)))
         found = [BadPlace(row=one.row, column=one.column, value=one.value) for one in worst]
-    is_known = match is not None and not run.items and match.shape[0] * match.shape[1] <= _MOST_PIXELS
+    is_picture = not (
+        work.recipe.flow in OFFERS and OFFERS[work.recipe.flow].surface
+    )  # what is shown of a photograph lies otherwise
+    is_known = (
+        match is not None and is_picture and not run.items and match.shape[0] * match.shape[1] <= _MOST_PIXELS
+    )
     payload = b"" if not is_known else np.minimum(match, 65535).astype("<u2").tobytes()
     send(Insight(height=size[0], width=size[1], places=tuple(found)), payload)
 

@@ -69,7 +69,8 @@ class Jobs(RunQueue[Job]):
         with contextlib.suppress(ValueError):
             ran = Ran.model_validate_json(header)
             self.folders[job] = Path(ran.out)
-            self._change(job, files=ran.files, scores=ran.scores, texture=ran.texture, maps=ran.maps)
+            told = {name: getattr(ran, name) for name in ("files", "scores", "texture", "exemplar", "maps")}
+            self._change(job, **told)
             return
         running = Running.model_validate_json(header)
         self._change(job, step=running.step, text=running.text, done=running.done)

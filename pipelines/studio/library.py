@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from texloom.pipelines.errors import one_line
+from texloom.pipelines.media.cameras import is_of_a_camera
 from texloom.pipelines.media.formats import SUFFIXES as PICTURES
 from texloom.pipelines.media.locate import shipped_pictures
 from texloom.pipelines.media.meshes import SUFFIXES
@@ -159,7 +160,8 @@ class Library:
                 place = inner.name
             source = open_source("dropped", str(received / place))
             source.read()  # decoded once, so that a broken file is refused here
-            return _described(self.take(received, place), source)
+            described = _described("", source)  # while it is there
+            return described.model_copy(update={"id": self.take(received, place)})
 
     def keep_mesh(self, received: Path) -> str:
         """Keep a mesh that was received; its id. `InputError` where it cannot be read; then it is removed."""
@@ -220,6 +222,7 @@ def _described(picture: str, source: Source) -> Picture:
         height=source.height,
         width=source.width,
         is_material=bool(source.maps),
+        is_photograph=is_of_a_camera(Path(source.reference)),
     )
 
 

@@ -21,7 +21,8 @@ from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages.answers import PreviewPicture
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.requests import PreviewRequest
-from texloom.pipelines.studio.methods import OFFERS, WAY, Offer
+from texloom.pipelines.studio.offer import Offer
+from texloom.pipelines.studio.offers import OFFERS, WAY
 from texloom.pipelines.studio.pixels import rgba
 from texloom.pipelines.studio.recipes import (
     image_of,
@@ -37,6 +38,7 @@ from texloom.stages.vocabulary.arrays import Image
 
 _MOST_BYTES = 2**29  # of the results of previews; those that were used least recently are removed
 _UNOFFERED = Offer("")
+_COLOUR = "self_tuning"  # by which a photograph becomes a material
 _FAST = "fast"  # preset of previews of many tiles
 _TILE = "tile"  # the param of the side of tiles of a set
 _TILES = 2  # sides of an exemplar that all tiles of a set take, about
@@ -68,6 +70,9 @@ class Previewer:
         offer = OFFERS.get(recipe.flow, _UNOFFERED)
         export = offer.views[0].file if offer.views else None
         run = open_recipe(recipe, self.library, self.store)
+        if offer.surface:
+            recipe = self._of_surface(recipe, run, offer.surface, check)
+            run, offer = open_recipe(recipe, self.library, self.store), OFFERS[recipe.flow]
         if offer.ways:
             way = self._way(run, check)
             recipe = recipe.model_copy(update={"params": {**recipe.params, WAY[1]: way}})
@@ -130,6 +135,15 @@ class Previewer:
         run = Run(flow, self.store)
         execute(run, listen, self.store.root / "out")
         return image_of(run, made)
+
+    def _of_surface(self, recipe: Recipe, run: Run, step: str, check: Callable[[], None]) -> Recipe:
+        """The recipe of the colour of what a step makes of a photograph, which reduced shows too little."""
+        run = steps_alone(run, upstream_of(run.flow, step))
+        execute(run, lambda _: check(), self.store.root / "out")
+        kept = self.reducer.kept(output_of(run, step, "image"))
+        params = {name: value for name, value in recipe.params.items() if name.startswith("texture.")}
+        changes = {"flow": _COLOUR, "sources": {"exemplar": f"reduced:{kept}"}, "params": params}
+        return recipe.model_copy(update=changes | {"tileable": recipe.tileable or "both"})
 
     def _exemplars(self, recipe: Recipe, run: Run) -> list[Source]:
         """The pictures of the first source."""

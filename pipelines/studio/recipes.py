@@ -29,7 +29,7 @@ from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.runs import Described, PlannedStep
-from texloom.pipelines.studio.methods import WEIGHTS
+from texloom.pipelines.studio.offers import WEIGHTS
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.sizes import size_value

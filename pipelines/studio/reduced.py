@@ -130,6 +130,11 @@ class Reducer:
             shutil.copyfile(file, named)
         return str(named.relative_to(self.folder))
 
+    def kept(self, image: Image) -> str:
+        """A picture of an image, its excluded pixels transparent; relative to the folder."""
+        file = file_source(_reduced(image, (image.height, image.width), is_guide=False), self.folder)
+        return str(Path(file).relative_to(self.folder))
+
     def _small(self, source: Source, size: tuple[int, int]) -> str:
         key = source.digest, size
         if key not in self._made or not Path(self._made[key]).exists():

@@ -55,7 +55,8 @@ def sphere(image: Image, side: int) -> UInt8[np.ndarray, "side side 4"]:
     R G B A, sRGB; A is 0 beside the sphere.
     """
     fine = _FINER * side
-    planes = cv2.resize(image.pixels, (fine, fine), interpolation=cv2.INTER_AREA).reshape(fine, fine, -1)
+    channels = [np.ascontiguousarray(plane) for plane in np.moveaxis(image.pixels, 2, 0)]  # it takes four at most
+    planes = np.stack([cv2.resize(one, (fine, fine), interpolation=cv2.INTER_AREA) for one in channels], axis=2)
     place = (np.arange(fine, dtype=np.float32) + 0.5) / fine * 2 - 1
     across, up = np.meshgrid(place * 1.02, -place * 1.02)
     toward = np.sqrt(np.maximum(1 - across**2 - up**2, 0)).astype(np.float32)

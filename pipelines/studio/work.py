@@ -196,6 +196,7 @@ class Ran(Message):
     files: tuple[str, ...]
     scores: dict[str, float]
     texture: str
+    exemplar: str
     maps: dict[str, str]
 
 

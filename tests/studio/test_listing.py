@@ -44,6 +44,20 @@ def test_pictures_of_all_subfolders_and_materials_are_listed(folder: Path) -> No
     assert page.folders == {"stone": 1, "wood": 3, "wood/pine": 2}
 
 
+def test_a_picture_of_a_camera_is_a_photograph(tmp_path: Path) -> None:
+    made = PIL.Image.new("RGB", (64, 64), "grey")
+    camera = PIL.Image.Exif()
+    camera[0x010F] = "a camera"
+    (tmp_path / "project").mkdir()
+    (tmp_path / "received").mkdir()
+    (tmp_path / "store" / "sources").mkdir(parents=True)
+    made.save(tmp_path / "received" / "photo.jpg", exif=camera)
+    made.save(tmp_path / "project" / "drawn.jpg")
+    own = library(tmp_path)
+    assert own.keep(tmp_path / "received", "").is_photograph
+    assert [(one.name, one.is_photograph) for one in own.pictures().pictures] == [("drawn", False), ("photo", True)]
+
+
 def test_search_folder_and_order(folder: Path) -> None:
     for number, path in enumerate(("wood/oak.png", "a.png")):
         os.utime(folder / path, (2e9 + number, 2e9 + number))

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import re
 import shutil
+import zipfile
 from pathlib import Path
+
+import yaml
 
 from tests.studio.conftest import Watched, repeated, resize
 
@@ -74,9 +77,44 @@ def test_views_undo_and_keys(watched: Watched) -> None:
 
 def test_maps_of_a_material_are_made_to_tile(watched: Watched) -> None:
     page = watched.page
+    page.get_by_role("button", name="Try it with bricks").click()
+    assert page.get_by_label("Method").input_value() == "self_tuning"
     page.get_by_title("brick_maps").first.click()
     assert page.get_by_label("Method").input_value() == "materials"
     assert page.get_by_label("Tileable").input_value() == "both"
+
+
+def test_one_picture_becomes_a_material_with_all_maps(watched: Watched, tmp_path: Path) -> None:
+    """Photograph to the maps of a program: picture, maps, size, finish, program."""
+    page = watched.page
+    page.get_by_role("button", name="blotches").first.click()
+    settings = page.get_by_label("Settings")
+    settings.get_by_role("radio", name="A photograph").click()
+    settings.locator("summary", has_text="foreign parts left out").wait_for()
+    settings.get_by_role("radio", name="A flat picture").click()
+    settings.get_by_role("radio", name="All maps").click()
+    assert settings.get_by_label("Tileable").input_value() == "both"
+    settings.locator("summary", has_text="shadows removed where sure").click()
+    settings.get_by_label("Shadows").select_option(label="kept")
+    settings.locator("summary", has_text="shadows kept").wait_for()
+    settings.get_by_label("Preset").select_option("fast")
+    resize(page, 64, 64)
+    flow = repeated(settings, tmp_path)
+    assert yaml.safe_load(flow)["steps"]["light"] == {"params": {"strength": 0}}
+    page.locator("make-view material-view[ready]").wait_for()
+    page.get_by_text("Light and relief").click()
+    page.locator("material-view").get_by_label("Relief").fill("10")
+    with page.expect_download() as maps:
+        settings.get_by_label("Download maps for a program").select_option("unreal")
+    with zipfile.ZipFile(maps.value.path()) as archive:
+        assert {one.rpartition("_")[2] for one in archive.namelist()} >= {"BC.png", "N.png", "ORM.png"}
+    page.get_by_role("button", name="Correct a spot").click()
+    page.get_by_label("Worst places").get_by_role("button").first.click()
+    page.get_by_role("radio", name="Version 1").click()
+    page.get_by_role("button", name="Accept").click()
+    page.get_by_text("Full size, corrected").wait_for()
+    settings.get_by_role("radio", name="Colour only").click()
+    assert settings.get_by_label("Method").input_value() == "self_tuning"
 
 
 def test_refusals_are_shown_and_the_page_goes_on(watched: Watched, tmp_path: Path) -> None:

@@ -27,11 +27,22 @@ def finished(watched: Watched) -> Watched:
 
 def test_layers_and_the_lit_material(finished: Watched) -> None:
     page = finished.page
+    page.get_by_role("radio", name="2D and 3D").click()
+    page.locator("make-view material-view[ready]").wait_for()
+    assert page.get_by_label("Texture at full size").is_visible()
+    page.get_by_role("radio", name="3D", exact=True).click()
+    assert page.get_by_label("Texture at full size").count() == 0
+    page.reload()
+    page.locator("make-view material-view[ready]").wait_for()
+    page.get_by_role("radio", name="2D", exact=True).click()
     page.get_by_role("button", name="Look at it in 3D").click()
     page.locator("material-view[ready]").wait_for()
-    for shape in ("Sphere", "Cloth", "Plane"):
+    for shape in ("Sphere", "Cube", "Cloth", "Plane"):
         page.get_by_role("radio", name=shape).click()
+    page.get_by_text("Light and relief").click()
     page.get_by_label("Light around").fill("200")
+    page.get_by_label("Exposure").fill("1")
+    assert page.get_by_label("Relief").count() == 0  # without a height map
     page.get_by_label("Layers").get_by_role("button", name="image").click()
     page.get_by_text("image, 256 × 256 px").wait_for()
     page.wait_for_function("() => document.querySelector('tiled-view').loaded.size === 1")

@@ -168,6 +168,20 @@ def test_previews_refuse_what_the_run_would(library: Library, tmp_path: Path) ->
     ).is_final  # by its cells
 
 
+def test_previews_of_a_photograph_show_its_surface_in_colour(library: Library, tmp_path: Path) -> None:
+    PIL.Image.fromarray(np.tile(exemplar(), (2, 3, 1))).save(library.roots["folder"] / "wall.png")
+    recipe = Recipe(
+        flow="photo_material",
+        sources={"photo": "folder:wall.png"},
+        params={"plane": 0, "relief": 0.02},
+        size=(64, 80),
+        preset="fast",
+    )
+    shown = preview(recipe, tmp_path)
+    assert shown.is_final
+    assert (shown.height, shown.width) == (64, 80)
+
+
 def test_two_dropped_pictures_are_mixed_as_in_a_terminal(watched: Watched, tmp_path: Path) -> None:
     page = watched.page
     for name, picture in (("stripes", waves()), ("spots", exemplar()[::-1])):
@@ -200,11 +214,11 @@ def test_two_dropped_pictures_are_mixed_as_in_a_terminal(watched: Watched, tmp_p
     assert Path(flow["sources"]["map"]).name == "painted_map.png"
     assert flow["steps"]["mixture"]["params"] == {"size": "64x48", "patchiness": 0}
     page.get_by_role("radio", name="Which picture").click()
-    page.wait_for_function("() => document.querySelector('make-view').results.picture.width === 64")
+    page.wait_for_function("() => document.querySelector('make-view').made.results.picture.width === 64")
     with page.expect_download() as whole:
         settings.get_by_role("link", name="origin.png").click()
     assert whole.value.suggested_filename == "spots_stripes_mix_origin.png"
-    job = page.evaluate("() => document.querySelector('make-view').results.job")
+    job = page.evaluate("() => document.querySelector('make-view').made.results.job")
     status, content = watched.served.request(f"/api/jobs/{job['id']}/all")
     assert status == 200
     assert set(zipfile.ZipFile(io.BytesIO(content)).namelist()) == set(job["files"])

@@ -18,7 +18,7 @@ def vary(page: Any, kind: str, count: int) -> None:
     """Show variants of a kind, and wait for all."""
     page.get_by_role("radio", name=kind, exact=True).click()
     page.wait_for_function(
-        "([kind, count]) => { const { sheet } = document.querySelector('make-view').previews;"
+        "([kind, count]) => { const { sheet } = document.querySelector('make-view').made.previews;"
         " return sheet?.kind === kind && sheet.waiting === count; }",
         arg=[kind.lower(), count],
     )

@@ -6,7 +6,7 @@ const out = new URL("../page/", import.meta.url).pathname;
 await rm(out, { recursive: true, force: true });
 await mkdir(out, { recursive: true });
 await build({
-  entryPoints: { studio: "src/main.ts" },
+  entryPoints: [{ in: "src/main.ts", out: "studio" }, { in: "src/studio.css", out: "studio" }],
   outdir: out,
   bundle: true,
   splitting: true,
@@ -17,4 +17,3 @@ await build({
   logLevel: "warning",
 });
 await copyFile("src/index.html", `${out}index.html`);
-await copyFile("src/studio.css", `${out}studio.css`);

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from texloom.pipelines.studio.messages.message import Message
 from texloom.pipelines.studio.messages.recipes import MOST_PICTURES, Lists, Params
@@ -19,6 +19,8 @@ class Picture(Message):
     width: int
     is_material: bool
     """whether it is a set of maps"""
+    is_photograph: bool = False
+    """whether a camera has taken it, so that it may show more than a surface from the front"""
 
 
 class PicturePage(Message):
@@ -60,6 +62,10 @@ class SeveralPictures(Message):
     """the param that has a number for each of them, of how much of it there is to be; empty: none"""
 
 
+Card = Literal["light", "region", "maps", "make"]
+"""the step of making a material in which something is chosen"""
+
+
 class Control(Message):
     """A param that the page offers as a slider or a switch."""
 
@@ -71,6 +77,7 @@ class Control(Message):
     ends: tuple[str, str]
     """what the least and the most mean"""
     is_switch: bool = False
+    card: Card = "make"
 
 
 class Setting(Message):
@@ -90,6 +97,7 @@ class Choice(Message):
     settings: tuple[Setting, ...]
     without: str = ""
     """a source beside which it does nothing; empty: none"""
+    card: Card = "make"
 
 
 class ResultPicture(Message):
@@ -104,9 +112,17 @@ class Method(Message):
 
     flow: str
     about: str
+    exemplar: str
+    """the source that it begins with"""
+    begins: Literal["picture", "maps", "photograph"]
+    """what that is"""
+    has_maps: bool
+    """whether it makes all maps of a material"""
     size: Annotated[tuple[int, int], SIDES] | None
     """the default one, ``WIDTHxHEIGHT``, px; none where that of the exemplars decides"""
     can_tile: bool
+    tiles: bool
+    """whether it does where nothing else is said"""
     presets: tuple[str, ...]
     uniformity: str
     """the param of spatial uniformity, as ``texture.occurrence``; empty where there is none"""

@@ -16,7 +16,13 @@ Number = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 Grid = Annotated[str, Field(pattern=r"^[1-9]\d?x[1-9]\d?$")]
 """``COLUMNSxROWS`` of tiles"""
 Params = dict[
-    str, float | int | bool | Literal["labels", "values", "noise", "cells", "corners"] | Grid | tuple[int, int]
+    str,
+    float
+    | int
+    | bool
+    | Literal["labels", "values", "noise", "cells", "corners", "deep", "high"]
+    | Grid
+    | tuple[int, int],
 ]
 """``STEP.PARAM`` to its value"""
 Lists = Annotated[

@@ -57,6 +57,8 @@ class Job(Queued):
     scores: dict[str, float] = Field({})
     texture: str = ""
     """id of the result as a picture that flows can take"""
+    exemplar: str = ""
+    """id of the maps that it was made of, where they are estimated; empty: its picture"""
     maps: dict[str, str] = Field({})
     """role, as ``albedo`` or ``normal``, or ``normal_dx`` where green points down, to the file of that map"""
 

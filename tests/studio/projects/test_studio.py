@@ -70,7 +70,7 @@ def settled(page: Any, name: str, seed: str) -> None:
     assert page.get_by_label("Name of the material").input_value() == name
     assert page.get_by_label("Seed", exact=True).input_value() == seed
     assert page.get_by_label("Width").input_value() == "64"
-    page.wait_for_function("() => document.querySelector('make-view').results.picture?.width === 64")
+    page.wait_for_function("() => document.querySelector('make-view').made.results.picture?.width === 64")
 
 
 def test_reload_and_a_new_tab_come_back_to_results_that_can_be_gone_back_to(tab: Watched) -> None:
@@ -114,7 +114,9 @@ def test_files_are_called_after_their_material_and_never_overwrite_others(tab: W
             page.get_by_label("Name of the material").press("Enter")
         stem = name.replace(" ", "_")
         page.get_by_role("status").filter(has_text="Full size").wait_for()
-        page.wait_for_function(f"() => document.querySelector('make-view').results.job.name === '{stem}_quilting'")
+        page.wait_for_function(
+            f"() => document.querySelector('make-view').made.results.job.name === '{stem}_quilting'"
+        )
         settings = page.get_by_label("Settings")
         with page.expect_download() as texture:
             settings.get_by_role("link", name="texture.png").click()

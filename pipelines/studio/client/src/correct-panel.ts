@@ -62,7 +62,7 @@ export class CorrectPanel extends Element {
       return;
     }
     const { recipe } = this.job;
-    const sources = { texture: this.job.texture, exemplar: recipe.sources.exemplar, region: region.id };
+    const sources = { texture: this.job.texture, exemplar: this.job.exemplar || recipe.sources.exemplar, region: region.id };
     this.recipe = { flow: "revise", sources, tileable: recipe.tileable, seed: 1 };
     this.ask(1);
   }

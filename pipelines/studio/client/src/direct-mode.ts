@@ -200,7 +200,7 @@ export abstract class DirectMode extends Element {
     const job = this.studio.jobs.get(this.job);
     const isBusy = job?.state === "waiting" || job?.state === "running";
     const method: Method = {
-      flow: "", about: "", size: sizeText(this.size), can_tile: true, presets: this.presets, uniformity: "", default_uniformity: 0, others: [],
+      flow: "", about: "", exemplar: "exemplar", begins: "picture", has_maps: false, tiles: false, size: sizeText(this.size), can_tile: true, presets: this.presets, uniformity: "", default_uniformity: 0, others: [],
       several: null, choices: [], controls: [], views: [], is_texture: true, can_correct: false,
     };
     return html`

@@ -27,6 +27,10 @@ export const choice = <Key extends string>(
     @click=${() => choose(key)}>${names[key]}</button>`)}
 </div>`;
 
+const PRESETS: Record<string, string> = { default: "usual", fast: "quick", kaspar2015: "as published" };
+/** What a preset is called. */
+export const presetName = (preset: string): string => PRESETS[preset] ?? preset;
+
 /** The borders across which a texture continues. */
 export type Tiling = NonNullable<Recipe["tileable"]>;
 const TILINGS: Record<Tiling, string> = { off: "no", both: "both ways", x: "left to right", y: "top to bottom" };
@@ -37,6 +41,13 @@ export const tilingField = (chosen: Tiling | null | undefined, choose: (tiling: 
     <select aria-label="Tileable" @change=${(event: Event) => choose((event.target as HTMLSelectElement).value as Tiling)}>
       ${Object.entries(TILINGS).map(([one, label]) => html`<option value=${one} ?selected=${one === (chosen ?? "off")}>${label}</option>`)}
     </select></label>`;
+
+/** A step of making a material, which can be folded; folded too one is told what was decided. */
+export const card = (title: string, told: string, isOpen: boolean, body: unknown): TemplateResult => html`
+  <details class="card" aria-label=${title} ?open=${isOpen}>
+    <summary><strong>${title}</strong> <span>${told}</span></summary>
+    <div class="more">${body}</div>
+  </details>`;
 
 /** Buttons that step back and forth; the page clicks them for Ctrl+Z and Ctrl+Shift+Z. */
 export const undoButtons = (

@@ -9,6 +9,10 @@ import { title } from "./recipe-form";
 import { download, type Studio } from "./studio";
 
 const MANY = 8; // files, from which on they come as one
+/** of layouts that are not written as words are */
+const NAMES: Record<string, string> = {
+  gltf: "glTF", materialx: "MaterialX", ambientcg: "ambientCG", polyhaven: "Poly Haven", textures_com: "Textures.com", freepbr: "FreePBR",
+};
 const MAPS = "maps/"; // the export that a layout makes
 
 const STATES: Record<Job["state"], string> = {
@@ -74,7 +78,13 @@ export class JobPanel extends Element {
         ? html`<p class="hint">${job.text}</p><p class="row"><button @click=${() => this.studio.attempt(again(job.id))}>Try again</button></p>`
         : nothing}
       ${job.files.length
-        ? html`<h2>Download</h2>
+        ? html`<h2>Export</h2>
+            <label class="field"><span>Maps for</span>
+              <select aria-label="Download maps for a program" ?disabled=${this.written !== ""}
+                @change=${(event: Event) => this.write(event.target as HTMLSelectElement)}>
+                <option value="">${this.written ? "Writing …" : "choose …"}</option>
+                ${this.studio.begin.layouts.map((one) => html`<option value=${one}>${NAMES[one] ?? title(one)}</option>`)}
+              </select></label>
             <ul class="files" aria-label="Downloads">
               ${inOrder(job.files).map((file) => html`<li>
                 <a href=${fileAddress(job.id, file)} download=${downloadName(job, file)}>${shown(file)}</a>
@@ -82,13 +92,7 @@ export class JobPanel extends Element {
             </ul>
             <p class="row">${job.files.length > MANY ? html`<a class="button" href=${allAddress(job.id)} download="${job.name}.zip">All as a zip</a>` : nothing}
               <button ?disabled=${this.isSaving} @click=${() => this.save()}>Save in the folder</button></p>
-            ${job.saved ? html`<p class="hint" role="status">Saved in ${job.saved}</p>` : nothing}
-            <label class="field"><span>Maps for</span>
-              <select aria-label="Download maps for a program" ?disabled=${this.written !== ""}
-                @change=${(event: Event) => this.write(event.target as HTMLSelectElement)}>
-                <option value="">${this.written ? "Writing …" : "choose …"}</option>
-                ${this.studio.begin.layouts.map((one) => html`<option value=${one}>${title(one)}</option>`)}
-              </select></label>`
+            ${job.saved ? html`<p class="hint" role="status">Saved in ${job.saved}</p>` : nothing}`
         : nothing}
     </section>`;
   }

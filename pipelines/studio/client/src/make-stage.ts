@@ -4,30 +4,21 @@ import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
 import { choice, isTyping, undoButtons } from "./fields";
 import type { MadeResults } from "./made-results";
+import { chosenSpace, keepSpace, MODES, type Shown, type Space, SPACES } from "./make-modes";
+import "./material-view";
 import type { Method, Recipe } from "./messages";
 import type { Drawable, Mode, Patch, Point } from "./picture-view";
 import "./picture-view";
 import { picturesOf } from "./recipe-edits";
+import type { Maps } from "./scene";
+import { fileAddress } from "./server";
 import { sides } from "./sizes";
 import "./source-inset";
 import type { Studio } from "./studio";
 import type { Sheet } from "./variants";
 import "./variant-sheet";
 
-export type Shown = Mode | "variants";
-export const MODES: Record<Shown, string> = { single: "Single", repeat: "Repeat", compare: "Compare", variants: "Variants" };
 const NONE: Point[] = [];
-
-/** What there is before any picture is chosen. */
-export const WELCOME = html`<div class="welcome">
-  <h2>Make a texture of a picture</h2>
-  <p>Drop a picture of a material on the left, or choose an example. It should show the material from the front,
-    evenly lit, with its structure repeated a few times.</p>
-</div>`;
-
-/** The ways to look at what a method makes; tiles are no texture beside its exemplar. */
-export const modesOf = (method: Method): Partial<Record<Shown, string>> =>
-  method.is_texture ? MODES : { single: MODES.single, variants: MODES.variants };
 
 /** Tells `mode`, `step` with `undo` or `redo`, `file` with the export to show, what a sheet of variants tells, and `lasso` with an outline. */
 @customElement("make-stage")
@@ -57,6 +48,8 @@ export class MakeStage extends Element {
   @property({ attribute: false }) patch: Patch | null = null;
   @state() private marksPlaces = localStorage.getItem("worst places") === "marked";
   @state() private hovered: Point | null = null;
+  @state() private chosen: Space | null = chosenSpace();
+  private lit: { of: unknown; maps: Maps } = { of: null, maps: {} };
 
   protected override onWindowKey(event: KeyboardEvent): void {
     if (!this.checkVisibility() || isTyping(event) || event.ctrlKey || event.metaKey) return;
@@ -80,8 +73,12 @@ export class MakeStage extends Element {
           ? html`<button class="quiet" title="Mark the places least like the exemplar (W)" aria-pressed=${this.marksPlaces} @click=${() => this.markPlaces()}>Worst places</button>`
           : nothing}
         <span class="state" role="status">${this.status}</span>
+        ${this.sheet ? nothing : choice("Flat, lit, or both", SPACES, this.space, (space) => keepSpace((this.chosen = space)))}
       </div>
-      ${this.sheet ? html`<variant-sheet .sheet=${this.sheet}></variant-sheet>` : this.view(shown)}
+      ${this.sheet ? html`<variant-sheet .sheet=${this.sheet}></variant-sheet>` : html`<div class="spaces">
+        ${this.space === "lit" ? nothing : this.view(shown)}
+        ${this.space === "flat" ? nothing : html`<material-view .studio=${this.studio} .maps=${this.maps(shown)}></material-view>`}
+      </div>`}
       ${shown || this.sheet ? nothing : html`<p class="welcome over">${this.waits}</p>`}
       ${results.origins && results.picture && this.exemplar && this.hovered && !this.isCorrecting
         ? html`<source-inset .exemplar=${this.exemplar} .origins=${results.origins} .place=${this.hovered}
@@ -107,6 +104,27 @@ export class MakeStage extends Element {
       @hover=${(event: CustomEvent<Point | null>) => (this.hovered = event.detail)}
       label=${results.picture ? "Texture at full size" : "Preview"}
     ></picture-view>`;
+  }
+
+  /** Where one looks: a material is shown lit beside it, unless something else was chosen. */
+  private get space(): Space {
+    return this.isCorrecting ? "flat" : this.chosen ?? (this.hasMaps ? "both" : "flat");
+  }
+
+  private get hasMaps(): boolean {
+    return Object.keys(this.results.job?.maps ?? {}).length > 1;
+  }
+
+  /** The maps of a result, or the colour of what is there so far; the same object for the same, so that it is loaded once. */
+  private maps(shown: Drawable | null): Maps {
+    const { job, isWhole } = this.results;
+    const of = isWhole ? job?.id : shown;
+    if (this.lit.of !== of) {
+      const files = isWhole && job ? Object.entries(job.maps) : [];
+      const maps = Object.fromEntries(files.map(([role, file]) => [role, fileAddress(job!.id, file)]));
+      this.lit = { of, maps: isWhole ? maps : shown ? { albedo: shown } : {} };
+    }
+    return this.lit.maps;
   }
 
   /** What of a result is shown, where it has several pictures. */

@@ -16,5 +16,6 @@ export function statusOf({ job, runs }: MadeResults, lacking: string, isWaiting:
 /** What is shown before there is a picture. */
 export function waitsFor(lacking: string, results: MadeResults): string {
   if (lacking) return `Choose on the right: ${lacking.toLowerCase()}`;
-  return results.id ? "The first scale is being made …" : "The exemplar is being analysed …";
+  if (results.job?.state === "done") return "Reading the result …";
+  return results.id ? "The first scale is being made …" : "The picture is being analysed …";
 }

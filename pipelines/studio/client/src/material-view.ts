@@ -2,11 +2,13 @@
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, query, state } from "lit/decorators.js";
 import { Element } from "./element";
-import type { Maps, MaterialScene, Shape } from "./scene";
+import { choice } from "./fields";
+import type { Maps, MaterialScene } from "./scene";
+import { FIRST_LOOK, type SceneLook, type Shape } from "./scene-look";
 import { mesh } from "./server";
 import type { Studio } from "./studio";
 
-const SHAPES: Record<Shape, string> = { plane: "Plane", sphere: "Sphere", cloth: "Cloth" };
+const SHAPES: Record<Shape, string> = { plane: "Plane", sphere: "Sphere", cube: "Cube", cloth: "Cloth" };
 
 @customElement("material-view")
 export class MaterialView extends Element {
@@ -15,10 +17,7 @@ export class MaterialView extends Element {
   /** id of a mesh on which the material is, and the size of its texture; none: shapes to choose from */
   @property() mesh = "";
   @property({ type: Number }) side = 1024;
-  @state() private shape: Shape = "plane";
-  @state() private repeat = 1;
-  @state() private around = 45;
-  @state() private above = 50;
+  @state() private look = FIRST_LOOK;
   @query("canvas") private canvas!: HTMLCanvasElement;
   private scene: MaterialScene | null = null;
   private readonly observer = new ResizeObserver(() => this.scene?.draw());
@@ -26,7 +25,9 @@ export class MaterialView extends Element {
   protected override async firstUpdated(): Promise<void> {
     this.observer.observe(this.canvas);
     const { MaterialScene } = await import("./scene");
+    if (!this.isConnected) return;
     this.scene = new MaterialScene(this.canvas);
+    this.scene.setLook(this.look);
     this.load();
   }
 
@@ -38,6 +39,7 @@ export class MaterialView extends Element {
 
   protected override updated(changed: Map<string, unknown>): void {
     if (changed.has("maps") || changed.has("mesh")) this.load();
+    if (changed.has("look")) this.scene?.setLook(this.look);
   }
 
   private load(): void {
@@ -48,39 +50,35 @@ export class MaterialView extends Element {
 
   private async show(scene: MaterialScene): Promise<void> {
     if (this.mesh) scene.setMesh(await mesh(this.mesh, this.side));
-    else if (scene.hasMesh) scene.setShape(this.shape);
-    await scene.setMaps(this.maps, this.mesh ? 1 : this.repeat);
-    this.setAttribute("ready", "");
+    else if (scene.hasMesh) scene.setShape(this.look.shape);
+    if (await scene.setMaps(this.maps)) this.setAttribute("ready", "");
   }
 
   override render(): TemplateResult {
-    const slider = (label: string, value: number, most: number, set: (value: number) => void, least = 0) => html`
+    const { look, mesh } = this;
+    const see = (change: Partial<SceneLook>): void => {
+      this.look = { ...look, ...change };
+    };
+    const slider = (label: string, name: Exclude<keyof SceneLook, "shape">, least: number, most: number, step = 1) => html`
       <label>${label}
-        <input type="range" min=${least} max=${most} .value=${String(value)} aria-label=${label}
-          @input=${(event: Event) => set(Number((event.target as HTMLInputElement).value))} />
+        <input type="range" min=${least} max=${most} step=${step} .value=${String(look[name])} aria-label=${label}
+          @input=${(event: Event) => see({ [name]: Number((event.target as HTMLInputElement).value) })} />
       </label>`;
     return html`
       <canvas role="img" aria-label="Material, lit. Drag to turn it" tabindex="0"></canvas>
       <div class="float">
-        <div class="segments" role="radiogroup" aria-label="Shape" ?hidden=${!!this.mesh}>
-          ${(Object.keys(SHAPES) as Shape[]).map((shape) => html`<button role="radio" aria-checked=${shape === this.shape}
-            @click=${() => {
-              this.shape = shape;
-              this.scene?.setShape(shape);
-            }}>${SHAPES[shape]}</button>`)}
-        </div>
-        ${this.mesh ? nothing : slider("Repeat", this.repeat, 6, (value) => {
-          this.repeat = value;
-          this.scene?.setRepeat(value);
-        }, 1)}
-        ${slider("Light around", this.around, 360, (value) => this.lit(value, this.above))}
-        ${slider("Light above", this.above, 90, (value) => this.lit(this.around, value))}
+        ${mesh ? nothing : choice("Shape", SHAPES, look.shape, (shape) => see({ shape }))}
+        <details>
+          <summary>Light and relief</summary>
+          <div class="sliders">
+            ${slider("Light around", "around", 0, 360)}
+            ${slider("Light above", "above", 0, 90)}
+            ${slider("Exposure", "exposure", -3, 3, 0.25)}
+            ${mesh ? nothing : slider("Tiling", "repeat", 1, 6)}
+            ${mesh || !("height" in this.maps) ? nothing : slider("Relief", "relief", 0, 20)}
+          </div>
+        </details>
       </div>
     `;
-  }
-
-  private lit(around: number, above: number): void {
-    [this.around, this.above] = [around, above];
-    this.scene?.setLight(around, above);
   }
 }

@@ -33,9 +33,10 @@ export class MeshScene extends MaterialScene {
     this.draw();
   }
 
-  override async setMaps(maps: Maps, repeat: number): Promise<void> {
-    await super.setMaps(maps, repeat);
-    this.under = this.mesh.material;
+  override async setMaps(maps: Maps): Promise<boolean> {
+    const isShown = await super.setMaps(maps);
+    if (isShown) this.under = this.mesh.material;
+    return isShown;
   }
 
   /** Whether dragging turns the mesh, or paints. */

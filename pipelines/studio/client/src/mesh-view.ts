@@ -112,7 +112,7 @@ export class MeshView extends Element {
   private async show(job: Job): Promise<void> {
     this.shown = job.id;
     const maps = Object.fromEntries(Object.entries(job.maps).map(([role, file]) => [role, fileAddress(job.id, file)]));
-    await this.studio.attempt(this.scene!.setMaps(maps, 1));
+    await this.studio.attempt(this.scene!.setMaps(maps));
     this.use("turn");
     this.setAttribute("ready", job.id);
   }

@@ -6,6 +6,7 @@ export interface Picture {
   height: number;
   width: number;
   is_material: boolean;
+  is_photograph: boolean;
 }
 
 export interface PicturePage {
@@ -41,11 +42,12 @@ export interface Control {
   default: number;
   ends: [string, string];
   is_switch: boolean;
+  card: "light" | "region" | "maps" | "make";
 }
 
 export interface Setting {
   name: string;
-  params: Record<string, number | boolean | "labels" | "values" | "noise" | "cells" | "corners" | string | [number, number]>;
+  params: Record<string, number | boolean | "labels" | "values" | "noise" | "cells" | "corners" | "deep" | "high" | string | [number, number]>;
   lists: Record<string, (number)[]>;
   udim: string;
 }
@@ -54,6 +56,7 @@ export interface Choice {
   label: string;
   settings: (Setting)[];
   without: string;
+  card: "light" | "region" | "maps" | "make";
 }
 
 export interface ResultPicture {
@@ -64,8 +67,12 @@ export interface ResultPicture {
 export interface Method {
   flow: string;
   about: string;
+  exemplar: string;
+  begins: "picture" | "maps" | "photograph";
+  has_maps: boolean;
   size: string | null;
   can_tile: boolean;
+  tiles: boolean;
   presets: (string)[];
   uniformity: string;
   default_uniformity: number;
@@ -102,7 +109,7 @@ export interface Recipe {
   tileable?: "off" | "x" | "y" | "both" | null;
   seed?: number;
   preset?: string | null;
-  params?: Record<string, number | boolean | "labels" | "values" | "noise" | "cells" | "corners" | string | [number, number]>;
+  params?: Record<string, number | boolean | "labels" | "values" | "noise" | "cells" | "corners" | "deep" | "high" | string | [number, number]>;
   lists?: Record<string, (number)[]>;
   files?: Record<string, string>;
   layout?: string | null;
@@ -174,6 +181,7 @@ export interface Job {
   saved: string;
   scores: Record<string, number>;
   texture: string;
+  exemplar: string;
   maps: Record<string, string>;
 }
 

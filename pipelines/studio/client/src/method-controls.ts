@@ -8,37 +8,42 @@ const OWN = "own"; // of a choice whose params have other values
 const COARSE = 30; // range from which a slider has whole numbers
 const MOST_OPEN = 2; // sliders that are shown at once
 const FINE_STEP = 0.05;
+const NARROW = 0.25; // range below which steps are finer
+const FINER_STEP = 0.001;
+const stepOf = ({ least, most }: Control): number => (most - least > COARSE ? 1 : most - least < NARROW ? FINER_STEP : FINE_STEP);
 
 /** Tells `edit` with the fields of a recipe that change. */
 @customElement("method-controls")
 export class MethodControls extends Element {
   @property({ attribute: false }) recipe!: Recipe;
   @property({ attribute: false }) method!: Method;
+  /** whose choices and sliders these are */
+  @property() card: Control["card"] = "make";
 
   override render(): TemplateResult {
-    const { choices, controls } = this.method;
+    const { controls } = this;
+    const choices = this.method.choices.filter((one) => one.card === this.card);
     return html`
       ${choices.map((one) => (one.without && this.recipe.sources[one.without] ? nothing : this.choice(one)))}
       ${controls.length > MOST_OPEN ? html`<details><summary>More</summary><div class="more">${this.fields()}</div></details>` : this.fields()}
     `;
   }
 
+  private get controls(): Control[] {
+    return this.method.controls.filter((one) => one.card === this.card);
+  }
+
   private fields(): TemplateResult[] {
-    return this.method.controls.map((one) => (one.is_switch ? this.checkbox(one) : this.slider(one)));
+    return this.controls.map((one) => (one.is_switch ? this.checkbox(one) : this.slider(one)));
   }
 
   private choice(one: Choice): TemplateResult {
-    const active = one.settings.findIndex((setting) => this.isActive(one, setting));
+    const active = activeOf(this.recipe, one);
     return html`<label class="field"><span>${one.label}</span>
       <select aria-label=${one.label} @change=${(event: Event) => this.take(one, one.settings[Number((event.target as HTMLSelectElement).value)])}>
         ${one.settings.map((setting, index) => html`<option value=${index} ?selected=${index === active}>${setting.name}</option>`)}
         ${active < 0 ? html`<option value=${OWN} selected disabled>as under More</option>` : nothing}
       </select></label>`;
-  }
-
-  private isActive(choice: Choice, { params, lists }: Setting): boolean {
-    const same = (given: unknown, wanted: unknown): boolean => JSON.stringify(given) === JSON.stringify(wanted);
-    return namesOf(choice).every((name) => same(this.recipe.params?.[name], params[name]) && same(this.recipe.lists?.[name], lists[name]));
   }
 
   private take(choice: Choice, { params, lists, udim }: Setting): void {
@@ -56,9 +61,9 @@ export class MethodControls extends Element {
   private slider(one: Control): TemplateResult {
     const now = Number(this.recipe.params?.[one.param] ?? one.default);
     return html`<label class="field wide">
-      <span>${one.label} <em>${Math.round(100 * now) / 100}</em></span>
+      <span>${one.label} <em>${Number(now.toFixed(3))}</em></span>
       <input type="range" aria-label=${one.label} min=${one.least} max=${one.most}
-        step=${one.most - one.least > COARSE ? 1 : FINE_STEP} .value=${String(now)}
+        step=${stepOf(one)} .value=${String(now)}
         @change=${(event: Event) => this.set(one, Number((event.target as HTMLInputElement).value))} />
       <span class="ends"><span>${one.ends[0]}</span><span>${one.ends[1]}</span></span>
     </label>`;
@@ -73,6 +78,20 @@ export class MethodControls extends Element {
     const { [param]: _, ...others } = this.recipe.params ?? {};
     this.tell<Partial<Recipe>>("edit", { params: Number(value) === usual ? others : { ...others, [param]: value } });
   }
+}
+
+/** The number of the setting that a recipe has; -1: none of them. */
+function activeOf(recipe: Recipe, choice: Choice): number {
+  const same = (given: unknown, wanted: unknown): boolean => JSON.stringify(given) === JSON.stringify(wanted);
+  return choice.settings.findIndex(({ params, lists }) =>
+    namesOf(choice).every((name) => same(recipe.params?.[name], params[name]) && same(recipe.lists?.[name], lists[name])));
+}
+
+/** What has been decided by the choices of a card, in words; null: it has none. */
+export function toldOf(recipe: Recipe, method: Method, card: Control["card"]): string | null {
+  const choices = method.choices.filter((one) => one.card === card);
+  if (!choices.length) return null;
+  return choices.map((one) => `${one.label.toLowerCase()} ${one.settings[activeOf(recipe, one)]?.name ?? "as under More"}`).join(", ");
 }
 
 /** All params that some setting changes. */

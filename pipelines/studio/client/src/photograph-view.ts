@@ -341,7 +341,7 @@ export class PhotographView extends Element {
             <div class="field"><span>Real size</span><span class="pair">
               ${[1, 0].map((axis) => html`<input type="number" min="0" step="any" placeholder="auto" aria-label=${axis ? "Real width" : "Real height"}
                 .value=${patch.size ? String(sides(patch.size)[axis]) : ""} @change=${(event: Event) => this.resize(patch, axis, event)} />`)}</span></div>
-            <p class="hint">Width and height in any unit, the same for all patches; without them perspective tells.</p>
+            <p class="hint">Width and height in any unit, the same for all patches; without them the perspective decides.</p>
             <button @click=${() => this.set(without(this.document, patch.name))}>Remove ${patch.name}</button>
           `
         : nothing}

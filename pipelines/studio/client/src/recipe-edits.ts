@@ -11,7 +11,7 @@ export const picturesOf = (recipe: Recipe | null | undefined): string[] => [Obje
 /** The sources with other pictures in place of the exemplar or of the several ones. */
 export function withPictures(sources: Recipe["sources"], method: Method, pictures: string[]): Recipe["sources"] {
   const others = Object.entries(sources).filter(([name]) => method.others.some((one) => one.source === name));
-  const [name, given] = method.several ? [method.several.source, pictures] : ["exemplar", pictures[0]];
+  const [name, given] = method.several ? [method.several.source, pictures] : [method.exemplar, pictures[0]];
   return { ...(pictures.length ? { [name]: given } : {}), ...Object.fromEntries(others) };
 }
 
@@ -43,7 +43,7 @@ export function withMethod(recipe: Recipe, method: Method): Recipe {
     flow: method.flow,
     sources: withPictures(recipe.sources, method, pictures),
     size: method.size && (recipe.size ?? method.size),
-    tileable: method.can_tile ? recipe.tileable : null,
+    tileable: method.can_tile ? (recipe.tileable ?? (method.tiles ? "both" : null)) : null,
     preset: method.presets.includes(recipe.preset ?? "") ? recipe.preset : null,
     params: uniformity ? { [method.uniformity]: uniformity } : {},
     lists: {},
@@ -51,13 +51,19 @@ export function withMethod(recipe: Recipe, method: Method): Recipe {
   };
 }
 
+/** What a picture is, as far as its file tells. */
+export const beginsWith = (picture: Picture): Method["begins"] =>
+  picture.is_material ? "maps" : picture.is_photograph ? "photograph" : "picture";
+
 /** A recipe that begins with a picture, or goes on with it. */
 export function withExemplar(recipe: Recipe | null, picture: Picture, methods: Method[]): Recipe {
-  const flow = picture.is_material ? "materials" : recipe && recipe.flow !== "materials" ? recipe.flow : "self_tuning";
-  const method = methods.find((one) => one.flow === flow)!;
+  const begins = beginsWith(picture);
+  const before = methods.find((one) => one.flow === recipe?.flow);
+  const method = before?.begins === begins ? before : methods.find((one) => one.begins === begins)!;
+  const { flow } = method;
   const begun = recipe ?? { flow, sources: {}, seed: SEED, size: doubled(picture, method) };
   const changed = begun.flow === flow ? begun : withMethod(begun, method);
-  const tileable = changed.tileable ?? (picture.is_material ? "both" : null); // a material is laid side by side
+  const tileable = changed.tileable ?? (method.tiles ? "both" : null);
   return { ...changed, tileable, sources: withPictures(changed.sources, method, [picture.id]) };
 }
 

@@ -2,7 +2,7 @@
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
-import { tilingField } from "./fields";
+import { presetName, tilingField } from "./fields";
 import "./map-painter";
 import "./method-controls";
 import type { Method, Picture, Recipe } from "./messages";
@@ -45,7 +45,7 @@ export class RecipeForm extends Element {
       <method-controls .recipe=${recipe} .method=${method}></method-controls>
       ${method.size ? this.size(method.size) : nothing}
       ${method.can_tile
-        ? tilingField(recipe.tileable, (one) => this.edit({ tileable: one === "off" ? null : one }))
+        ? tilingField(recipe.tileable ?? (method.tiles ? "both" : "off"), (one) => this.edit({ tileable: one === "off" && !method.tiles ? null : one }))
         : nothing}
       <div class="field">
         <span>Seed</span>
@@ -59,7 +59,7 @@ export class RecipeForm extends Element {
         ? html`<label class="field">
             <span>Preset</span>
             <select aria-label="Preset" @change=${(event: Event) => this.edit({ preset: value(event) })}>
-              ${method.presets.map((one) => html`<option value=${one} ?selected=${one === (recipe.preset ?? "default")}>${one}</option>`)}
+              ${method.presets.map((one) => html`<option value=${one} ?selected=${one === (recipe.preset ?? "default")}>${presetName(one)}</option>`)}
             </select>
           </label>`
         : nothing}

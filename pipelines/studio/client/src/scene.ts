@@ -1,6 +1,6 @@
 // A lit material in three dimensions. Loaded when it is first looked at.
 import {
-  Color, DirectionalLight, DoubleSide, Mesh, MeshPhysicalMaterial, MeshStandardMaterial, PerspectiveCamera, PlaneGeometry, PMREMGenerator,
+  BoxGeometry, CanvasTexture, Color, DirectionalLight, DoubleSide, Mesh, MeshPhysicalMaterial, MeshStandardMaterial, PerspectiveCamera, PlaneGeometry, PMREMGenerator,
   RepeatWrapping, Scene, SphereGeometry, SRGBColorSpace, type Texture, TextureLoader, Vector2, WebGLRenderer,
   type BufferGeometry,
 } from "three";
@@ -9,36 +9,60 @@ import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment
 
 import type { Corners } from "./corners";
 import { geometryOf } from "./mesh-geometry";
+import { FIRST_LOOK, type SceneLook, type Shape } from "./scene-look";
 
-export const SHAPES = { plane: "Plane", sphere: "Sphere", cloth: "Cloth" } as const;
-export type Shape = keyof typeof SHAPES;
-/** role of a map to its address */
-export type Maps = Record<string, string>;
-
-const SEGMENTS = 192;
+/** role of a map to its address, or to the picture itself */
+export type Maps = Record<string, string | ImageBitmap | HTMLCanvasElement>;
+const SEGMENTS = 256;
+const FIELD = 36; // degrees of the view's shorter side
+const LIGHT = 2.6;
+const AROUND_LIGHT = 0.35;
+const SIDE = 1.7; // of the plane
 const FOLDS = 0.12; // height of a fold of the cloth, of its side
 const DISTANCE = 3;
 
 export class MaterialScene {
   private readonly renderer: WebGLRenderer;
   private readonly scene = new Scene();
-  protected readonly camera = new PerspectiveCamera(36, 1, 0.1, 50);
+  protected readonly camera = new PerspectiveCamera(FIELD, 1, 0.1, 50);
   protected readonly controls: OrbitControls;
-  private readonly light = new DirectionalLight(0xffffff, 2.6);
+  private readonly light = new DirectionalLight(0xffffff, LIGHT);
   protected readonly mesh = new Mesh<BufferGeometry, MeshStandardMaterial>();
   private textures: Texture[] = [];
+  private look = FIRST_LOOK;
+  private wanted: Maps | null = null;
   hasMesh = false;
 
   constructor(private readonly canvas: HTMLCanvasElement) {
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
     const generator = new PMREMGenerator(this.renderer);
     this.scene.environment = generator.fromScene(new RoomEnvironment(), 0.04).texture;
-    this.scene.environmentIntensity = 0.35;
     this.scene.add(this.light, this.mesh);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", () => this.draw());
     this.setShape("plane");
-    this.setLight(45, 50);
+    this.setLook(FIRST_LOOK);
+  }
+
+  setLook(look: SceneLook): void {
+    const { shape, repeat, around, above, exposure } = look;
+    if (shape !== this.look.shape && !this.hasMesh) this.setShape(shape);
+    this.look = look;
+    const [a, b] = [(around * Math.PI) / 180, (above * Math.PI) / 180];
+    this.light.position.set(Math.cos(a) * Math.cos(b), Math.sin(a) * Math.cos(b), Math.sin(b)).multiplyScalar(5);
+    this.light.intensity = LIGHT * 2 ** exposure;
+    this.scene.environmentIntensity = AROUND_LIGHT * 2 ** exposure;
+    this.textures.forEach((texture) => texture.repeat.set(this.hasMesh ? 1 : repeat, this.hasMesh ? 1 : repeat));
+    this.raise();
+    this.draw();
+  }
+
+  /** Let heights stand out, their middle where the surface is. */
+  private raise(): void {
+    const { material } = this.mesh;
+    const relief = this.hasMesh ? 0 : (SIDE * this.look.relief) / 100;
+    if (!material.displacementMap) return;
+    [material.displacementScale, material.displacementBias] = [relief, -relief / 2];
   }
 
   /** Show a mesh, whose middle is turned about. */
@@ -62,31 +86,24 @@ export class MaterialScene {
     this.mesh.position.set(0, 0, 0);
     this.mesh.geometry.dispose();
     this.mesh.geometry = shapeOf(shape);
-    const [x, y, z] = shape === "sphere" ? [0, 0, DISTANCE] : [0, -1.1, DISTANCE];
+    const [x, y, z] = { sphere: [0, 0, DISTANCE], cube: [1.5, 1.1, DISTANCE], plane: [0, -1.1, DISTANCE], cloth: [0, -1.1, DISTANCE] }[shape];
     this.camera.position.set(x, y, z);
     this.controls.target.set(0, 0, 0);
     this.controls.update();
     this.draw();
   }
 
-  /** Direction of the light: around the view's axis, and above its plane, degrees. */
-  setLight(around: number, above: number): void {
-    const [a, b] = [(around * Math.PI) / 180, (above * Math.PI) / 180];
-    this.light.position.set(Math.cos(a) * Math.cos(b), Math.sin(a) * Math.cos(b), Math.sin(b)).multiplyScalar(5);
-    this.draw();
-  }
-
-  setRepeat(count: number): void {
-    this.textures.forEach((texture) => texture.repeat.set(count, count));
-    this.draw();
-  }
-
-  async setMaps(maps: Maps, repeat: number): Promise<void> {
-    this.textures.forEach((texture) => texture.dispose());
+  /** Show other maps, when they are loaded and no others are wanted by then; whether they are shown. */
+  async setMaps(maps: Maps): Promise<boolean> {
+    this.wanted = maps;
     const loader = new TextureLoader();
-    const entries = await Promise.all(
-      Object.entries(maps).map(async ([role, address]) => [role, await loader.loadAsync(address)] as const),
-    );
+    const loaded = async (map: Maps[string]) => (typeof map === "string" ? loader.loadAsync(map) : new CanvasTexture(map as HTMLCanvasElement));
+    const entries = await Promise.all(Object.entries(maps).map(async ([role, map]) => [role, await loaded(map)] as const));
+    if (this.wanted !== maps) {
+      entries.forEach(([, texture]) => texture.dispose());
+      return false;
+    }
+    this.textures.forEach((texture) => texture.dispose());
     this.textures = entries.map(([, texture]) => texture);
     const of = (role: string) => entries.find(([name]) => name === role)?.[1] ?? null;
     for (const [role, texture] of entries) {
@@ -97,7 +114,7 @@ export class MaterialScene {
     const material = new MeshPhysicalMaterial({
       side: DoubleSide, color: new Color(0xffffff), map: of("albedo"), normalMap: of("normal") ?? of("normal_dx"),
       roughnessMap: of("roughness"), roughness: of("roughness") ? 1 : 0.75, metalnessMap: of("metallic"),
-      metalness: of("metallic") ? 1 : 0, aoMap: of("ao"),
+      metalness: of("metallic") ? 1 : 0, aoMap: of("ao"), displacementMap: of("height"),
     });
     if (of("normal_dx")) material.normalScale = new Vector2(1, -1);
     else if (!of("normal") && of("height")) {
@@ -106,7 +123,8 @@ export class MaterialScene {
     }
     this.mesh.material.dispose();
     this.mesh.material = material;
-    this.setRepeat(repeat);
+    this.setLook(this.look);
+    return true;
   }
 
   draw(): void {
@@ -115,6 +133,7 @@ export class MaterialScene {
     this.renderer.setPixelRatio(devicePixelRatio);
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
+    this.camera.fov = (2 * Math.atan(Math.tan((FIELD * Math.PI) / 360) / Math.min(1, width / height)) * 180) / Math.PI;
     this.camera.updateProjectionMatrix();
     this.renderer.render(this.scene, this.camera);
   }
@@ -129,7 +148,8 @@ export class MaterialScene {
 
 function shapeOf(shape: Shape): BufferGeometry {
   if (shape === "sphere") return new SphereGeometry(0.8, SEGMENTS, SEGMENTS / 2);
-  const geometry = new PlaneGeometry(1.7, 1.7, SEGMENTS, SEGMENTS);
+  if (shape === "cube") return new BoxGeometry(1.1, 1.1, 1.1, SEGMENTS, SEGMENTS, SEGMENTS);
+  const geometry = new PlaneGeometry(SIDE, SIDE, SEGMENTS, SEGMENTS);
   if (shape === "cloth") {
     const places = geometry.attributes.position;
     for (let index = 0; index < places.count; index += 1) {

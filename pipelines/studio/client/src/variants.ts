@@ -1,5 +1,6 @@
 // What a texture might be instead: other seeds, methods and settings, and the results that there are.
 import type { Method, Picture, Recipe, Variant } from "./messages";
+import { presetName } from "./fields";
 import type { Drawable } from "./picture-view";
 import { picturesOf, SEED, withMethod } from "./recipe-edits";
 import { title } from "./recipe-form";
@@ -48,9 +49,10 @@ function seedsOf(recipe: Recipe): Cell[] {
 }
 
 function methodsOf(recipe: Recipe, methods: Method[]): Cell[] {
-  const fitting = methods.filter((one) => one.is_texture && !one.several && one.others.every((other) => !other.is_required));
-  const isOne = picturesOf(recipe).length === 1;
-  const others = isOne ? fitting.filter(({ flow }) => flow !== recipe.flow && flow !== "materials") : [];
+  const { begins } = methods.find(({ flow }) => flow === recipe.flow)!;
+  const fitting = methods.filter((one) => !one.has_maps && one.is_texture && !one.several && one.others.every((other) => !other.is_required));
+  const isOne = begins !== "photograph" && picturesOf(recipe).length === 1;
+  const others = isOne ? fitting.filter(({ flow }) => flow !== recipe.flow) : [];
   return [recipe, ...others.map((one) => withMethod(recipe, one))].map((one) => cell(title(one.flow), one));
 }
 
@@ -59,7 +61,7 @@ function settingsOf(recipe: Recipe, methods: Method[]): Cell[] {
   const uniform = uniformity ? Number(recipe.params?.[uniformity] ?? default_uniformity) : 0;
   return [
     cell("As it is", recipe),
-    ...presets.filter((one) => one !== (recipe.preset ?? "default")).map((preset) => cell(`Preset ${preset}`, { ...recipe, preset })),
+    ...presets.filter((one) => one !== (recipe.preset ?? "default")).map((preset) => cell(`Preset ${presetName(preset)}`, { ...recipe, preset })),
     ...(uniformity ? UNIFORMITIES : []).filter((one) => one !== uniform)
       .map((one) => cell(`Uniformity ${one}`, { ...recipe, params: { ...recipe.params, [uniformity]: one } })),
   ];
@@ -78,7 +80,7 @@ export const blendOf = (results: readonly Variant[]): Recipe =>
 export function pictureOf(result: Variant, method: Method): Picture {
   const { recipe, texture, maps } = result.job;
   const [height, width] = sides(recipe.size ?? method.size ?? "1");
-  return { id: texture, name: named(result), height, width, is_material: Object.keys(maps).length > 0 };
+  return { id: texture, name: named(result), height, width, is_material: Object.keys(maps).length > 0, is_photograph: false };
 }
 
 /** How far a sheet is. */
