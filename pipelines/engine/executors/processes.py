@@ -36,7 +36,11 @@ class ProcessExecutor(Executor):
                     return
                 self.store.create()
                 self._pool = ProcessPool(self.workers)
-            payload = Payload(task.spec.to_json(), str(self.store.root), task.threads)
+            is_distrusted = task.spec.parts.key in self.store.distrusted
+            payload = Payload(
+                task.spec.to_json(), str(self.store.root), task.threads,
+                remote=self.store.remote, is_distrusted=is_distrusted,
+            )  # fmt: skip
             future = self._pool.submit(compute_once, payload, task.tell)
             future.add_done_callback(functools.partial(_end, task))
 
