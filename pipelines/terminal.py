@@ -107,7 +107,8 @@ class Terminal:
             case ItemReport():
                 self._end_item(event)
             case Shared(fetched, uploaded):
-                self.shared.update({"fetched": fetched, "uploaded": uploaded, "not shared": event.has_failed})
+                self.shared.update({"fetched": fetched, "uploaded": uploaded})
+                self.shared.update({"refused": bool(event.refusal), "not shared": bool(event.outage)})
             case Note(text, is_warning):
                 self._say(f"warning: {text}" if is_warning else text, sys.stderr, "warning" if is_warning else "")
 

@@ -27,6 +27,7 @@ from texloom.pipelines.engine.scope import Scope
 from texloom.pipelines.engine.scope_run import ScopeRun
 from texloom.pipelines.flow.model import Step
 from texloom.pipelines.media.sources import SourceError
+from texloom.pipelines.store.remote import remote_at
 from texloom.pipelines.store.result_files import BrokenArtifactError
 from texloom.pipelines.store.store import Artifact, BrokenStoreError, Store
 from texloom.stages.kernels.core.threads import thread_count
@@ -269,6 +270,8 @@ class Attempt:
         """Tell what is wrong with the shared store, once that it does not answer."""
         if shared.refusal:
             self.listener(Note(f"{label}: {shared.refusal}; computing it", is_warning=True))
+        if shared.outage and not shared.is_known:
+            remote_at(self.run.store.remote).rest(shared.outage)  # so that no worker has to find it out by itself
         if shared.outage and not self.run.lacks_shared_store:
             self.run.lacks_shared_store = True
             self.listener(Note(f"shared store: {shared.outage}; the run goes on without it", is_warning=True))

@@ -112,6 +112,8 @@ class Shared:
     uploaded: bool = False
     outage: str = ""
     """why the shared store could not be used"""
+    is_known: bool = False
+    """whether that says nothing new of the storage, which was not asked, or is not at fault"""
     refusal: str = ""
     """why its result was not used"""
 

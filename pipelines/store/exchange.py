@@ -16,7 +16,7 @@ import dataclasses
 from typing import Any
 
 from texloom.pipelines.store import housekeeping
-from texloom.pipelines.store.remote import RemoteError, remote_at
+from texloom.pipelines.store.remote import RemoteError, RestingError, remote_at
 from texloom.pipelines.store.result_files import (
     MANIFEST,
     MAX_JSON_SIZE,
@@ -40,12 +40,14 @@ class Exchange:
         self.fetched = self.uploaded = False
         self.outage = ""
         """why the storage could not be used"""
+        self.is_known = False
+        """whether that says nothing new of the storage, which was not asked, or is not at fault"""
         self.refusal = ""
         """why what it has is not used"""
 
     def fetch(self, store: Store) -> Artifact | None:
         """The result, if the shared store has it, put in place here; the caller holds the lock of its key."""
-        if self._replaces:
+        if self._replaces or self.outage:
             return None
         try:
             outputs = find_stage(self._stage).outputs
@@ -60,7 +62,7 @@ class Exchange:
                 lambda entry, file: self._remote.download(f"files/{entry['sha256']}", entry["bytes"], file),
             )  # fmt: skip
         except RemoteError as error:
-            self.outage = str(error)
+            self.outage, self.is_known = str(error), isinstance(error, RestingError)
             return None
         except BrokenArtifactError as error:
             self._replaces = True
@@ -73,7 +75,8 @@ class Exchange:
     def told(self) -> dict[str, Any]:
         """What has passed, as plain data."""
         return {
-            "fetched": self.fetched, "uploaded": self.uploaded, "outage": self.outage, "refusal": self.refusal,
+            "fetched": self.fetched, "uploaded": self.uploaded, "outage": self.outage, "is_known": self.is_known,
+            "refusal": self.refusal,
         }  # fmt: skip
 
     def is_there(self) -> bool:
@@ -95,13 +98,16 @@ class Exchange:
             self.uploaded = self._remote.write(self._record, record, self._replaces)
         except (RemoteError, BrokenArtifactError, OSError) as error:  # it may have been removed meanwhile
             self.outage = str(error)
+            self.is_known = isinstance(error, RestingError) or not isinstance(error, RemoteError)
 
 
-def exchange_of(store: Store, stage: str, key: str) -> Exchange | None:
-    """The exchange of a result with the shared store, if the run has one."""
+def exchange_of(store: Store, stage: str, key: str, outage: str = "") -> Exchange | None:
+    """The exchange of a result with the shared store, if the run has one; ``outage``: why it is not to be asked."""
     if not store.remote:
         return None
-    return Exchange(store.remote, stage, key, key in store.distrusted)
+    exchange = Exchange(store.remote, stage, key, key in store.distrusted)
+    exchange.outage, exchange.is_known = outage, bool(outage)
+    return exchange
 
 
 @dataclasses.dataclass

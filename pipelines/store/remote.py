@@ -6,6 +6,7 @@ a while, so that a run without a network goes on at its own pace.
 
 from __future__ import annotations
 
+import errno
 import functools
 import hashlib
 import importlib.util
@@ -36,6 +37,10 @@ class RemoteError(Exception):
     """The storage does not answer, or permits no access; in words."""
 
 
+class RestingError(RemoteError):
+    """It has not been asked, as it did not answer before."""
+
+
 class Remote:
     """A folder of an object storage."""
 
@@ -61,7 +66,12 @@ class Remote:
 
         def request() -> bytes:
             files, path = self._opened
-            return bytes(files.cat_file(f"{path}/{name}", start=start, end=end))
+            try:
+                return bytes(files.cat_file(f"{path}/{name}", start=start, end=end))
+            except OSError as error:
+                if error.errno == errno.EINVAL:  # of s3fs, where an object ends before the range
+                    return b""
+                raise
 
         try:
             return self._tried(request, size)
@@ -117,8 +127,8 @@ class Remote:
         RemoteError : none has come to an end in time, or access is denied.
         FileNotFoundError, FileExistsError : the answer of the storage.
         """
-        if time.monotonic() < self._rests_until:
-            raise RemoteError(self._problem)
+        if self.outage:
+            raise RestingError(self.outage)
         for number in range(_TRIES):
             try:
                 return _within(_SECONDS + size / _RATE, request)
@@ -131,11 +141,19 @@ class Remote:
         raise AssertionError
 
     def _failed(self, error: Exception) -> RemoteError:
-        """Ask no more for a while."""
+        """The error of a request that has failed for good."""
         reason = (str(error).splitlines() or [""])[0] or type(error).__name__
-        self._problem = one_line(f"{self.url}: {reason}")
-        self._rests_until = time.monotonic() + _REST
+        self.rest(one_line(f"{self.url}: {reason}"))
         return RemoteError(self._problem)
+
+    @property
+    def outage(self) -> str:
+        """Why it is not asked now; empty where it is."""
+        return self._problem if time.monotonic() < self._rests_until else ""
+
+    def rest(self, problem: str) -> None:
+        """Do not ask it for a while, as it has not answered here or in another process of the run."""
+        self._problem, self._rests_until = problem, time.monotonic() + _REST
 
 
 def _within(seconds: float, request: Callable[[], T]) -> T:

@@ -18,6 +18,7 @@ from texloom.pipelines.media.sources import SourceError
 from texloom.pipelines.store.atomic import probe_folder
 from texloom.pipelines.store.exchange import exchange_of
 from texloom.pipelines.store.keep import keep_record
+from texloom.pipelines.store.remote import remote_at
 from texloom.pipelines.store.result_files import BrokenArtifactError, program_version
 from texloom.pipelines.store.store import Store
 from texloom.stages.kernels.core.threads import thread_count
@@ -59,6 +60,19 @@ class Payload:
     """address of the shared store, if there is one"""
     is_distrusted: bool = False
     """whether the shared store's result has turned out to be broken"""
+    outage: str = ""
+    """why the shared store is not asked, where another process has found that it does not answer"""
+
+
+def shared_part(store: Store, key: str) -> dict[str, Any]:
+    """What a `Payload` says of the shared store."""
+    if not store.remote:
+        return {}
+    return {
+        "remote": store.remote,
+        "is_distrusted": key in store.distrusted,
+        "outage": remote_at(store.remote).outage,
+    }
 
 
 def sources_are_fit(task: Task) -> bool:
@@ -97,7 +111,7 @@ def compute_once(payload: Payload, tell: Listener) -> dict[str, Any]:
     tell(StepStarted(spec.label))
     if payload.is_distrusted:
         store.distrusted.add(spec.parts.key)
-    exchange = exchange_of(store, spec.parts.stage, spec.parts.key)
+    exchange = exchange_of(store, spec.parts.stage, spec.parts.key, payload.outage)
     record, _ = keep_record(store, spec.parts.stage, spec.parts.key, work, exchange)
     return {**answer, "record": record, **({} if exchange is None else {"shared": exchange.told})}
 

@@ -230,6 +230,23 @@ def test_a_run_goes_on_without_it(tmp_path: Path, url: str, alone: Done, case: s
     assert not objects(url, "records")
 
 
+def test_workers_are_told_that_it_does_not_answer(tmp_path: Path, url: str) -> None:
+    store = Store(tmp_path / "first", url)
+    assert not worker.shared_part(store, "key")["outage"]
+    assert worker.shared_part(Store(tmp_path / "first"), "key") == {}
+    remote.remote_at(url).rest("no answer")
+    assert worker.shared_part(store, "key")["outage"] == "no answer"
+    path = write_flow(tmp_path)
+    opened = Run(open_flow(path, Overrides()), store)
+    store.create()
+    step = opened.flow.steps["edges"]
+    spec = opened.task(step, opened.parts(step, opened.shared), opened.shared)
+    payload = worker.Payload(spec.to_json(), str(store.root), 1, remote=url, outage="no answer")
+    answer = worker.compute_once(payload, lambda _: None)
+    assert Shared(**answer["shared"]) == Shared(outage="no answer", is_known=True)
+    assert not Flaky.requests
+
+
 def test_after_a_rest_it_is_asked_again(tmp_path: Path, url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(remote, "_REST", 0.0)
     Flaky.answers[:] = ["drop"] * 3
@@ -254,6 +271,7 @@ def with_file(name: str, **changes: Any) -> Any:
 
 REFUSED = {
     "no JSON": (lambda record: record[:-9], "it cannot be read"),
+    "empty": (lambda _: b"", "it cannot be read"),
     "a list": (lambda _: b"[]", "it cannot be read"),
     "nested": (lambda _: b"[" * 100_000, "it cannot be read"),
     "large": (lambda record: record + b" " * (1 << 24), "it is too large"),
@@ -469,6 +487,8 @@ def test_s3(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         assert at.write("records/one", b"third", replace=True)
         assert at.read("records/one", 0, 99) == b"third"
         assert at.read("records/none", 0, 99) is None
+        assert at.write("records/empty", b"")
+        assert at.read("records/empty", 0, 99) == b""
         other = run(tmp_path, "third", "s3://nobody/shared")
         assert other.states == {"ran"}
         assert other.warnings == [
