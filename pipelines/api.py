@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from texloom.pipelines.media.arrays import PathOrArray, Picture, file_source, masked
-from texloom.pipelines.store.location import cache_store, default_store
+from texloom.pipelines.store.location import cache_store, default_store, shared_store
 from texloom.pipelines.store.store import Store
 from texloom.stages.vocabulary.arrays import Image, split_mask
 from texloom.stages.vocabulary.declare import InputError
@@ -69,6 +69,7 @@ def synthesize(
     mask: PathOrArray | None = None,
     params: Mapping[str, Any] | None = None,
     store: str | os.PathLike[str] | None = None,
+    remote: str | None = None,
     progress: Progress = None,
 ) -> Texture:
     """Make a new texture that looks like ``image``, the exemplar.
@@ -92,6 +93,7 @@ def synthesize(
     store : folder that keeps the results, so that an equal call is answered from it; the default is TEXLOOM_STORE,
         else ``store`` in the user's cache folder for texloom. ``texloom store prune --days 0 --store FOLDER``
         empties it.
+    remote : address of a shared store on object storage, see ``texloom run --help``; the default is TEXLOOM_REMOTE.
     progress : true shows progress on standard error; a function receives every `Event`.
 
     Raises
@@ -118,8 +120,9 @@ def synthesize(
     with _references({}, opened_store.root):
         asked = _request(
             method, {}, params, size=size, tileable=tileable or None, preset=preset, seed=seed,
-            crop=crop, reduce=_text(reduce),
+            crop=crop, reduce=_text(reduce), remote=remote,
         )  # fmt: skip
+        opened_store = Store(opened_store.root, shared_store(asked.remote))
         flow = load_flow(find_flow(asked.flow), asked.overrides)
         source = _only_source(flow, method)
         flow, made = for_texture(flow, method)
@@ -148,6 +151,7 @@ def run(
     crop: str | None = None,
     reduce: float | str | None = None,
     store: str | os.PathLike[str] | None = None,
+    remote: str | None = None,
     out: str | os.PathLike[str] | None = None,
     force: bool = False,
     runner: str | None = None,
@@ -177,6 +181,7 @@ def run(
     store : folder of the results; the default is TEXLOOM_STORE, else the folder ``artifacts`` if there is one here
         that is empty or a store, else ``store`` in the user's cache folder for texloom. Arrays are filed there too,
         under ``sources``, so that every runner can read them.
+    remote : address of a shared store on object storage, see ``texloom run --help``; the default is TEXLOOM_REMOTE.
     out : folder of the exports, or a picture, as ``result.png``, for the main result alone; the default is the
         folder PICTURE_FLOW in the working folder, named after the first source, or of a set after its folder.
     force : whether files there that texloom did not write, or that were changed since, may be replaced.
@@ -207,7 +212,7 @@ def run(
     with _references(sources or {}, opened_store.root, opened_store) as references:
         asked = _request(
             flow, references, params, size=size, seed=seed, seeds=seeds, tileable=tileable, preset=preset,
-            exports=exports or {}, item=item, crop=crop, reduce=_text(reduce), store=store,
+            exports=exports or {}, item=item, crop=crop, reduce=_text(reduce), store=store, remote=remote,
             out=None if out is None else Path(out).expanduser(),
             force=force, runner=runner, workers=workers, address=address, layout=layout, texel_size=texel_size,
             color_space=color_space, udim=udim, material=material,

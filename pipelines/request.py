@@ -35,6 +35,7 @@ class RunRequest(pydantic.BaseModel):
     seeds: int | tuple[int, ...] | None = None
     item: str | None = None
     store: Path | None = None
+    remote: str | None = None
     out: Path | None = None
     force: bool = False
     runner: str | None = None

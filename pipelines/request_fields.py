@@ -59,6 +59,11 @@ OPTIONS = {
         "Folder of the results; also TEXLOOM_STORE.  [default: artifacts, if there is such a folder here, empty or "
         "a store, else one in the user's cache folder]"
     ),
+    "remote": Option(
+        "A shared store on object storage, as s3://BUCKET/PREFIX: results are looked up there before they are "
+        "computed, and uploaded after; also TEXLOOM_REMOTE. What lies there is believed.",
+        metavar="URL",
+    ),
     "crop": Option(
         "Take a part of the first source, and of masks and guides of its size, px: 1024x768+200+0 for 1024 wide "
         "and 768 high, 200 from the left and 0 from the top, or 1024x768 of the middle.",

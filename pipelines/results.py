@@ -79,6 +79,8 @@ class Result:
         """for every step whether it was cached, ran or failed, and how long it took"""
         self.problems: dict[str, str] = recorder.problems
         """the items that failed, and why"""
+        self.shared: dict[str, int] = recorder.shared
+        """how many results were ``fetched`` from the shared store, ``uploaded``, or have ``failed`` to be"""
 
     @property
     def items(self) -> list[str]:

@@ -16,6 +16,7 @@ from texloom.pipelines.engine.events import (
     ItemReport,
     Note,
     RunStarted,
+    Shared,
     StepProgress,
     StepReport,
     StepStarted,
@@ -83,6 +84,8 @@ class Terminal:
         self.item_states: dict[str | None, Counter[str]] = defaultdict(Counter)
         self.working: dict[str, _Working] = {}
         self.live: Any = None
+        self.shared: Counter[str] = Counter()
+        """what has passed from and to the shared store"""
 
     def __call__(self, event: Event) -> None:
         """Print what is worth a line."""
@@ -103,6 +106,9 @@ class Terminal:
                 self._end_step(event)
             case ItemReport():
                 self._end_item(event)
+            case Shared(fetched, uploaded):
+                self.shared.update({"fetched": fetched, "uploaded": uploaded})
+                self.shared.update({"refused": bool(event.refusal), "not shared": bool(event.outage)})
             case Note(text, is_warning):
                 self._say(f"warning: {text}" if is_warning else text, sys.stderr, "warning" if is_warning else "")
 
@@ -123,6 +129,8 @@ class Terminal:
             f"{self.states[state]} {state}" for state in ("ran", "cached", "failed") if self.states[state]
         )
         words = [f"{counts} in {_duration(time.monotonic() - self.began)}"]
+        if any(self.shared.values()):
+            words.append(", ".join(f"{count} {what}" for what, count in self.shared.items() if count))
         if scores:
             of = f"{list(choices.values())[-1]['chosen']}: " if choices else ""
             words.append(of + _describe_scores(scores))

@@ -55,7 +55,7 @@ from texloom.pipelines.request_fields import RUNNER, SHORT
     "--report", type=click.Path(path_type=Path), metavar="FILE.html",
     help="Write the page here too, and FILE.csv and FILE.json beside it.",
 )  # fmt: skip
-@with_options(*map(request_option, ("out", "force", *RUNNER)))
+@with_options(*map(request_option, ("out", "force", *RUNNER, "remote")))
 @memory_option
 @store_option
 @report_option
@@ -75,6 +75,7 @@ def compare(
     runner: str | None,
     workers: int | None,
     address: str | None,
+    remote: str | None,
     store_folder: Path,
     as_json: bool,
 ) -> int:
@@ -88,23 +89,24 @@ def compare(
     comparison.json, all scores, and each result. All results have one size, by default the first flow's.
     """
     from texloom.pipelines.engine.destination import placed
+    from texloom.pipelines.engine.opening import open_store
     from texloom.pipelines.engine.preflight import Preflight
     from texloom.pipelines.engine.run import Run
     from texloom.pipelines.errors import one_line
     from texloom.pipelines.flow.compare import EXPORTS, comparison_flow
     from texloom.pipelines.request import request
     from texloom.pipelines.store.atomic import write_atomically
-    from texloom.pipelines.store.store import Store
     from texloom.stages.vocabulary.declare import InputError
 
     began = time.perf_counter()
-    overrides = request(
+    asked = request(
         flow="comparison", params=params, size=size, tileable=tileable, preset=preset, seed=seed, seeds=seeds,
         runner=runner, workers=workers, address=address,
-    ).overrides  # fmt: skip
+        store=store_folder, remote=remote,
+    )  # fmt: skip
     methods = [*flows, *(f"{name}={folder}" for name, folder in against.items())]
     with named_as_given(params), _named_as_over():
-        opened = Run(comparison_flow(methods, overrides, over), Store(store_folder))
+        opened = Run(comparison_flow(methods, asked.overrides, over), open_store(asked))
     opened, folder = placed(opened, out)
     copies = {} if report is None else {name: report.with_suffix(Path(name).suffix) for name in EXPORTS}
     if report is not None:

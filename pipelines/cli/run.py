@@ -74,6 +74,8 @@ def plan(flow: str | None, as_json: bool, out: Path | None, force: bool, **optio
     steps = opened.first_plan
     for note in opened.notes:
         complain(note)
+    if opened.store.remote:
+        complain(f"{opened.store.remote} is not asked by plan; what it has is fetched, not computed, by run")
     whole = summary(opened, steps)
     if as_json:
         taken = whole.footprint
@@ -128,7 +130,7 @@ def commands(
     opened, folder = _open(flow, out=out, force=force, **options)
     Preflight(opened).check(folder, force)
     target = folder / (opened.flow.picture or "")
-    listed = command_list(opened.flow, opened.items, opened.store.root, target, force)
+    listed = command_list(opened.flow, opened.items, opened.store.root, target, force, opened.store.remote)
     if as_json:
         return print_json({**_what(opened), "items": listed.items, "gather": listed.gather})
     for line in listed.lines(only):
@@ -214,6 +216,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
                 "exports": {name: str(path) for name, path in exports.items()},
                 **({"choices": choices} if choices else {}),
                 "warnings": recorder.warnings,
+                **({"shared": {"remote": opened.store.remote, **recorder.shared}} if opened.store.remote else {}),
                 "seconds": time.perf_counter() - began,
                 "error": problem,
             }

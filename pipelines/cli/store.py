@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from texloom.pipelines.byte_size import format_byte_size, parse_byte_size
-from texloom.pipelines.cli.options import json_option, store_option
+from texloom.pipelines.cli.options import json_option, request_option, store_option
 from texloom.pipelines.cli.output import complain, print_json, say
 
 if TYPE_CHECKING:
@@ -117,6 +117,36 @@ def _described(entry: Entry, run: LoggedRun | None, step: str | None) -> dict[st
         "item": item or None,
         "step": name or None,
     }
+
+
+# -- sharing
+
+
+@store.command(short_help="Upload results to a shared store.")
+@_store_options
+@request_option("remote")
+def push(store_folder: Path, as_json: bool, remote: str | None) -> int:
+    """Upload the results that a shared store lacks, as those from before it was named.
+
+    Each is compared with its digests before; what the shared store has stays as it is. Exit code 1 if a result is
+    broken or the storage does not answer.
+    """
+    from texloom.pipelines.errors import refused
+    from texloom.pipelines.store import exchange
+    from texloom.pipelines.store.location import shared_store
+
+    opened = _existing(store_folder)
+    opened.remote = shared_store(remote)
+    if not opened.remote:
+        raise refused("--remote: required; or set TEXLOOM_REMOTE")
+    pushed = exchange.push(opened)
+    if as_json:
+        print_json({"remote": opened.remote, **dataclasses.asdict(pushed)})
+    else:
+        say(f"{opened.remote}: {pushed.uploaded} uploaded, {pushed.present} there before, {pushed.broken} broken")
+    if pushed.outage:
+        complain(f"texloom: {pushed.outage}; push again to go on")
+    return 1 if pushed.broken or pushed.outage else 0
 
 
 # -- verifying and removing

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from texloom.pipelines.engine.chosen_steps import may_refuse
-from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, State, StepReport, warning_of
+from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, Shared, State, StepReport, warning_of
 from texloom.pipelines.engine.executors.choice import executor_of
 from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
 from texloom.pipelines.engine.exporter import Exporter
@@ -27,6 +27,7 @@ from texloom.pipelines.engine.scope import Scope
 from texloom.pipelines.engine.scope_run import ScopeRun
 from texloom.pipelines.flow.model import Step
 from texloom.pipelines.media.sources import SourceError
+from texloom.pipelines.store.remote import remote_at
 from texloom.pipelines.store.result_files import BrokenArtifactError
 from texloom.pipelines.store.store import Artifact, BrokenStoreError, Store
 from texloom.stages.kernels.core.threads import thread_count
@@ -75,6 +76,7 @@ def compute(
                 return exports
             except BrokenArtifactError as error:
                 restarts[error.key] += 1
+                run.store.distrusted.add(error.key)
                 if restarts[error.key] > MAX_RESTARTS:
                     raise BrokenStoreError(
                         f"{error}, again and again, though it was computed {MAX_RESTARTS} times; "
@@ -261,6 +263,18 @@ class Attempt:
         """Pass on what a task tells; workers' reports may arrive after its end."""
         if self.in_flight.get(task.spec.parts.key) is task:
             self.listener(event)
+            if isinstance(event, Shared):
+                self._tell_failure(event, task.spec.label)
+
+    def _tell_failure(self, shared: Shared, label: str) -> None:
+        """Tell what is wrong with the shared store, once that it does not answer."""
+        if shared.refusal:
+            self.listener(Note(f"{label}: {shared.refusal}; computing it", is_warning=True))
+        if shared.outage and not shared.is_known:
+            remote_at(self.run.store.remote).rest(shared.outage)  # so that no worker has to find it out by itself
+        if shared.outage and not self.run.lacks_shared_store:
+            self.run.lacks_shared_store = True
+            self.listener(Note(f"shared store: {shared.outage}; the run goes on without it", is_warning=True))
 
     def _on_result(self, task: InFlight, outcome: Outcome) -> None:
         del self.in_flight[task.spec.parts.key]

@@ -104,7 +104,26 @@ class Note:
     """whether the result may not be what the user wants"""
 
 
-Event = RunStarted | StepStarted | StepProgress | StepReport | ItemReport | Note
+@dataclasses.dataclass(frozen=True)
+class Shared:
+    """What has passed between the store and the shared one for a step."""
+
+    fetched: bool = False
+    uploaded: bool = False
+    outage: str = ""
+    """why the shared store could not be used"""
+    is_known: bool = False
+    """whether that says nothing new of the storage, which was not asked, or is not at fault"""
+    refusal: str = ""
+    """why its result was not used"""
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether something did not pass."""
+        return bool(self.outage or self.refusal)
+
+
+Event = RunStarted | StepStarted | StepProgress | StepReport | ItemReport | Note | Shared
 Listener = Callable[[Event], None]
 
 
@@ -118,6 +137,8 @@ class Recorder:
         """item to why it failed, if it did"""
         self.warnings: list[str] = []
         """why results may not be what the user wants"""
+        self.shared = {"fetched": 0, "uploaded": 0, "failed": 0}
+        """how many results have passed from and to the shared store, and with how many something failed"""
 
     @property
     def problems(self) -> dict[str, str]:
@@ -134,6 +155,10 @@ class Recorder:
             self.ended[event.item] = event.problem
         elif isinstance(event, Note) and event.is_warning:
             self.warnings.append(event.text)
+        elif isinstance(event, Shared):
+            self.shared["fetched"] += event.fetched
+            self.shared["uploaded"] += event.uploaded
+            self.shared["failed"] += event.has_failed
         self.listener(event)
 
     def items(self, count: int) -> dict[str, Any]:

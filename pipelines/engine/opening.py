@@ -11,14 +11,19 @@ from texloom.pipelines.flow.contact_sheet import open_flow
 from texloom.pipelines.flow.loader import find_flow
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.request import RunRequest
-from texloom.pipelines.store.location import default_store
+from texloom.pipelines.store.location import default_store, shared_store
 from texloom.pipelines.store.store import Store
 from texloom.stages.vocabulary.declare import InputError
 
 
 def open_request(asked: RunRequest) -> tuple[Run, Path]:
     """What a request opens, checked whole, and the folder of its exports."""
-    return placed(open_run(asked.flow, asked.overrides, Store(asked.store or default_store())), asked.out)
+    return placed(open_run(asked.flow, asked.overrides, open_store(asked)), asked.out)
+
+
+def open_store(asked: RunRequest) -> Store:
+    """The store of a request, with the shared one that it names."""
+    return Store(asked.store or default_store(), shared_store(asked.remote))
 
 
 def open_run(flow: str, overrides: Overrides, store: Store) -> Run:

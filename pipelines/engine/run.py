@@ -109,6 +109,8 @@ class Run:
         """item to where its steps find what they take; none if its files are refused"""
         self.shows_scales = False
         """whether what steps report comes with a picture of each scale"""
+        self.lacks_shared_store = False
+        """whether the shared store has not answered, which is told once"""
         self._fixed: dict[str, tuple[str, Mapping[str, Any]]] = {}
         self._new_out: Path | None = None
         self._made_out: Path | None = None

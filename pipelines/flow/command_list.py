@@ -41,9 +41,12 @@ class CommandList:
         return lines
 
 
-def command_list(flow: Flow, items: Sequence[Item], store: Path, out: Path, force: bool) -> CommandList:
+def command_list(
+    flow: Flow, items: Sequence[Item], store: Path, out: Path, force: bool, remote: str = ""
+) -> CommandList:
     """The commands that make what ``texloom run`` would; all paths in them are absolute."""
     whole = [*_run(flow), "--store", str(store.absolute()), "--out", str(out.absolute()), *["--force"] * force]
+    whole += ["--remote", remote] if remote else []
     if not items:
         return CommandList({flow.name: whole}, None)
     gathers = any(step.scope == "final" for step in flow.steps.values())

@@ -87,18 +87,19 @@ def other_entries(store: Store) -> list[Entry]:
 def verify(store: Store) -> Iterator[tuple[Entry, str | None]]:
     """Every result and its problem, if any; every byte is compared. What is being computed is left out."""
     for entry in entries(store):
-        problem = _problem(store, entry)
+        problem = problem_of(store, entry)
         if problem is not None:
             with store.try_lock(str(entry.stage), str(entry.key)) as is_locked:
                 if is_locked:
-                    problem = _problem(store, entry) if entry.folder.exists() else None
+                    problem = problem_of(store, entry) if entry.folder.exists() else None
                 elif store.locks.is_dir() and os.access(store.locks, os.W_OK):
                     continue  # a run is writing it
         if entry.folder.exists():
             yield entry, problem
 
 
-def _problem(store: Store, entry: Entry) -> str | None:
+def problem_of(store: Store, entry: Entry) -> str | None:
+    """What is wrong with a result; every byte is compared."""
     try:
         if store.find(str(entry.stage), str(entry.key)) is None:
             return "it has no record"

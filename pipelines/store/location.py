@@ -20,6 +20,24 @@ def default_store() -> Path:
     return project if project.is_dir() and ownership.is_usable(project) else cache_store()
 
 
+def shared_store(given: str | None) -> str:
+    """Address of the shared store: what is given, else TEXLOOM_REMOTE; empty where there is none.
+
+    Raises
+    ------
+    InputError : it is none, or what reaches it is not installed.
+    """
+    url, option = given, "--remote"
+    if url is None:
+        url, option = os.environ.get("TEXLOOM_REMOTE", ""), "TEXLOOM_REMOTE"
+        if not url:
+            return ""
+    from texloom.pipelines.store.remote import check_url
+
+    check_url(url, option)
+    return url
+
+
 def cache_store() -> Path:
     """The store in the user's cache folder."""
     import platformdirs

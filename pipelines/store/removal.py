@@ -29,6 +29,11 @@ _LEVEL = re.compile(r"\d+|\.new-\d+-[0-9a-f]{8}")
 _MOST = 1 << 24  # bytes of a manifest
 
 
+def names_of(outputs: Iterable[str]) -> set[str]:
+    """The names that files of a result with these outputs may have, but for its manifest."""
+    return _FIXED | {f"{output}.{suffix}" for output in outputs for suffix in ("png", "html", "csv")}
+
+
 def remove_result(stage: Folder, key: str, outputs: Iterable[str] = ()) -> bool:
     """Remove a result from the folder of its stage; ``outputs``: known of it, as its manifest may be damaged.
 
@@ -37,7 +42,7 @@ def remove_result(stage: Folder, key: str, outputs: Iterable[str] = ()) -> bool:
     whether its folder is gone.
     """
     with contextlib.suppress(OSError), stage.child(key) as folder:
-        names = _FIXED | {f"{output}.{suffix}" for output in outputs for suffix in ("png", "html", "csv")}
+        names = names_of(outputs)
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
             names |= set(json.loads(folder.read(MANIFEST, _MOST))["files"])
         for name in folder.names():

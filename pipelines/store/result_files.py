@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import errno
 import functools
@@ -9,23 +10,30 @@ import hashlib
 import importlib.metadata
 import json
 import os
+import re
 import secrets
 import stat
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
+from texloom.pipelines.errors import shown
 from texloom.pipelines.store import removal
 from texloom.pipelines.store.atomic import file_digest, write_atomically
 from texloom.pipelines.store.folders import Folder, named
 from texloom.stages.kernels.core.threads import run_all
 
 MANIFEST = removal.MANIFEST
-_MAX_JSON_SIZE = 1 << 24  # bytes
+MAX_JSON_SIZE = 1 << 24
+"""bytes"""
+_DIGEST = re.compile(r"[0-9a-f]{64}")
+_MOST = 1 << 62  # bytes, and ns since 1970
 _AT_ONCE = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
 """how files are opened: to open a pipe without it would wait for its writer; links are not followed"""
 NOT_AS_EXPECTED = (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError)
 """raised by reading JSON of unexpected form"""
+Download = Callable[[Mapping[str, Any], BinaryIO], str | None]
+"""writes what the entry of a manifest names into a file; SHA-256 of what was written, None if it is not there"""
 
 
 class BrokenArtifactError(Exception):
@@ -48,46 +56,104 @@ def write_result(
 
     A checkpoint is not flushed to the disk and has no previews.
     """
+    from texloom.pipelines.store import codec
     from texloom.pipelines.store.outputs import outputs_of
 
     result = outputs_of(result)
-    with named(f"{parent.path}/{name}"):
-        return _write_as(parent, name, result, provenance, seconds, is_checkpoint)
-
-
-def _write_as(
-    parent: Folder, name: str, result: Any, provenance: Mapping[str, Any], seconds: float, is_checkpoint: bool
-) -> tuple[dict[str, str], str]:
-    from texloom.pipelines.store import codec
-
-    prefix = f".new-{name}-"
-    for left in parent.names():
-        if left.startswith(prefix):  # by a process that was killed, as the lock is ours
-            removal.remove_temporary(parent, left)
-    temporary = prefix + secrets.token_hex(4)
-    parent.mkdir(temporary)
-    folder = Path(parent.path, temporary)
-    try:
+    with new_result(parent, name, not is_checkpoint) as (folder, outputs):
         made = {"program": program_version(), **provenance}
         names = codec.write(result, folder, made, previews=not is_checkpoint)
         # the digests of the outputs are computed while others wait for the disk
         work: list[Callable[[], Any]] = [functools.partial(codec.digests, result)]
         work += [functools.partial(_entry, folder / file, not is_checkpoint) for file in names]
-        outputs, *entries = run_all(lambda one: one(), [(one,) for one in work])
+        digests, *entries = run_all(lambda one: one(), [(one,) for one in work])
+        outputs.update(digests)
         files = dict(zip(names, entries, strict=True))
         times = {"created": _now(), "seconds": round(seconds, 3)}
         manifest = json.dumps({**made, **times, "outputs": outputs, "files": files}, indent=2).encode()
         write_atomically(folder / MANIFEST, manifest, not is_checkpoint)
-        if not is_checkpoint:
-            _flush(folder)
-        _make_room(parent, name, outputs)
-        parent.rename(temporary, name)
-        if not is_checkpoint:
-            _flush(Path(parent.path))
-    except BaseException:
-        removal.remove_temporary(parent, temporary)
-        raise
     return outputs, hashlib.sha256(manifest).hexdigest()
+
+
+def receive_result(
+    parent: Folder,
+    name: str,
+    manifest: bytes,
+    entries: Mapping[str, Mapping[str, Any]],
+    outputs: Mapping[str, str],
+    download: Download,
+) -> None:
+    """File a result of a shared store as a folder in ``parent``, see `checked_entries`.
+
+    `BrokenArtifactError` where a file is not what its entry says.
+    """
+    with new_result(parent, name) as (folder, digests):
+        digests.update(outputs)
+        for file_name, entry in entries.items():
+            with (folder / file_name).open("xb") as file:
+                if download(entry, file) != entry["sha256"]:
+                    raise BrokenArtifactError(f"{file_name} is missing, or not what its record says")
+                file.flush()
+                os.fsync(file.fileno())
+            os.utime(folder / file_name, ns=(entry["mtime_ns"], entry["mtime_ns"]))
+        write_atomically(folder / MANIFEST, manifest)
+
+
+def checked_entries(
+    manifest: bytes, stage: str, key: str, names: Collection[str]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The outputs and the entries of files of a manifest from elsewhere, all that is used of it.
+
+    `BrokenArtifactError` where it is not that of this ``stage`` and ``key`` with outputs of all ``names``, or lists
+    what cannot be a file of such a result.
+    """
+    if len(manifest) > MAX_JSON_SIZE:
+        raise BrokenArtifactError("it is too large")
+    try:
+        found = json.loads(manifest)
+        outputs, files = dict(found["outputs"]), dict(found["files"])
+        if (found["stage"], found["key"]) != (stage, key):
+            raise BrokenArtifactError("it is that of another result")
+        if outputs.keys() != set(names) or not all(isinstance(digest, str) for digest in outputs.values()):
+            raise BrokenArtifactError("its outputs are not those of the stage")
+        known = removal.names_of(names)
+        for file, entry in files.items():
+            if file not in known:
+                raise BrokenArtifactError(f"it lists {shown(file)}, which no such result has")
+            times = entry["bytes"], entry["mtime_ns"]
+            if not _DIGEST.fullmatch(entry["sha256"]) or not all(type(n) is int and 0 <= n < _MOST for n in times):
+                raise BrokenArtifactError(f"its entry of {file} is not one")
+    except NOT_AS_EXPECTED:
+        raise BrokenArtifactError("it cannot be read") from None
+    return outputs, files
+
+
+@contextlib.contextmanager
+def new_result(parent: Folder, name: str, is_durable: bool = True) -> Iterator[tuple[Path, dict[str, str]]]:
+    """A new folder for the files of a result, which the ``with`` block writes, and the digests of its outputs.
+
+    It is put in place at the end, or removed if the block fails.
+    """
+    prefix = f".new-{name}-"
+    outputs: dict[str, str] = {}
+    with named(f"{parent.path}/{name}"):
+        for left in parent.names():
+            if left.startswith(prefix):  # by a process that was killed, as the lock is ours
+                removal.remove_temporary(parent, left)
+        temporary = prefix + secrets.token_hex(4)
+        parent.mkdir(temporary)
+        folder = Path(parent.path, temporary)
+        try:
+            yield folder, outputs
+            if is_durable:
+                _flush(folder)
+            _make_room(parent, name, outputs)
+            parent.rename(temporary, name)
+            if is_durable:
+                _flush(Path(parent.path))
+        except BaseException:
+            removal.remove_temporary(parent, temporary)
+            raise
 
 
 def _make_room(parent: Folder, name: str, outputs: Collection[str]) -> None:
@@ -170,7 +236,7 @@ def small_file(path: str | Path) -> bytes:
         status = os.fstat(handle)
         if not stat.S_ISREG(status.st_mode):
             raise ValueError("not a file")
-        if status.st_size > _MAX_JSON_SIZE:
+        if status.st_size > MAX_JSON_SIZE:
             raise ValueError("too large")
         content = os.read(handle, status.st_size)
         if len(content) != status.st_size:

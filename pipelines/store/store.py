@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import hashlib
 import json
 import os
 from collections.abc import Collection, Iterator, Mapping
@@ -36,7 +37,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from texloom.pipelines.errors import refused
 from texloom.pipelines.memory import memory_limit
 from texloom.pipelines.store import ownership, removal, usage
-from texloom.pipelines.store.atomic import check_folder, probe_folder
+from texloom.pipelines.store.atomic import check_folder, free_space, probe_folder
 from texloom.pipelines.store.folders import Folder, LinkError
 from texloom.pipelines.store.lease import Lease
 from texloom.pipelines.store.record import ForeignRecordError, decode_record, record_name
@@ -44,9 +45,12 @@ from texloom.pipelines.store.result_files import (
     MANIFEST,
     NOT_AS_EXPECTED,
     BrokenArtifactError,
+    Download,
     check_files,
+    checked_entries,
     read_manifest,
     read_result,
+    receive_result,
     small_file,
     write_result,
 )
@@ -96,13 +100,17 @@ class Artifact:
 class Store:
     """A folder of artifacts. Nothing is created before something is written."""
 
-    def __init__(self, root: Path):
+    def __init__(self, root: Path, remote: str = ""):
+        """``remote``: address of a shared store, see `texloom.pipelines.store.exchange`; none if empty."""
         try:
             self.root = root.expanduser().resolve()
         except RuntimeError as error:
             raise InputError(f"--store {root}: {error}") from None
         except OSError as error:
             raise refused(f"--store {root}: {str(error.strerror).lower()}") from None
+        self.remote = remote
+        self.distrusted: set[str] = set()
+        """keys whose results turned out to be broken, which are not taken from the shared store again"""
         self.records = self.root / "records"
         self.locks = self.root / "locks"
         self.exports = self.root / "exports"
@@ -112,7 +120,7 @@ class Store:
         self._is_claimed = False
 
     def __reduce__(self) -> Any:
-        return Store, (self.root,)
+        return Store, (self.root, self.remote)
 
     def folder(self, stage: str, key: str) -> Path:
         """Folder of the result of ``key``, if there is one."""
@@ -285,6 +293,30 @@ class Store:
             )
         usage.add(self, folder)
         return Artifact(stage.name, key, str(folder), outputs, digest)
+
+    def receive(
+        self, stage: str, key: str, manifest: bytes, names: Collection[str], download: Download
+    ) -> Artifact:
+        """File a result of a shared store by its manifest, as `save`. The caller holds the lock of ``key``.
+
+        Parameters
+        ----------
+        names : of the outputs of the stage.
+        download : writes a file of the result.
+
+        Raises
+        ------
+        BrokenArtifactError : manifest or files are not as they should be; nothing is left of them.
+        """
+        outputs, entries = checked_entries(manifest, stage, key, names)
+        size, free = sum(entry["bytes"] for entry in entries.values()), free_space(self.root)
+        if size > free:
+            raise BrokenArtifactError(f"its files have {size} bytes, and {free} are free here")
+        self.forget(stage, key)
+        with self.inside("cache", stage, create=True) as parent:
+            receive_result(parent, key, manifest, entries, outputs, download)
+        usage.add(self, self.folder(stage, key))
+        return Artifact(stage, key, self._place(stage, key), outputs, hashlib.sha256(manifest).hexdigest())
 
     def load(self, artifact: Artifact, kind: type[Any], names: Collection[str] | None = None) -> dict[str, Any]:
         """The outputs called ``names``, or all; `BrokenArtifactError` if a file was altered."""

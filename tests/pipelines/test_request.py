@@ -37,6 +37,7 @@ NOT_OF = {
     "texloom.run": {"pictures": "sources name them"},
     "texloom.plan": {
         "pictures": "sources name them",
+        "remote": "looks at the store here alone",
         **dict.fromkeys(
             ("exports", "out", "force", "layout", "texel_size", "color_space", "udim", "material"), "writes nothing"
         ),
@@ -53,7 +54,7 @@ NOT_OF = {
     "Prefect": {"pictures": "source names them"},
     "studio": {
         **dict.fromkeys(("pictures", "seeds", "item"), "the page makes one result at a time"),
-        **dict.fromkeys(("store", "out", "force", "exports"), "the page keeps its results in its store"),
+        **dict.fromkeys(("store", "remote", "out", "force", "exports"), "the page keeps its results in its store"),
         **dict.fromkeys(
             ("crop", "reduce", "texel_size", "color_space"), "the page has no such form; the flow file has"
         ),

@@ -118,7 +118,8 @@ class DaskExecutor(Executor):
                 return
             cluster, store, number = self._started(), self._run.store, next(self._numbers)
             threads = cluster.hosts or task.threads
-            payload = worker.Payload(task.spec.to_json(), str(store.root), threads, store.identity())
+            shared = worker.shared_part(store, task.spec.parts.key)
+            payload = worker.Payload(task.spec.to_json(), str(store.root), threads, store.identity(), **shared)
             self._tasks[number] = task
             future = cluster.client.submit(
                 compute_and_tell, payload, cluster.token, number, key=f"{task.spec.step}-{number}", pure=False

@@ -9,10 +9,11 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 from texloom.pipelines.engine import signals
-from texloom.pipelines.engine.events import Event, StepStarted
+from texloom.pipelines.engine.events import Event, Shared, StepStarted
 from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
 from texloom.pipelines.engine.task import run_task
 from texloom.pipelines.interruption import interruption_of
+from texloom.pipelines.store.exchange import exchange_of
 from texloom.pipelines.store.keep import keep_record
 from texloom.pipelines.store.store import Store
 from texloom.stages.vocabulary.interruption import Interruption
@@ -75,7 +76,10 @@ class InlineExecutor(Executor):
             threads = task.threads if self._on_threads else None
             work = functools.partial(run_task, task.spec, task.stage, task.inputs, threads, listener)
             parts = task.spec.parts
-            record, is_new = keep_record(self.store, parts.stage, parts.key, work)
+            exchange = exchange_of(self.store, parts.stage, parts.key)
+            record, is_new = keep_record(self.store, parts.stage, parts.key, work, exchange)
+            if exchange is not None:
+                task.tell(Shared(**exchange.told))
         except Exception as raised:
             interruption = interruption_of(raised)
             if interruption is not None:

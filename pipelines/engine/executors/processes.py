@@ -9,7 +9,14 @@ from typing import Any
 from texloom.pipelines.engine import signals
 from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
 from texloom.pipelines.engine.executors.process_pool import ProcessPool, WorkerDiedError
-from texloom.pipelines.engine.executors.worker import Payload, compute_once, failed, outcome_of, sources_are_fit
+from texloom.pipelines.engine.executors.worker import (
+    Payload,
+    compute_once,
+    failed,
+    outcome_of,
+    shared_part,
+    sources_are_fit,
+)
 from texloom.pipelines.store.store import Store
 
 
@@ -36,7 +43,8 @@ class ProcessExecutor(Executor):
                     return
                 self.store.create()
                 self._pool = ProcessPool(self.workers)
-            payload = Payload(task.spec.to_json(), str(self.store.root), task.threads)
+            shared = shared_part(self.store, task.spec.parts.key)
+            payload = Payload(task.spec.to_json(), str(self.store.root), task.threads, **shared)
             future = self._pool.submit(compute_once, payload, task.tell)
             future.add_done_callback(functools.partial(_end, task))
 

@@ -10,13 +10,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from texloom.pipelines.engine.events import Event, Listener, Note, StepProgress, StepStarted
+from texloom.pipelines.engine.events import Event, Listener, Note, Shared, StepProgress, StepStarted
 from texloom.pipelines.engine.executors.executor import Outcome, Task
 from texloom.pipelines.engine.task import Inputs, TaskSpec, check_same, run_task
 from texloom.pipelines.errors import format_error, is_resource_error, one_line
 from texloom.pipelines.media.sources import SourceError
 from texloom.pipelines.store.atomic import probe_folder
+from texloom.pipelines.store.exchange import exchange_of
 from texloom.pipelines.store.keep import keep_record
+from texloom.pipelines.store.remote import remote_at
 from texloom.pipelines.store.result_files import BrokenArtifactError, program_version
 from texloom.pipelines.store.store import Store
 from texloom.stages.kernels.core.threads import thread_count
@@ -54,6 +56,23 @@ class Payload:
     """for this step alone; or, for each machine, how many steps share it"""
     identity: str = ""
     """of the store, if its path may mean another folder on the worker, which then compares them"""
+    remote: str = ""
+    """address of the shared store, if there is one"""
+    is_distrusted: bool = False
+    """whether the shared store's result has turned out to be broken"""
+    outage: str = ""
+    """why the shared store is not asked, where another process has found that it does not answer"""
+
+
+def shared_part(store: Store, key: str) -> dict[str, Any]:
+    """What a `Payload` says of the shared store."""
+    if not store.remote:
+        return {}
+    return {
+        "remote": store.remote,
+        "is_distrusted": key in store.distrusted,
+        "outage": remote_at(store.remote).outage,
+    }
 
 
 def sources_are_fit(task: Task) -> bool:
@@ -77,9 +96,10 @@ def compute_once(payload: Payload, tell: Listener) -> dict[str, Any]:
 
     Returns
     -------
-    ``record``, and of what has been computed here ``seconds`` and ``notes``.
+    ``record``, of what has been computed here ``seconds`` and ``notes``, and with a shared store ``shared``, the
+    fields of `Shared`.
     """
-    spec, store = TaskSpec.from_json(payload.spec), Store(Path(payload.store))
+    spec, store = TaskSpec.from_json(payload.spec), Store(Path(payload.store), payload.remote)
     answer: dict[str, Any] = {}
 
     def work() -> dict[str, Any]:
@@ -89,8 +109,11 @@ def compute_once(payload: Payload, tell: Listener) -> dict[str, Any]:
     if payload.identity:
         store.check_identity(payload.identity)
     tell(StepStarted(spec.label))
-    record, _ = keep_record(store, spec.parts.stage, spec.parts.key, work)
-    return {**answer, "record": record}
+    if payload.is_distrusted:
+        store.distrusted.add(spec.parts.key)
+    exchange = exchange_of(store, spec.parts.stage, spec.parts.key, payload.outage)
+    record, _ = keep_record(store, spec.parts.stage, spec.parts.key, work, exchange)
+    return {**answer, "record": record, **({} if exchange is None else {"shared": exchange.told})}
 
 
 def _compute(spec: TaskSpec, store: Store, threads: int | Mapping[str, int], tell: Listener) -> dict[str, Any]:
@@ -133,6 +156,8 @@ def outcome_of(answer: Mapping[str, Any], task: Task) -> Outcome:
     """What has become of a task, from what `compute_once` returned."""
     for note in answer.get("notes", ()):
         task.tell(Note(**note))
+    if "shared" in answer:
+        task.tell(Shared(**answer["shared"]))
     return Outcome(answer["record"], answer.get("seconds"))
 
 

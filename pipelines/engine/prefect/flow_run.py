@@ -28,7 +28,7 @@ from texloom.pipelines.engine import signals
 from texloom.pipelines.engine.attempt import compute
 from texloom.pipelines.engine.destination import placed
 from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, Recorder, summary_of
-from texloom.pipelines.engine.opening import open_request
+from texloom.pipelines.engine.opening import open_request, open_store
 from texloom.pipelines.engine.prefect.scores import show_scores
 from texloom.pipelines.engine.prefect.task_runs import TaskRuns
 from texloom.pipelines.engine.preflight import Preflight
@@ -39,8 +39,6 @@ from texloom.pipelines.flow.source_files import is_pattern
 from texloom.pipelines.flow.step_params import document_params
 from texloom.pipelines.request import RunRequest, request
 from texloom.pipelines.request_fields import OPTIONS
-from texloom.pipelines.store.location import default_store
-from texloom.pipelines.store.store import Store
 from texloom.pipelines.yaml import parse_yaml
 from texloom.stages.vocabulary.declare import InputError
 
@@ -110,6 +108,7 @@ def parameters_of(run: Run, out: Path) -> dict[str, Any]:
         "seeds": list(run.flow.seeds),
         "item": run.flow.item,
         "store": str(run.store.root),
+        "remote": run.store.remote or None,
         "out": str((out / (run.flow.picture or "")).absolute()),
         "runner": run.flow.runner.name,
         "workers": run.flow.runner.workers,
@@ -169,7 +168,7 @@ def run_flow(flow: str | list[str], **given: Any) -> dict[str, str]:
         if isinstance(flow, str):
             run, folder = open_request(asked)
         else:
-            compared = Run(comparison_flow(flow, asked.overrides), Store(asked.store or default_store()))
+            compared = Run(comparison_flow(flow, asked.overrides), open_store(asked))
             run, folder = placed(compared, asked.out)
         Preflight(run).check(folder, asked.force)
         opened = _Opened(run, folder, _ignore)

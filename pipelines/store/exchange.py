@@ -1,0 +1,144 @@
+"""Results shared through object storage: looked up there before they are computed, and uploaded after.
+
+::
+
+    <url>/files/<sha256>               a file of a result, named by what it holds
+    <url>/records/<stage>/<key>.json   the manifest of a result, which is written last, and unless there is one
+
+Of two machines that compute a key at the same time the first to write the record wins; the files of the other one
+have names of their own, so that no result is torn. What comes from there is data: files with names that texloom
+gives, of the size and digest that the record says; nothing of it is unpickled or called.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from texloom.pipelines.store import housekeeping
+from texloom.pipelines.store.remote import RemoteError, RestingError, remote_at
+from texloom.pipelines.store.result_files import (
+    MANIFEST,
+    MAX_JSON_SIZE,
+    BrokenArtifactError,
+    read_manifest,
+    small_file,
+)
+from texloom.pipelines.store.store import Artifact, Store
+from texloom.stages.lookup.registry import find_stage
+
+
+class Exchange:
+    """What passes between a store and a shared one for one result. Nothing of it makes a run fail."""
+
+    def __init__(self, url: str, stage: str, key: str, is_distrusted: bool = False):
+        """``is_distrusted``: the shared store's result has turned out to be broken, and is to be replaced."""
+        self._remote = remote_at(url)
+        self._stage, self._key = stage, key
+        self._record = f"records/{stage}/{key}.json"
+        self._replaces = is_distrusted
+        self.fetched = self.uploaded = False
+        self.outage = ""
+        """why the storage could not be used"""
+        self.is_known = False
+        """whether that says nothing new of the storage, which was not asked, or is not at fault"""
+        self.refusal = ""
+        """why what it has is not used"""
+
+    def fetch(self, store: Store) -> Artifact | None:
+        """The result, if the shared store has it, put in place here; the caller holds the lock of its key."""
+        if self._replaces or self.outage:
+            return None
+        try:
+            outputs = find_stage(self._stage).outputs
+        except KeyError:  # of a plug-in that this machine lacks, which its caller says
+            return None
+        try:
+            record = self._remote.read(self._record, 0, MAX_JSON_SIZE + 1)
+            if record is None:
+                return None
+            artifact = store.receive(
+                self._stage, self._key, record, outputs,
+                lambda entry, file: self._remote.download(f"files/{entry['sha256']}", entry["bytes"], file),
+            )  # fmt: skip
+        except RemoteError as error:
+            self.outage, self.is_known = str(error), isinstance(error, RestingError)
+            return None
+        except BrokenArtifactError as error:
+            self._replaces = True
+            self.refusal = f"{self._remote.url}: {self._record} is refused: {error}"
+            return None
+        self.fetched = True
+        return artifact
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What has passed, as plain data."""
+        return {
+            "fetched": self.fetched, "uploaded": self.uploaded, "outage": self.outage, "is_known": self.is_known,
+            "refusal": self.refusal,
+        }  # fmt: skip
+
+    def is_there(self) -> bool:
+        """Whether the shared store has a record of the result."""
+        return self._remote.read(self._record, 0, 1) is not None
+
+    def upload(self, store: Store) -> None:
+        """Upload the result, which this store has, unless the shared one has it by now."""
+        if self.outage:
+            return
+        folder = store.folder(self._stage, self._key)
+        try:
+            files = read_manifest(folder)[0]["files"]
+            record = small_file(folder / MANIFEST)
+            for name, entry in files.items():
+                if entry["bytes"]:
+                    object_name = f"files/{entry['sha256']}"
+                    self._remote.upload(object_name, folder / name, entry["bytes"], self._replaces)
+            self.uploaded = self._remote.write(self._record, record, self._replaces)
+        except (RemoteError, BrokenArtifactError, OSError) as error:  # it may have been removed meanwhile
+            self.outage = str(error)
+            self.is_known = isinstance(error, RestingError) or not isinstance(error, RemoteError)
+
+
+def exchange_of(store: Store, stage: str, key: str, outage: str = "") -> Exchange | None:
+    """The exchange of a result with the shared store, if the run has one; ``outage``: why it is not to be asked."""
+    if not store.remote:
+        return None
+    exchange = Exchange(store.remote, stage, key, key in store.distrusted)
+    exchange.outage, exchange.is_known = outage, bool(outage)
+    return exchange
+
+
+@dataclasses.dataclass
+class Pushed:
+    """How many results of a store were uploaded, were in the shared one, or are broken and were left out."""
+
+    uploaded: int = 0
+    present: int = 0
+    broken: int = 0
+    outage: str = ""
+    """why it ended before the last one"""
+
+
+def push(store: Store) -> Pushed:
+    """Upload the results that the shared store lacks, after comparing them with their digests."""
+    pushed = Pushed()
+    for entry in housekeeping.entries(store):
+        exchange = Exchange(store.remote, str(entry.stage), str(entry.key))
+        try:
+            if exchange.is_there():
+                pushed.present += 1
+                continue
+        except RemoteError as error:
+            pushed.outage = str(error)
+            break
+        if housekeeping.problem_of(store, entry) is not None:
+            pushed.broken += 1
+            continue
+        exchange.upload(store)
+        pushed.uploaded += exchange.uploaded
+        pushed.outage = exchange.outage
+        if pushed.outage:
+            break
+    return pushed
