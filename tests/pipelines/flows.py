@@ -128,7 +128,8 @@ def files(folder: Path) -> dict[str, bytes]:
 def environment(home: Path) -> dict[str, str]:
     """The variables of a process, without those of Prefect and texloom; its store is in the working folder."""
     known = {name: value for name, value in os.environ.items() if not name.startswith(("PREFECT_", "TEXLOOM_"))}
-    return {**known, "PYTHONPATH": str(ROOT), "PREFECT_HOME": str(home), "TEXLOOM_STORE": "artifacts"}
+    path = os.pathsep.join(map(str, (ROOT / ".import", ROOT)))  # this clone's, wherever another is installed
+    return {**known, "PYTHONPATH": path, "PREFECT_HOME": str(home), "TEXLOOM_STORE": "artifacts"}
 
 
 def start_run(path: Path, *options: object) -> subprocess.Popen[str]:
