@@ -29,7 +29,7 @@ def _method(name: str, offer: Offer) -> Method:
         about=offer.about,
         exemplar=next(iter(flow.sources)),
         begins="photograph" if offer.surface else "maps" if name == "materials" else "picture",
-        has_maps="maps/" in flow.exports and "maps/" not in flow.of_maps,
+        has_maps=offer.is_texture and "maps/" in flow.exports and "maps/" not in flow.of_maps,
         size=(_default(flow, "size") or _SIDES) if "size" in flow.params else None,
         can_tile=offer.is_texture and "tileable" in flow.params,
         tiles=offer.is_texture and "tileable" in flow.params and bool(_default(flow, "tileable")),
