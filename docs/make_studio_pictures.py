@@ -227,7 +227,7 @@ def mesh(page: Page, shoot: Callable[[str], None]) -> None:
 def inspect(page: Page, shoot: Callable[[str], None]) -> None:
     """A material on a cloth."""
     finish(page, "bark")
-    page.get_by_role("button", name="Look at it in 3D").click()
+    page.get_by_role("button", name="Inspect it").click()
     page.locator("material-view[ready]").wait_for()
     page.get_by_role("radio", name="Cloth").click()
     page.wait_for_timeout(2000)

@@ -57,6 +57,20 @@ def test_files_may_be_dropped_anywhere(watched: Watched) -> None:
     assert mesh.input_value().endswith("/flat.obj")
 
 
+def test_all_files_of_a_large_folder_are_taken(watched: Watched) -> None:
+    """A browser tells the entries of a folder in parts."""
+    count = watched.page.evaluate("""async () => {
+      const left = [...Array(250)].map((_, number) => ({
+        isFile: true, name: `${number}.png`, file: (done) => done(new File([], `${number}.png`)),
+      }));
+      const reader = { readEntries: (done) => done(left.splice(0, 100)) };
+      const folder = { isDirectory: true, name: "many", createReader: () => reader };
+      const data = { files: [], items: [{ webkitGetAsEntry: () => folder }] };
+      return (await customElements.get("picture-list").filesIn(data))[0].length;
+    }""")
+    assert count == 250
+
+
 def test_views_undo_and_keys(watched: Watched) -> None:
     page = watched.page
     page.get_by_role("button", name="blotches").first.click()

@@ -35,7 +35,7 @@ def test_layers_and_the_lit_material(finished: Watched) -> None:
     page.reload()
     page.locator("make-view material-view[ready]").wait_for()
     page.get_by_role("radio", name="2D", exact=True).click()
-    page.get_by_role("button", name="Look at it in 3D").click()
+    page.get_by_role("button", name="Inspect it").click()
     page.locator("material-view[ready]").wait_for()
     for shape in ("Sphere", "Cube", "Cloth", "Plane"):
         page.get_by_role("radio", name=shape).click()
@@ -68,7 +68,7 @@ def test_a_texture_without_end(watched: Watched) -> None:
     held: list[Any] = []
     page.route("**/api/pictures?*side=2048", lambda route: held.insert(0, route))
     finish(page, "per_pixel")
-    page.get_by_role("button", name="Look at it in 3D").click()
+    page.get_by_role("button", name="Inspect it").click()
     page.get_by_role("radio", name="Compare").wait_for()  # also without the exemplar, so that no button moves later
     page.get_by_role("radio", name="Endless").click()
     page.wait_for_function("() => document.querySelector('tiled-view').loaded.size >= 4")
@@ -89,7 +89,7 @@ def test_a_tile_that_cannot_be_made_is_not_asked_for_without_end(finished: Watch
         route.fulfill(status=500, body="no")
 
     page.route("**/api/tiles/**", fail)
-    page.get_by_role("button", name="Look at it in 3D").click()
+    page.get_by_role("button", name="Inspect it").click()
     page.get_by_label("Layers").get_by_role("button", name="image").click()
     page.get_by_role("alert").first.wait_for()
     page.wait_for_timeout(500)

@@ -218,7 +218,7 @@ export abstract class DirectMode extends Element {
         <recipe-form .recipe=${{ ...this.form, flow: "", sources: {}, size: sizeText(this.size) } as Recipe} .method=${method}
           @edit=${(event: CustomEvent<Partial<Recipe>>) => this.edit(event.detail)}></recipe-form>
         <button class="primary" ?disabled=${isBusy} @click=${() => this.finish()}>Finish at full size</button>
-        ${job?.state === "done" ? html`<button @click=${() => this.tell("inspect", `job:${job.id}`)}>Look at it in 3D</button>` : nothing}
+        ${job?.state === "done" ? html`<button @click=${() => this.tell("inspect", `job:${job.id}`)}>Inspect it</button>` : nothing}
         ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
         <button @click=${() => this.showRecipe()}>Show as YAML or command</button>
       </aside>

@@ -55,7 +55,7 @@ export class MakeSettings extends Element {
         ? card("Correct", "", true, html`<button ?disabled=${!this.isWhole} @click=${() => this.tell("correct", null)}>Correct a spot</button>`)
         : nothing}
       ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
-      ${job?.state === "done" ? html`<button @click=${() => this.tell("inspect", `job:${job.id}`)}>Look at it in 3D</button>` : nothing}
+      ${job?.state === "done" ? html`<button @click=${() => this.tell("inspect", `job:${job.id}`)}>Inspect it</button>` : nothing}
       <button ?disabled=${this.lacking !== ""} @click=${() => this.studio.show(job?.recipe ?? this.recipe)}>Show as YAML or command</button>
     `;
   }

@@ -154,7 +154,13 @@ export class PictureList extends Element {
 
 /** The files in a dropped folder; folders inside of it are left out. */
 async function filesOf(folder: FileSystemDirectoryEntry): Promise<File[]> {
-  const entries = await new Promise<FileSystemEntry[]>((done, fail) => folder.createReader().readEntries(done, fail));
+  const reader = folder.createReader();
+  const entries: FileSystemEntry[] = [];
+  for (;;) {
+    const some = await new Promise<FileSystemEntry[]>((done, fail) => reader.readEntries(done, fail)); // 100 at most
+    if (some.length === 0) break;
+    entries.push(...some);
+  }
   const files = entries.filter((entry) => entry.isFile && !entry.name.startsWith("."));
   return Promise.all(
     files.map((entry) => new Promise<File>((done, fail) => (entry as FileSystemFileEntry).file(done, fail))),
