@@ -108,11 +108,8 @@ def disk_of(steps: Sequence[Step], whole: Mapping[str, Step], scope: Scope) -> i
 
 def disk_of_exports(flow: Flow, steps: Sequence[Step], scope: Scope) -> int:
     """What is exported of steps of a flow takes, in bytes, roughly."""
-    pixels, channels, names = (
-        pixels_of_steps(flow.steps, [scope]),
-        _channels([scope]),
-        {step.name for step in steps},
-    )
+    pixels, channels = pixels_of_steps(flow.steps, [scope]), _channels([scope])
+    names = {step.name for step in steps}
     return sum(
         pixels[given.name] * channels * (_WRITTEN_AS_FLOATS if file.endswith(_FLOATS) else _WRITTEN)
         for file, given in flow.exports.items()

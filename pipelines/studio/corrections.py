@@ -42,12 +42,10 @@ def insight(work: InsightWork, places: Places, send: Callable[..., None]) -> Non
     if joints is not None and joints.shape == size:
         worst = worst_places(joints, _COUNT, round(_SEPARATION * max(size)))
         found = [BadPlace(row=one.row, column=one.column, value=one.value) for one in worst]
-    is_picture = not (
-        work.recipe.flow in OFFERS and OFFERS[work.recipe.flow].surface
-    )  # what is shown of a photograph lies otherwise
-    is_known = (
-        match is not None and is_picture and not run.items and match.shape[0] * match.shape[1] <= _MOST_PIXELS
-    )
+    offer = OFFERS.get(work.recipe.flow)
+    is_straightened = offer is not None and bool(offer.surface)  # what is shown of a photograph lies otherwise
+    is_one = not run.items and not is_straightened
+    is_known = match is not None and is_one and match.shape[0] * match.shape[1] <= _MOST_PIXELS
     payload = b"" if not is_known else np.minimum(match, 65535).astype("<u2").tobytes()
     send(Insight(height=size[0], width=size[1], places=tuple(found)), payload)
 

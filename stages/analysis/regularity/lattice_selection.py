@@ -163,14 +163,16 @@ def lattice_selection(
             fan,
         )
     small, step = working_image(image)
-    with part(0.0, 1.0 if step == 1 else 0.7):
-        of_small = params.model_copy(update={"min_length": params.min_length / step})
+    of_small = params.model_copy(update={"min_length": params.min_length / step})
+    with part(0.0, 0.6):
         selected = _selected(small, density, of_small)
-        if not len(selected.generators):
+    if not len(selected.generators):
+        with part(0.6, 0.7):
             selected = _in_means(small, of_small) or selected
     _warn_if_few(selected, "elements" if selected.chosen in ("none", "lines") else "cells of its lattice")
     selected = dataclasses.replace(selected, fan=fan)
     if step == 1:
+        report(Progress(1.0))
         return selected
     generators, best = (vectors * np.float32(step) for vectors in (selected.generators, selected.best))
     if len(generators) == 2 or selected.chosen == "lines":
@@ -231,10 +233,14 @@ def _in_means(image: Image, params: LatticeSelectionParams) -> LatticeSelection 
         return None
     coarse = image_of_means(image, side)
     of_coarse = params.model_copy(update={"min_length": params.min_length / side})
-    selected = _selected(coarse, offset_density(coarse), of_coarse)
+    with part(0.0, 0.4):
+        density = offset_density(coarse)
+    with part(0.4, 0.8):
+        selected = _selected(coarse, density, of_coarse)
     if len(selected.generators) != 2:
         return None
-    generators = _refined_in_full(image, selected.generators * np.float32(side), selected.chosen, side)
+    with part(0.8, 1.0):
+        generators = _refined_in_full(image, selected.generators * np.float32(side), selected.chosen, side)
     return dataclasses.replace(selected, generators=generators, best=generators)
 
 

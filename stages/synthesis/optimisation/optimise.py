@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from jaxtyping import Bool, Float32, UInt32
 
+from texloom.stages.analysis.structure.contour_cells import ContourCells
 from texloom.stages.common.grids.border import Border
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.common.grids.working_size import Halvings
@@ -357,9 +358,8 @@ def optimise(
     scales = patch_scales(image, start, params, params.occurrence > 0, cells)
     distance = None if guidance is None else border.around(guidance)
     share = None if share is None else border.around(share)
-    led = guides is not None and not params.guided_seams
-    relaxes = params.relaxed_seams and keep is None and phase is None and not led
-    relaxes &= rectangles is None or guides is not None
+    seams_may_move = keep is None and (guides is None or params.guided_seams)
+    relaxes = params.relaxed_seams and seams_may_move and phase is None and several is None
     optimisation = _Optimisation(
         image, start, distance, weight, guides, phase, regularity, fixed, share, several, relaxes, params
     )
@@ -371,23 +371,23 @@ def optimise(
     )
 
     allowed = scales[-1].allowed
-    if optimisation.halved is not None and not (
-        contours is not None
-        and rectangles is not None
-        and SeveralCells(contours, rectangles, border).consists.any()
-    ):  # borders between exemplars of cells come to lie between these
+    of_several = None
+    if contours is not None and rectangles is not None and keep is None:
+        of_several = SeveralCells(contours, rectangles, border)
+    between_cells = of_several is not None and of_several.consists.any()  # borders of exemplars come to lie there
+    if optimisation.halved is not None and not between_cells:
         relax_seams(match, optimisation.halved, params.patch_size, wrap, allowed, scales[-1].places)
     if params.whole_cells and keep is None and (guides is None or rectangles is not None):
         lab = optimisation.lab
         del optimisation.compared
         found = None
         if contours is not None:
-            found = completion_of(contours, rectangles, border, lab, params.patch_size, allowed)
+            found = completion_of(of_several or ContourCells(contours, border), lab, params.patch_size, allowed)
         if found is not None:
             found.complete(match, wrap)
         elif phase is not None and len(phase.origin) == 2:
             complete_cells(match, lab, params.patch_size, margin, wrap, generators, phase, allowed)
-        del lab, found  # large, as the exemplar may be
+        del lab, found, of_several  # large, as the exemplar may be
 
     made = optimisation.picture(match, scales[-1], margin)
     source = correspondence.to_pixels(match, params.patch_size, wrap, margin)
@@ -396,7 +396,7 @@ def optimise(
         if given is None:  # else it is a window of what the caller makes
             tell_holes(_LOG, made)
     border.move_back(source)
-    evens = params.even_joints and keep is None and rectangles is None and not led
+    evens = params.even_joints and seams_may_move and rectangles is None
     if evens:
         EvenJoints(exemplar).apply(made, source, wrap)
     used_area = None if usable is None else int(usable.sum())

@@ -159,16 +159,11 @@ def _mode(values: Int64[np.ndarray, "n"]) -> tuple[int, int]:  # type: ignore[na
 
 
 def completion_of(
-    contours: ScalarMap,
-    rectangles: Rectangles | None,
-    border: Border,
-    lab: Float32[np.ndarray, "bordered_h bordered_w 3"],
-    patch_size: int,
-    allowed: Allowed | None,
+    cells: ContourCells, lab: Float32[np.ndarray, "h w 3"], patch_size: int, allowed: Allowed | None
 ) -> CellCompletion | None:
-    """That of the exemplar, or of those in ``rectangles``; none where no contours surround cells."""
-    if rectangles is None:
-        cells = ContourCells(contours, border)
-        return CellCompletion(lab, cells, patch_size, allowed) if cells.clear else None
-    several = SeveralCells(contours, rectangles, border)
-    return SeveralCellCompletion(lab, several, patch_size, allowed) if several.clear else None
+    """That of the cells of one exemplar or of several; none where no contours surround cells."""
+    if not cells.clear:
+        return None
+    if isinstance(cells, SeveralCells):
+        return SeveralCellCompletion(lab, cells, patch_size, allowed)
+    return CellCompletion(lab, cells, patch_size, allowed)

@@ -367,9 +367,13 @@ def test_generators_of_large_exemplars_are_as_exact(
     assert found.cells == pytest.approx(360 * 420 / abs(np.linalg.det(true)), rel=0.01)
 
 
-def test_the_search_reports_its_progress(monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator) -> None:
-    monkeypatch.setattr(working_size, "MOST_PIXELS", 20_000)
-    image = stamped(np.array([[40.0, 0.0], [0.0, 50.0]]), rng)
+@pytest.mark.parametrize("repeats", [True, False])
+@pytest.mark.parametrize("most_pixels", [20_000, 200_000])
+def test_the_search_reports_its_progress(
+    repeats: bool, most_pixels: int, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    monkeypatch.setattr(working_size, "MOST_PIXELS", most_pixels)
+    image = stamped(np.array([[40.0, 0.0], [0.0, 50.0]]), rng) if repeats else picture(rng.random((330, 340)))
     density = offset_statistics(image, OffsetStatisticsParams()).density
     done: list[float] = []
     with listening(lambda progress: done.append(progress.done)):
