@@ -13,6 +13,7 @@ from pydantic import Field
 
 from texloom.stages.analysis.exemplars.picture_flaws import flaws_of
 from texloom.stages.analysis.exemplars.plain_drift import plain_drift
+from texloom.stages.analysis.exemplars.plain_margins import plain_margins
 from texloom.stages.common.features.slow_tone import BLACK, ToneField, relative_tone, with_tone
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.common.grids.size_checks import check_side
@@ -21,7 +22,7 @@ from texloom.stages.numerics.threshold import otsu_threshold
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Outline, Params, stage
-from texloom.stages.vocabulary.masks import fill_excluded, nearest_valid, valid_pixels
+from texloom.stages.vocabulary.masks import fill_excluded, nearest_valid, valid_pixels, with_usable
 from texloom.stages.vocabulary.messages import OWN_STEP
 from texloom.stages.vocabulary.progress import Progress, report
 
@@ -56,9 +57,11 @@ class ToneParams(Params):
     exemplar stays as it is"""
     min_drift: float = Field(4.0, ge=0, le=100)
     """minimum range of the drift that `auto` evens, CIELAB units"""
+    margins: Literal["leave_out", "use"] = "leave_out"
+    """whether plain margins and labels along the rim, see `plain_margins`, are excluded"""
     warn: bool = True
-    """warn that the exemplar was evened, was enlarged, or shows strong compression; false where the even image
-    serves only to find contours"""
+    """warn that the exemplar has margins, was evened, was enlarged, or shows strong compression; false where the
+    even image serves only to find contours"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,7 +69,8 @@ class Tone:
     """The exemplar without drift, and what was removed."""
 
     image: Image
-    """all maps of the exemplar, with even colour; bit-identical to the exemplar if nothing was evened"""
+    """all maps of the exemplar, with even colour; bit-identical to the exemplar if nothing was evened; with a
+    channel `usable`, 0 on margins and labels, where there are any"""
     tone: ToneField
     """the slow tone that was removed, relative to its mean; 0 if nothing was evened"""
     lightness: float
@@ -98,7 +102,7 @@ def outlines(params: ToneParams, known: Mapping[str, Any]) -> dict[str, Outline]
     return {} if image is None else {"image": Outline(image.height, image.width, image.channels)}
 
 
-@stage(version=2, check=check_image, outlines=outlines, seconds=(0.25, 0))
+@stage(version=3, check=check_image, outlines=outlines, seconds=(0.3, 0))
 def tone(image: Image, params: ToneParams) -> Tone:
     """Separate the drift of an exemplar's tone from its detail, so that distant parts fit together.
 
@@ -121,7 +125,8 @@ def tone(image: Image, params: ToneParams) -> Tone:
 
     Of a plain surface, without details, all that changes slowly is drift, see `plain_drift`.
 
-    Of an exemplar that was enlarged or strongly compressed it warns, see `flaws_of`.
+    Before that, plain margins and labels along the rim are excluded, see `plain_margins`, unless the exemplar says
+    that it continues across its border. Of one that was enlarged or strongly compressed it warns, see `flaws_of`.
 
     Parameters
     ----------
@@ -136,6 +141,8 @@ def tone(image: Image, params: ToneParams) -> Tone:
     ----------
     Ours. [HollandWelsch1977]_ for the robust fit, with Cauchy's weights; [Otsu1979]_ for the threshold.
     """
+    if params.margins == "leave_out" and not image.wraps:
+        image = _without_margins(image, params)
     if params.warn:
         for flaw in flaws_of(image):
             _LOG.warning("%s", flaw)
@@ -177,6 +184,21 @@ def tone(image: Image, params: ToneParams) -> Tone:
         lightness,
         chroma,
     )
+
+
+def _without_margins(image: Image, params: ToneParams) -> Image:
+    margins = plain_margins(image)
+    valid = valid_pixels(image)
+    if margins is None or (valid is not None and not (valid & margins).any()):
+        return image
+    if params.warn:
+        _LOG.warning(
+            "%.2g%% of the exemplar are a plain margin or a label along its rim, and are left out; "
+            "--set %s.margins=use uses all alike",
+            100 * float(margins.mean()),
+            OWN_STEP,
+        )
+    return with_usable(image, ~margins if valid is None else valid & ~margins)
 
 
 def _without(image: Image, drift: Float32[np.ndarray, "h w 3"], scale: float, params: ToneParams) -> Tone:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from pydantic import Field
 
+from texloom.stages.analysis.exemplars.plain_margins import inside_margins
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
 from texloom.stages.synthesis.optimisation.lattice_phase import steps_along
 from texloom.stages.vocabulary.arrays import Channels, Image, Vectors
@@ -33,7 +34,7 @@ class WholePeriodsParams(Params):
     """How much may be cut off."""
 
     keep_size: bool = False
-    """the picture stays as it is, whatever its periods"""
+    """the picture stays as it is, whatever its periods and margins"""
     most: float = Field(0.2, ge=0, le=0.5)
     """largest share of a side that is cut off"""
     scaled: float = Field(0.04, ge=0, le=0.2)
@@ -55,13 +56,15 @@ class WholePeriods:
     """the lattice of the part, whether its sides fit or not; no rows where it has none"""
 
 
-@stage(version=1)
+@stage(version=2)
 def whole_periods(image: Image, generators: Vectors, params: WholePeriodsParams) -> WholePeriods:
     """Cut a picture to whole periods of its lattice, so that its pattern can go on across its borders.
 
     A length fits if it is nearly a step of the lattice along its axis: then opposite borders show the same part of
     a cell. The longest one is taken, and the middle of the picture cut out. Straight lines at uneven distances have
     no period.
+
+    Plain margins around the picture are cut off first, see `plain_margins`.
 
     Where that would take more than a twentieth of a side, as where the lattice leans, the parallelogram of steps of
     the lattice that is nearest to the picture is resampled to a rectangle, if that changes scale and direction by
@@ -77,6 +80,8 @@ def whole_periods(image: Image, generators: Vectors, params: WholePeriodsParams)
     ----------
     Ours; [Liu2004]_ for tiles that are cells of a lattice.
     """
+    if not params.keep_size:
+        image = _without_margins(image)
     sides = (image.height, image.width)
     no_rows = np.zeros((0, 2), np.float32)
     if not len(generators) or _are_lines(generators, sides):
@@ -114,6 +119,19 @@ def whole_periods(image: Image, generators: Vectors, params: WholePeriodsParams)
     _LOG.warning("%s; --set keep_size=true keeps all of it", _told_of((height, width), sides))
     top, left = ((side - part) // 2 for side, part in zip(sides, known, strict=True))
     return WholePeriods(image.cropped(slice(top, top + height), slice(left, left + width)), generators, generators)
+
+
+def _without_margins(image: Image) -> Image:
+    rows, columns = inside_margins(image.color)
+    height, width = rows.stop - rows.start, columns.stop - columns.start
+    if (height, width) == (image.height, image.width):
+        return image
+    _LOG.warning(
+        "the picture has a plain margin, which was cut off: %s of %s are left; --set keep_size=true keeps it",
+        format_size((height, width)),
+        format_size((image.height, image.width)),
+    )
+    return image.cropped(rows, columns)
 
 
 def _told_of(part: tuple[int, int], sides: tuple[int, int]) -> str:

@@ -110,3 +110,14 @@ def test_too_much_is_not_cut_off(wall: Image, caplog: pytest.LogCaptureFixture) 
     assert kept.image is wall
     assert not len(kept.generators)
     assert "no 174 px of the picture are whole periods down" in caplog.text
+
+
+def test_a_plain_margin_is_cut_off(wall: Image, caplog: pytest.LogCaptureFixture) -> None:
+    framed = Image.of(np.pad(wall.pixels, ((12, 9), (0, 14), (0, 0)), constant_values=1.0))
+    cut = run(framed, []).image
+    assert (cut.height, cut.width) == (
+        wall.height - 4,
+        wall.width - 2,
+    )  # two beside each margin may be mixed with it
+    assert "plain margin" in caplog.text
+    assert run(framed, [], keep_size=True).image.pixels.shape == framed.pixels.shape
