@@ -1,6 +1,7 @@
 """Per-pixel synthesis on the CPU or on a GPU, with bit-identical results."""
 
 import os
+from functools import cache
 from importlib.util import find_spec
 from typing import Any, Literal, cast, get_args
 
@@ -59,15 +60,30 @@ def _asked_by(device: Device | None) -> str:
 
 def gpu_problem() -> str:
     """Why no GPU can be used; empty if one can."""
-    from numba import config, cuda
+    from numba import config
 
     if config.ENABLE_CUDASIM:
         return ""
     if find_spec("numba_cuda") is None:
         return "numba-cuda is not installed: pip install 'texloom[gpu]'"
-    if not cuda.is_available():
-        return "there is no CUDA GPU that this process can use"
+    try:
+        from numba import cuda
+
+        if not cuda.is_available():
+            return "there is no CUDA GPU that this process can use"
+        _launch_nothing()
+    except Exception as error:  # each library that is missing or too new raises its own
+        return f"CUDA does not work: {type(error).__name__}: {str(error).strip().partition(chr(10))[0]}"
     return ""
+
+
+@cache
+def _launch_nothing() -> None:
+    """Compile and start an empty kernel, which takes the compiler, all its libraries and the driver."""
+    from numba import cuda
+
+    cuda.jit(lambda: None)[128, 1]()
+    cuda.synchronize()
 
 
 def levels_on(device: Device | None, tables: Tables, style: Style, window: Rect, wrap: Wraps) -> Levels:

@@ -67,3 +67,11 @@ def test_the_device_is_chosen_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("numba.cuda.is_available", lambda: False)
     with pytest.raises(InputError, match="device: gpu, but there is no CUDA GPU that this process can use"):
         on_gpu("gpu")
+    monkeypatch.setattr("numba.cuda.is_available", _no_compiler)
+    with pytest.raises(InputError, match=r"device: gpu, but CUDA does not work: OSError: no libnvvm\.so$"):
+        on_gpu("gpu")
+    assert not on_gpu("auto")
+
+
+def _no_compiler() -> bool:
+    raise OSError("no libnvvm.so\nsearched in /usr/lib")
