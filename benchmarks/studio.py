@@ -29,6 +29,7 @@ import numpy as np
 
 from tests.studio.sockets import Page
 from texloom.pipelines.store import exr
+from texloom.pipelines.studio.built_page import BUILT
 from texloom.pipelines.studio.messages.message import Message
 from texloom.pipelines.studio.messages.recipes import PatchRecipe, PhotoRecipe, Recipe
 from texloom.pipelines.studio.messages.requests import (
@@ -39,7 +40,6 @@ from texloom.pipelines.studio.messages.requests import (
     PhotoRequest,
     PreviewRequest,
 )
-from texloom.pipelines.studio.page import BUILT
 from texloom.pipelines.studio.processes import PAUSE
 
 EXEMPLAR = "texloom:bricks"

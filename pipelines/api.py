@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from texloom.pipelines.media.arrays import PathOrArray, Picture, file_source, masked
+from texloom.pipelines.media.array_sources import PathOrArray, Picture, file_source, masked
 from texloom.pipelines.store.location import cache_store, default_store, shared_store
 from texloom.pipelines.store.store import Store
 from texloom.stages.vocabulary.arrays import Image, split_mask

@@ -13,10 +13,10 @@ import numpy as np
 
 from texloom.pipelines.errors import one_line, one_of
 from texloom.pipelines.flow.model import Flow, Reference
-from texloom.pipelines.media.arrays import Picture, kinds_of
+from texloom.pipelines.media.array_sources import Picture, kinds_of
 from texloom.pipelines.media.material_export import channels_of, codes_of, write_maps
 from texloom.pipelines.media.sources import Source
-from texloom.pipelines.media.writers.registry import WRITERS, WriteJob, write, writer_of
+from texloom.pipelines.media.writers.writer_registry import WRITERS, WriteJob, write, writer_of
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.png_file import png, with_facts
 from texloom.pipelines.store.store import Artifact, Store

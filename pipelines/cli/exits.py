@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 from enum import IntEnum
 
-from texloom.pipelines.interruption import interruption_of
+from texloom.pipelines.interruption_cause import interruption_of
 from texloom.stages.vocabulary.interruption import Interruption
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)

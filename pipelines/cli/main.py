@@ -11,15 +11,15 @@ from typing import Any
 
 import click
 
-from texloom.pipelines.cli.catalogue import check_stage, flows, stages
-from texloom.pipelines.cli.compare import compare
+from texloom.pipelines.cli.catalogue_commands import check_stage, flows, stages
+from texloom.pipelines.cli.compare_command import compare
 from texloom.pipelines.cli.exits import ENDING_SIGNALS, Exit, end_in_order, ended_by
 from texloom.pipelines.cli.options import json_option, memory_option, store_option
 from texloom.pipelines.cli.output import complain, print_json, text_stream
-from texloom.pipelines.cli.run import WhichFlowError, commands, plan, run
+from texloom.pipelines.cli.run_commands import WhichFlowError, commands, plan, run
 from texloom.pipelines.cli.show import show
-from texloom.pipelines.cli.store import store
-from texloom.pipelines.interruption import interruption_of
+from texloom.pipelines.cli.store_commands import store
+from texloom.pipelines.interruption_cause import interruption_of
 
 _WHICH_FLOW = """\
 texloom: which flow? For a larger texture of one picture:

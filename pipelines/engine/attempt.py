@@ -18,8 +18,8 @@ from typing import TypeVar
 
 from texloom.pipelines.engine.chosen_steps import may_refuse
 from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, Shared, State, StepReport, warning_of
-from texloom.pipelines.engine.executors.choice import executor_of
 from texloom.pipelines.engine.executors.executor import Executor, Outcome, StepTask
+from texloom.pipelines.engine.executors.executor_choice import executor_of
 from texloom.pipelines.engine.exporter import Exporter
 from texloom.pipelines.engine.keys import KeyParts
 from texloom.pipelines.engine.run import Run, StepFailedError

@@ -12,7 +12,7 @@ from texloom.pipelines.errors import refused
 from texloom.pipelines.flow.items import MOST_NAMES, own_names
 from texloom.pipelines.flow.model import Each, Flow, Reference
 from texloom.pipelines.flow.source_files import is_pattern
-from texloom.pipelines.media.writers.registry import writer_of
+from texloom.pipelines.media.writers.writer_registry import writer_of
 from texloom.pipelines.store.types import Hint
 from texloom.stages.vocabulary.arrays import Image
 

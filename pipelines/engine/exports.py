@@ -25,8 +25,8 @@ from texloom.pipelines.engine.keys import canonical_json
 from texloom.pipelines.media.delivery import AS_IS, SAME, Delivery
 from texloom.pipelines.media.material_maps import Map
 from texloom.pipelines.media.stack import ROLE
-from texloom.pipelines.media.writers import registry
-from texloom.pipelines.media.writers.registry import WriteJob
+from texloom.pipelines.media.writers import writer_registry
+from texloom.pipelines.media.writers.writer_registry import WriteJob
 from texloom.pipelines.store import written
 from texloom.pipelines.store.atomic import file_digest
 from texloom.pipelines.store.history import file_state
@@ -83,7 +83,7 @@ class Export:
             return _LAYOUTS if self.delivery.layout else _FRAMES if is_stack else _MAPS
         if self.is_deep:
             return _MAPS
-        writer = registry.writer_of(self.path.name)
+        writer = writer_registry.writer_of(self.path.name)
         return "" if writer is None else writer.full_module
 
     @property
@@ -93,13 +93,13 @@ class Export:
             return "/"
         if self.companions or self.path.suffix == ".glb":  # they hold their names
             return self.path.name
-        writer = registry.writer_of(self.path.name)
+        writer = writer_registry.writer_of(self.path.name)
         return self.path.suffix if writer is None else writer.suffix
 
     @property
     def companions(self) -> Path | None:
         """The folder of its other files, where it has some."""
-        writer = None if self.is_folder else registry.writer_of(self.path.name)
+        writer = None if self.is_folder else writer_registry.writer_of(self.path.name)
         if writer is None or not writer.companions:
             return None
         return self.path.with_name(self.path.name.removesuffix(writer.suffix) + writer.companions)
@@ -215,7 +215,9 @@ class Export:
 
             files = {"": write_deep_png(value, self.path, provenance)}
         else:
-            files = registry.write(WriteJob(self.path, value, hint, provenance, self.delivery, mesh, self.bits))
+            files = writer_registry.write(
+                WriteJob(self.path, value, hint, provenance, self.delivery, mesh, self.bits)
+            )
         self._note_below(store.root / "runs", files, store)
         # Without a note it is written again next time, no more. The temporary file is in a small folder, which the
         # end of each run looks through.

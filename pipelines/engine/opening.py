@@ -7,9 +7,9 @@ from pathlib import Path
 from texloom.pipelines.engine.destination import placed
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.flow.command_list import only_item
-from texloom.pipelines.flow.contact_sheet import open_flow
 from texloom.pipelines.flow.loader import find_flow
 from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.flow.seed_sheet import open_flow
 from texloom.pipelines.request import RunRequest
 from texloom.pipelines.store.location import default_store, shared_store
 from texloom.pipelines.store.store import Store

@@ -14,7 +14,7 @@ from statistics import fmean
 from typing import Any, NamedTuple
 
 from texloom.pipelines.byte_size import format_byte_size
-from texloom.pipelines.engine.executors.choice import worker_count
+from texloom.pipelines.engine.executors.executor_choice import worker_count
 from texloom.pipelines.engine.footprint import (
     Footprint,
     describe_seconds,

@@ -16,7 +16,7 @@ from texloom.pipelines.engine.input_files import FilesRead
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.flow.runner import check_environment, require_installed
-from texloom.pipelines.media.writers.registry import writer_of
+from texloom.pipelines.media.writers.writer_registry import writer_of
 from texloom.pipelines.store.atomic import check_folder, free_space, too_long
 from texloom.pipelines.store.history import file_state
 from texloom.stages.vocabulary.declare import InputError

@@ -18,7 +18,7 @@ from texloom.pipelines.engine.code_digest import code_digest
 from texloom.pipelines.engine.footprint import Footprint, expectation, footprint
 from texloom.pipelines.engine.keys import KeyParts, canonical_json, fixed_parts, key_parts
 from texloom.pipelines.engine.scope import Scope, used_sources
-from texloom.pipelines.engine.task import Given, Output, TaskSpec, Upstream
+from texloom.pipelines.engine.task_spec import Given, Output, TaskSpec, Upstream
 from texloom.pipelines.errors import closest, format_error, is_resource_error, one_line
 from texloom.pipelines.flow.items import Item, items_of
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step

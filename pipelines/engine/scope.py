@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from texloom.pipelines.engine.events import label
-from texloom.pipelines.engine.task import Inputs, Output
+from texloom.pipelines.engine.task_spec import Inputs, Output
 from texloom.pipelines.errors import one_line
 from texloom.pipelines.flow.items import Item
 from texloom.pipelines.flow.model import Each, Flow, Reference, Step

@@ -13,7 +13,7 @@ from texloom.pipelines.flow.gone import INPUTS, OUTPUTS
 from texloom.pipelines.flow.model import Reference
 from texloom.pipelines.flow.presence import Alternatives, Presence, Taker
 from texloom.pipelines.flow.schema import SETS, WRITTEN, FolderPart
-from texloom.pipelines.media.writers.registry import MODELS, writer_of
+from texloom.pipelines.media.writers.writer_registry import MODELS, writer_of
 from texloom.pipelines.store.types import TEXT_NAMES, Hint
 from texloom.stages.vocabulary.arrays import Image, Mesh
 from texloom.stages.vocabulary.declare import Stage

@@ -32,7 +32,7 @@ from texloom.pipelines.flow.step_order import in_order, scoped_steps
 from texloom.pipelines.flow.step_params import StepParams, document_params
 from texloom.pipelines.media.delivery import Delivery, Fail, of_option, parse_delivery
 from texloom.pipelines.media.part import WHOLE, Part, parse_part
-from texloom.pipelines.media.writers.registry import MODELS, writer_of
+from texloom.pipelines.media.writers.writer_registry import MODELS, writer_of
 from texloom.pipelines.yaml import parse_yaml, read_document
 from texloom.stages.lookup.registry import find_stage, stage_names
 from texloom.stages.vocabulary.arrays import Image

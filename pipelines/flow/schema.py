@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from texloom.pipelines.errors import hint, refused, shown
 from texloom.pipelines.flow.shipped import GROUPS
-from texloom.pipelines.media.writers.registry import SUFFIXES
+from texloom.pipelines.media.writers.writer_registry import SUFFIXES
 
 NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")
 EXPORT = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,127}}({'|'.join(map(re.escape, SUFFIXES))}|/)")

@@ -37,7 +37,7 @@ from texloom.pipelines.store import exr
 from texloom.pipelines.store.atomic import atomic_path, file_digest, write_atomically
 from texloom.pipelines.store.capture import capture_output
 from texloom.pipelines.store.outputs import Array, PlaneLayout, outputs_of, prepared
-from texloom.pipelines.store.page import with_run
+from texloom.pipelines.store.page_facts import with_run
 from texloom.pipelines.store.png_file import length_of, png, write_png
 from texloom.pipelines.store.preview import picture
 from texloom.pipelines.store.types import Hint, hints_of

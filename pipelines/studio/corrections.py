@@ -16,8 +16,8 @@ from texloom.pipelines.studio.messages.answers import AlternativePicture
 from texloom.pipelines.studio.messages.requests import AlternativesRequest
 from texloom.pipelines.studio.messages.runs import BadPlace, Insight
 from texloom.pipelines.studio.offers import OFFERS
-from texloom.pipelines.studio.pixels import rgba
-from texloom.pipelines.studio.recipes import image_of, open_recipe, open_texture
+from texloom.pipelines.studio.page_images import rgba
+from texloom.pipelines.studio.recipe_flows import image_of, open_recipe, open_texture
 from texloom.pipelines.studio.work import InsightWork, Places, library_of
 from texloom.stages.common.source_maps.places import worst_places
 from texloom.stages.synthesis.edits.revise import marked_pixels

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store.png_file import png
-from texloom.pipelines.studio.pixels import small
+from texloom.pipelines.studio.page_images import small
 from texloom.pipelines.studio.work import Encoded, KeepWork, Kept, PictureWork, Places, library_of
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from texloom.pipelines import api
 from texloom.pipelines.engine.run import StepFailedError
 from texloom.pipelines.errors import one_line
-from texloom.pipelines.media.arrays import Picture
+from texloom.pipelines.media.array_sources import Picture
 from texloom.pipelines.media.conventions import COLORS
 from texloom.pipelines.media.map_names import recognised
 from texloom.pipelines.results import main_result
+from texloom.pipelines.studio.full_size_runs import Reporter
 from texloom.pipelines.studio.messages.hosts import Maps, OnePicture, PixelFormat, ResultMap, space_of
-from texloom.pipelines.studio.runs import Reporter
 from texloom.pipelines.studio.work import HostRan, HostWork, Places, Received
 from texloom.stages.vocabulary.declare import InputError
 

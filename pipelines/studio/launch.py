@@ -22,9 +22,9 @@ from texloom.pipelines.flow.runner import check_environment
 from texloom.pipelines.store.location import passed_over
 from texloom.pipelines.store.ownership import keeps_no_key
 from texloom.pipelines.store.store import Store
-from texloom.pipelines.studio.hosts import host_application
+from texloom.pipelines.studio.built_page import check_page
+from texloom.pipelines.studio.host_server import host_application
 from texloom.pipelines.studio.messages.hosts import PROTOCOL
-from texloom.pipelines.studio.page import check_page
 from texloom.pipelines.studio.projects.files import ProjectFiles
 from texloom.pipelines.studio.security import Codes, Guard, leading_to
 from texloom.pipelines.studio.server import application

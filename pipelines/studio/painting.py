@@ -11,14 +11,14 @@ from texloom.pipelines.engine.events import Event, StepProgress, StepStarted
 from texloom.pipelines.engine.keys import generator
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
-from texloom.pipelines.media.arrays import file_source
+from texloom.pipelines.media.array_sources import file_source
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages.answers import PaintOpened, PaintPicture, PaintProgress
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.requests import PaintDabRequest, PaintOpenRequest
-from texloom.pipelines.studio.recipes import open_recipe, output_of, steps_alone, upstream_of
+from texloom.pipelines.studio.recipe_flows import open_recipe, output_of, steps_alone, upstream_of
 from texloom.pipelines.studio.work import Places, library_of
 from texloom.stages.analysis.similarity.appearance_stack import AppearanceStack
 from texloom.stages.interactive.canvas import Canvas, Rect

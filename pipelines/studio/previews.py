@@ -23,8 +23,8 @@ from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.requests import PreviewRequest
 from texloom.pipelines.studio.offer import Offer
 from texloom.pipelines.studio.offers import OFFERS, WAY
-from texloom.pipelines.studio.pixels import rgba
-from texloom.pipelines.studio.recipes import (
+from texloom.pipelines.studio.page_images import rgba
+from texloom.pipelines.studio.recipe_flows import (
     image_of,
     open_recipe,
     open_texture,
@@ -32,7 +32,7 @@ from texloom.pipelines.studio.recipes import (
     steps_alone,
     upstream_of,
 )
-from texloom.pipelines.studio.reduced import Reducer, Reduction, reduced_document, reduced_lengths
+from texloom.pipelines.studio.reduced_recipes import Reducer, Reduction, reduced_document, reduced_lengths
 from texloom.pipelines.studio.work import Places
 from texloom.stages.vocabulary.arrays import Image
 

@@ -11,7 +11,7 @@ from multiprocessing.connection import Connection
 
 from texloom.pipelines.studio.messages.message import packed, unpacked
 from texloom.pipelines.studio.work import Ended, Places, Work
-from texloom.pipelines.studio.worker import CANCEL, serve
+from texloom.pipelines.studio.work_loop import CANCEL, serve
 from texloom.stages.vocabulary.declare import InputError
 
 _PATIENCE = 15.0

@@ -23,14 +23,14 @@ from fastapi.staticfiles import StaticFiles
 from texloom.pipelines.flow.shipped import flow_catalogue
 from texloom.pipelines.media.delivery import LAYOUTS
 from texloom.pipelines.media.meshes import SUFFIXES
-from texloom.pipelines.studio import history, methods, recipes, work
+from texloom.pipelines.studio import methods, past_runs, recipe_flows, work
+from texloom.pipelines.studio.built_page import BUILT
 from texloom.pipelines.studio.library import MOST_BYTES, PAGE, safe_name
 from texloom.pipelines.studio.listing import PictureSorting
 from texloom.pipelines.studio.messages.catalogue import Picture, PicturePage, Problem, Start
 from texloom.pipelines.studio.messages.message import unpacked
 from texloom.pipelines.studio.messages.recipes import KeptPhoto, PhotoRecipe, Recipe
 from texloom.pipelines.studio.messages.runs import Described, ExrContents, FlowEntry, Job, PastRuns, PastStep
-from texloom.pipelines.studio.page import BUILT
 from texloom.pipelines.studio.projects.files import ProjectFiles
 from texloom.pipelines.studio.projects.routes import add_project
 from texloom.pipelines.studio.security import Codes, Guard
@@ -213,13 +213,15 @@ def _add_recipes(app: FastAPI, studio: Studio) -> None:
 
     @app.post("/api/described")
     def describe(recipe: Recipe) -> Described:
-        return recipes.described(recipe, recipes.open_recipe(recipe, studio.library, studio.store), studio.library)
+        return recipe_flows.described(
+            recipe, recipe_flows.open_recipe(recipe, studio.library, studio.store), studio.library
+        )
 
 
 def _add_jobs(app: FastAPI, studio: Studio) -> None:
     @app.post("/api/jobs")
     async def add(recipe: Recipe, material: str = "", parent: str = "", delivers: str = "") -> Job:
-        open_recipe = recipes.open_recipe
+        open_recipe = recipe_flows.open_recipe
         await anyio.to_thread.run_sync(open_recipe, recipe, studio.library, studio.store)
         if delivers:
             _known(studio, delivers)
@@ -274,11 +276,11 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
 
     @app.get("/api/runs")
     def runs() -> PastRuns:
-        return history.past_runs(root)
+        return past_runs.past_runs(root)
 
     @app.get("/api/runs/{run}")
     def steps(run: str) -> list[PastStep]:
-        return history.steps_of(root, run)
+        return past_runs.steps_of(root, run)
 
     @app.get("/api/flows")
     def flows() -> list[FlowEntry]:
@@ -286,7 +288,7 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
 
     @app.get("/api/results/{key}/{file}")
     def result(key: str, file: str) -> FileResponse:
-        return FileResponse(history.artifact_file(root, key, file))
+        return FileResponse(past_runs.artifact_file(root, key, file))
 
     @app.get("/api/layers")
     async def layers(item: str) -> ExrContents:
@@ -327,7 +329,7 @@ def _exr(studio: Studio, item: str) -> Path:
         job, _, file = name.partition(":")
         return _exports(studio, job, file) / file
     if kind == "result":
-        return history.artifact_file(studio.store.root, name, "result.exr")
+        return past_runs.artifact_file(studio.store.root, name, "result.exr")
     return Path(studio.library.reference(item))
 
 

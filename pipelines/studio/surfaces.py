@@ -10,7 +10,7 @@ import numpy as np
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.messages.recipes import Recipe
-from texloom.pipelines.studio.recipes import open_recipe, output_of, steps_alone, upstream_of
+from texloom.pipelines.studio.recipe_flows import open_recipe, output_of, steps_alone, upstream_of
 from texloom.pipelines.studio.work import Meshed, MeshWork, Places, library_of
 
 FLOW = "on_mesh"

@@ -12,7 +12,7 @@ from jaxtyping import Float32, UInt8
 from texloom.pipelines.media.material_set import holds_maps
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store.png_file import png
-from texloom.pipelines.studio.pixels import small
+from texloom.pipelines.studio.page_images import small
 from texloom.pipelines.studio.work import Encoded, ThumbnailWork
 from texloom.stages.evaluation.lit_preview import LitPreviewParams, light_directions, lit
 from texloom.stages.vocabulary.arrays import Image

@@ -1,4 +1,4 @@
-"""What a worker process is asked to do, as messages; see `texloom.pipelines.studio.worker`."""
+"""What a worker process is asked to do, as messages; see `texloom.pipelines.studio.work_loop`."""
 
 from __future__ import annotations
 

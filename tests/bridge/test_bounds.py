@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from texloom.pipelines.studio import hosts
-from texloom.pipelines.studio.hosts import HostRuns
+from texloom.pipelines.studio import host_server
+from texloom.pipelines.studio.host_server import HostRuns
 from texloom.pipelines.studio.messages.hosts import OnePicture, PixelFormat, Submitted
 from texloom.pipelines.studio.work import Places
 from texloom.stages.vocabulary.declare import InputError
@@ -16,9 +16,9 @@ from texloom.stages.vocabulary.declare import InputError
 
 @pytest.fixture
 def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> HostRuns:
-    monkeypatch.setattr(hosts, "MOST_KEPT", 3)
-    monkeypatch.setattr(hosts, "MOST_KEPT_BYTES", 100)
-    monkeypatch.setattr(hosts, "MOST_WAITING_BYTES", 150)
+    monkeypatch.setattr(host_server, "MOST_KEPT", 3)
+    monkeypatch.setattr(host_server, "MOST_KEPT_BYTES", 100)
+    monkeypatch.setattr(host_server, "MOST_WAITING_BYTES", 150)
     return HostRuns(Places(folder=str(tmp_path), store=str(tmp_path), scratch=str(tmp_path)))
 
 

@@ -28,7 +28,7 @@ from texloom.pipelines.engine.run import Run
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.media.sources import open_mesh, open_source
-from texloom.pipelines.media.writers.registry import WriteJob, write
+from texloom.pipelines.media.writers.writer_registry import WriteJob, write
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.store import Store
 from texloom.stages.analysis.surfaces.surface_charts import SurfaceChartsParams, surface_charts

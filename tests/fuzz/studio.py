@@ -15,7 +15,7 @@ import numpy as np
 import PIL.Image
 
 from tests.fuzz.mutations import mutated, mutated_text
-from texloom.pipelines.studio import reduced
+from texloom.pipelines.studio import reduced_recipes
 from texloom.pipelines.studio.lattices import Lattices
 from texloom.pipelines.studio.messages.message import unpacked
 from texloom.pipelines.studio.messages.requests import (
@@ -30,7 +30,7 @@ from texloom.pipelines.studio.messages.requests import (
 from texloom.pipelines.studio.painting import Painter
 from texloom.pipelines.studio.photographs import Photographer
 from texloom.pipelines.studio.previews import Previewer
-from texloom.pipelines.studio.recipes import open_recipe
+from texloom.pipelines.studio.recipe_flows import open_recipe
 from texloom.pipelines.studio.work import Places
 from texloom.stages.vocabulary.declare import InputError
 
@@ -95,7 +95,7 @@ class _Workers:
             raise InputError("not a message of the studio") from None
         match request:
             case PreviewRequest():
-                with patch.object(reduced, "_LARGEST_RESULT", _SIDE):
+                with patch.object(reduced_recipes, "_LARGEST_RESULT", _SIDE):
                     self.previewer.make(request, bytes(payload), _go_on, _send)
             case AlternativesRequest():
                 open_recipe(request.recipe, self.previewer.library, self.previewer.store).plan()

@@ -22,7 +22,7 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.printed import next_line
-from texloom.pipelines.studio.page import BUILT
+from texloom.pipelines.studio.built_page import BUILT
 
 TEXLOOM = (sys.executable, "-m", "texloom")
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / ".import")}

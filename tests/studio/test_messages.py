@@ -11,7 +11,7 @@ from texloom.pipelines.studio.messages.answers import PreviewFailed
 from texloom.pipelines.studio.messages.message import packed, unpacked
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.requests import PaintOpenRequest
-from texloom.pipelines.studio.recipes import overrides_of
+from texloom.pipelines.studio.recipe_flows import overrides_of
 from texloom.pipelines.studio.typescript import FILE, types
 from texloom.stages.vocabulary.declare import InputError
 

@@ -6,9 +6,9 @@ import json
 
 import pytest
 
-from texloom.pipelines.flow.contact_sheet import open_flow
 from texloom.pipelines.flow.loader import find_flow
 from texloom.pipelines.flow.model import Flow, Overrides
+from texloom.pipelines.flow.seed_sheet import open_flow
 from texloom.pipelines.studio.messages.catalogue import Method
 from texloom.pipelines.studio.methods import methods
 from texloom.pipelines.studio.offers import OFFERS

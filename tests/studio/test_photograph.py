@@ -18,7 +18,7 @@ from texloom.pipelines.studio.messages.message import Message
 from texloom.pipelines.studio.messages.recipes import BrushRecipe, PatchRecipe, PhotoRecipe, Recipe
 from texloom.pipelines.studio.messages.requests import PhotoRequest
 from texloom.pipelines.studio.photographs import Photographer, keep
-from texloom.pipelines.studio.recipes import described, open_recipe
+from texloom.pipelines.studio.recipe_flows import described, open_recipe
 from texloom.pipelines.studio.work import KeepPhotoWork, Places
 
 CORNERS = ((500, 7), (10, 70), (10, 365), (500, 427))

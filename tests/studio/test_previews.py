@@ -15,7 +15,7 @@ from texloom.pipelines.studio.messages.answers import PreviewPicture
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.requests import PreviewRequest, PreviewStopRequest
 from texloom.pipelines.studio.previews import Previewer
-from texloom.pipelines.studio.reduced import Reduction
+from texloom.pipelines.studio.reduced_recipes import Reduction
 from texloom.pipelines.studio.work import Places
 
 EXEMPLAR, RESULT = (512, 512), (1024, 1024)

@@ -33,7 +33,7 @@ from texloom.pipelines.studio.messages.message import numbered, packed
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.requests import PreviewRequest
 from texloom.pipelines.studio.work import PictureWork, Places, RunWork
-from texloom.pipelines.studio.worker import WorkLoop
+from texloom.pipelines.studio.work_loop import WorkLoop
 from texloom.stages.vocabulary.declare import InputError
 
 RECIPE = {

@@ -21,7 +21,7 @@ from texloom.pipelines.studio.messages.answers import PreviewPicture
 from texloom.pipelines.studio.messages.recipes import MOST_PICTURES, Recipe
 from texloom.pipelines.studio.messages.requests import PreviewRequest
 from texloom.pipelines.studio.previews import Previewer
-from texloom.pipelines.studio.recipes import described, open_recipe, overrides_of
+from texloom.pipelines.studio.recipe_flows import described, open_recipe, overrides_of
 from texloom.pipelines.studio.work import Places
 from texloom.stages.vocabulary.declare import InputError
 

@@ -11,7 +11,7 @@ import PIL.PngImagePlugin
 import pytest
 
 from tests.synthetic import identity, picture, smooth_noise
-from texloom.pipelines.media.arrays import file_source
+from texloom.pipelines.media.array_sources import file_source
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store import codec
 from texloom.stages.lookup.registry import find_stage, shipped_stages

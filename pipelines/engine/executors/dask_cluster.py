@@ -20,7 +20,7 @@ from texloom.pipelines.engine.executors.dask_events import EventReceiver, comput
 from texloom.pipelines.engine.executors.executor import Executor, Outcome, StepTask
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.errors import NoWorkersError, one_line
-from texloom.pipelines.interruption import interruption_of
+from texloom.pipelines.interruption_cause import interruption_of
 from texloom.pipelines.store.result_files import program_version
 from texloom.stages.vocabulary.declare import InputError
 

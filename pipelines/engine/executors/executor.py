@@ -9,7 +9,7 @@ from typing import Any
 
 from texloom.pipelines.engine.events import Event
 from texloom.pipelines.engine.scope import ScopeInputs
-from texloom.pipelines.engine.task import TaskSpec
+from texloom.pipelines.engine.task_spec import TaskSpec
 from texloom.stages.vocabulary.declare import Stage
 from texloom.stages.vocabulary.interruption import Interruption
 

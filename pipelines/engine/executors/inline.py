@@ -11,8 +11,8 @@ from concurrent.futures import ThreadPoolExecutor
 from texloom.pipelines.engine import signals
 from texloom.pipelines.engine.events import Event, Shared, StepStarted
 from texloom.pipelines.engine.executors.executor import Executor, Outcome, StepTask
-from texloom.pipelines.engine.task import run_task
-from texloom.pipelines.interruption import interruption_of
+from texloom.pipelines.engine.task_spec import run_task
+from texloom.pipelines.interruption_cause import interruption_of
 from texloom.pipelines.store.exchange import exchange_of
 from texloom.pipelines.store.keep import keep_record
 from texloom.pipelines.store.store import Store

@@ -12,7 +12,7 @@ from typing import Any
 
 from texloom.pipelines.engine.events import Event, Listener, Note, Shared, StepProgress, StepStarted
 from texloom.pipelines.engine.executors.executor import Outcome, StepTask
-from texloom.pipelines.engine.task import Inputs, TaskSpec, check_same, run_task
+from texloom.pipelines.engine.task_spec import Inputs, TaskSpec, check_same, run_task
 from texloom.pipelines.errors import format_error, is_resource_error, one_line
 from texloom.pipelines.media.sources import SourceError
 from texloom.pipelines.store.atomic import probe_folder

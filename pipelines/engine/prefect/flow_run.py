@@ -33,7 +33,7 @@ from texloom.pipelines.engine.prefect.scores import show_scores
 from texloom.pipelines.engine.prefect.task_runs import TaskRuns
 from texloom.pipelines.engine.preflight import Preflight
 from texloom.pipelines.engine.run import Run
-from texloom.pipelines.flow.compare import comparison_flow
+from texloom.pipelines.flow.comparison import comparison_flow
 from texloom.pipelines.flow.model import Each, Flow, Overrides
 from texloom.pipelines.flow.source_files import is_pattern
 from texloom.pipelines.flow.step_params import document_params

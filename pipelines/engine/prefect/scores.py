@@ -10,7 +10,7 @@ from prefect.artifacts import create_table_artifact
 
 from texloom.pipelines.engine.prefect.task_runs import artifact_key
 from texloom.pipelines.engine.run import Run
-from texloom.pipelines.engine.task import Inputs, Output
+from texloom.pipelines.engine.task_spec import Inputs, Output
 from texloom.pipelines.store.result_files import BrokenArtifactError
 from texloom.pipelines.store.types import hints_of
 

@@ -7,7 +7,7 @@ import hashlib
 import numpy as np
 
 from texloom.pipelines.media.writers.encodings import encoded
-from texloom.pipelines.media.writers.registry import WriteJob
+from texloom.pipelines.media.writers.writer_registry import WriteJob
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.outputs import prepared
@@ -17,7 +17,7 @@ from texloom.stages.vocabulary.arrays import Image
 
 
 def write(job: WriteJob) -> dict[str, str]:
-    """See `texloom.pipelines.media.writers.registry.write`."""
+    """See `texloom.pipelines.media.writers.writer_registry.write`."""
     if isinstance(job.value, Image):
         raise ArtifactError(f"{job.path}: an image is colour; export it as .png")
     planes = prepared(job.value, Hint.of(job.hint)).planes()

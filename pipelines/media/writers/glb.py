@@ -15,7 +15,7 @@ from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import with_unit_normals
 from texloom.pipelines.media.relief import relief_of
 from texloom.pipelines.media.writers.layouts import levels_of, material_name, parts_of, with_bits
-from texloom.pipelines.media.writers.registry import WriteJob
+from texloom.pipelines.media.writers.writer_registry import WriteJob
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.png_file import png
@@ -33,7 +33,7 @@ _CUTOFF = 0.5
 
 
 def write(job: WriteJob) -> dict[str, str]:
-    """See `texloom.pipelines.media.writers.registry.write`."""
+    """See `texloom.pipelines.media.writers.writer_registry.write`."""
     image = with_unit_normals(job.value, 8)
     try:
         content = binary(material_name(job.path.stem), image, job.delivery, job.mesh, job.bits)

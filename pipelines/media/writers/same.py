@@ -180,8 +180,8 @@ def _write(
         part = Image(piece.astype(np.float32), first.file_channels, wraps)
         return codec.export(part, Image, path, provenance, delivery.exr_attributes(first.role in COLORS))
     elif suffix == ".tx":
-        from texloom.pipelines.media.writers.registry import writer_of
         from texloom.pipelines.media.writers.tx import write_texture
+        from texloom.pipelines.media.writers.writer_registry import writer_of
 
         if (writer := writer_of(path.name)) is not None:
             writer.check_installed(str(path))

@@ -16,7 +16,7 @@ import numpy as np
 
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import channels_of
-from texloom.pipelines.media.writers.registry import WriteJob
+from texloom.pipelines.media.writers.writer_registry import WriteJob
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.atomic import atomic_path, file_digest, owned_file
 from texloom.pipelines.store.codec import ArtifactError
@@ -35,7 +35,7 @@ _SLOPES = ("b0_h", "b1_dhds", "b2_dhdt", "b3_dhds2", "b4_dhdt2", "b5_dh2dsdt")
 
 
 def write(job: WriteJob) -> dict[str, str]:
-    """See `texloom.pipelines.media.writers.registry.write`."""
+    """See `texloom.pipelines.media.writers.writer_registry.write`."""
     slopes = job.path.name.endswith(".slopes.tx")
     if not isinstance(job.value, Image):
         planes = prepared(job.value, Hint.of(job.hint)).planes()

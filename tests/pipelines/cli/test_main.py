@@ -30,7 +30,7 @@ from tests.pipelines.flows import environment, write_set
 from tests.pipelines.pictures import png
 from texloom.pipelines import api
 from texloom.pipelines.cli import main as cli
-from texloom.pipelines.cli import run as cli_run
+from texloom.pipelines.cli import run_commands
 from texloom.pipelines.engine import keys as fingerprint
 from texloom.pipelines.flow.shipped import GROUPS, flow_catalogue, shipped_flows
 from texloom.pipelines.store import codec
@@ -1232,7 +1232,7 @@ def test_stopped_while_a_class_is_defined(
         def __set_name__(self, owner: type, name: str) -> None:
             stop()
 
-    monkeypatch.setattr(cli_run, "_open", lambda *_, **__: type("Defined", (), {"attribute": Attribute()}))
+    monkeypatch.setattr(run_commands, "_open", lambda *_, **__: type("Defined", (), {"attribute": Attribute()}))
     result = texloom("run", "flow.yaml")
     assert (result.code, result.err.strip()) == (code, f"texloom: {word}")
 
@@ -1264,7 +1264,7 @@ def test_stopped_in_a_library(
 def test_stopped_before_the_first_step(
     folder: Path, monkeypatch: pytest.MonkeyPatch, command: str, stop: Callable[[], None], code: int, word: str
 ) -> None:
-    monkeypatch.setattr(cli_run, "_open", lambda *_, **__: stop())
+    monkeypatch.setattr(run_commands, "_open", lambda *_, **__: stop())
     before = tree(folder)
     result = texloom(command, "flow.yaml")
     assert (result.code, result.err.strip()) == (code, f"texloom: {word}")
@@ -1303,7 +1303,7 @@ def test_standard_output_that_is_full(unbuffered: str, empty: Path) -> None:
 
 def test_program_errors_are_raised(monkeypatch: pytest.MonkeyPatch) -> None:
     """A wrong request is an `InputError`; any other `ValueError` is a mistake in the program."""
-    monkeypatch.setattr(cli_run, "_open", lambda *_, **__: raising(ValueError("mistake"))())
+    monkeypatch.setattr(run_commands, "_open", lambda *_, **__: raising(ValueError("mistake"))())
     monkeypatch.setattr(sys, "argv", ["texloom", "plan", "self_tuning"])
     with pytest.raises(ValueError, match=r"^mistake$"):
         cli.main()
@@ -1758,7 +1758,7 @@ def test_a_word_after_tileable_is_its_value_unless_it_is_a_file(
     monkeypatch.chdir(tmp_path)
 
     def parsed(*words: str) -> tuple[str, tuple[str, ...]]:
-        params = cli_run.run.make_context("run", ["quilting", *words]).params
+        params = run_commands.run.make_context("run", ["quilting", *words]).params
         return params["tileable"], tuple(params["pictures"])
 
     assert parsed("--tileable", "x") == parsed("--tileable=x") == ("x", ())

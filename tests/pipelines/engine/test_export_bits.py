@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tests.pipelines.flows import open_run, run_local
-from texloom.pipelines.media.arrays import file_source
+from texloom.pipelines.media.array_sources import file_source
 from texloom.pipelines.media.material_export import write_maps
-from texloom.pipelines.media.writers.registry import WriteJob, write
+from texloom.pipelines.media.writers.writer_registry import WriteJob, write
 from texloom.pipelines.store import codec
 from texloom.stages.vocabulary.arrays import Image
 

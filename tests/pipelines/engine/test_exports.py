@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from tests.pipelines.flows import Events, files, open_run, paint, run_local, write_flow, write_set
-from texloom.pipelines.engine import exports, task
+from texloom.pipelines.engine import exports, task_spec
 from texloom.pipelines.engine.code_digest import imports
 from texloom.pipelines.engine.preflight import Preflight
 from texloom.pipelines.engine.run import Run
@@ -374,7 +374,7 @@ def test_what_a_step_warned_of_is_not_in_its_exports(tmp_path: Path, monkeypatch
         return call_stage(*arguments)
 
     for out in ("plain", "warned"):
-        monkeypatch.setattr(task, "call_stage", call_stage if out == "plain" else warned)
+        monkeypatch.setattr(task_spec, "call_stage", call_stage if out == "plain" else warned)
         run = open_run(write_flow(tmp_path / out))
         told = run_local(run, tmp_path / out / "out").notes
         assert bool(told) == (out == "warned")

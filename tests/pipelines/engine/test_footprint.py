@@ -9,7 +9,7 @@ import pytest
 
 from texloom.pipelines import memory
 from texloom.pipelines.engine import footprint, preflight
-from texloom.pipelines.engine.executors import choice
+from texloom.pipelines.engine.executors import executor_choice
 from texloom.pipelines.engine.opening import open_run
 from texloom.pipelines.engine.preflight import Preflight
 from texloom.pipelines.engine.run import Run
@@ -107,9 +107,9 @@ def test_what_a_large_exemplar_takes_is_told_before_it_runs(tmp_path: Path) -> N
 
 
 def test_steps_of_a_large_exemplar_follow_one_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(choice, "thread_count", lambda: 4)
+    monkeypatch.setattr(executor_choice, "thread_count", lambda: 4)
     monkeypatch.setenv(memory.VARIABLE, "16GB")
     small, large = (picture(tmp_path / f"{side}.png", side) for side in (512, 3000))
     store = tmp_path / "store"
-    assert choice.executor_of(opened("self_tuning", 1024, store, small)).slots() == 2
-    assert choice.executor_of(opened("self_tuning", 1024, store, large)).slots() == 1
+    assert executor_choice.executor_of(opened("self_tuning", 1024, store, small)).slots() == 2
+    assert executor_choice.executor_of(opened("self_tuning", 1024, store, large)).slots() == 1

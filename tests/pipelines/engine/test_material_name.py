@@ -8,7 +8,7 @@ import pytest
 from texloom.pipelines.engine.opening import open_request
 from texloom.pipelines.engine.preflight import Preflight
 from texloom.pipelines.engine.scheduler import execute
-from texloom.pipelines.media.arrays import file_source
+from texloom.pipelines.media.array_sources import file_source
 from texloom.pipelines.request import request
 from texloom.stages.vocabulary.declare import InputError
 

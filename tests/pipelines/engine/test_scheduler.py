@@ -35,7 +35,7 @@ from texloom.pipelines.engine.executors import worker
 from texloom.pipelines.engine.executors.executor import Executor, Outcome, StepTask
 from texloom.pipelines.engine.executors.inline import InlineExecutor
 from texloom.pipelines.engine.run import Run, StepFailedError
-from texloom.pipelines.engine.task import TaskSpec, check_same, run_task
+from texloom.pipelines.engine.task_spec import TaskSpec, check_same, run_task
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides, Runner
 from texloom.pipelines.store.result_files import program_version

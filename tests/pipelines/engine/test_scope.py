@@ -14,7 +14,7 @@ import pytest
 from tests.pipelines.flows import SYNTHESIS, open_run, paint, run_local, write_flow
 from texloom.pipelines.engine import scope
 from texloom.pipelines.engine.scope_run import ScopeRun
-from texloom.pipelines.engine.task import Inputs, Output
+from texloom.pipelines.engine.task_spec import Inputs, Output
 from texloom.pipelines.flow.model import Reference, Runner
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.outputs import outputs_of

@@ -13,7 +13,7 @@ import pytest
 from tests.pipelines.flows import BRANCHES, SET, Events, files, open_run, paint, write_set
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
-from texloom.pipelines.flow.compare import comparison_flow
+from texloom.pipelines.flow.comparison import comparison_flow
 from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides

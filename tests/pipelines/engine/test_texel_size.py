@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.pipelines.flows import open_run, run_local
-from texloom.pipelines.media.arrays import file_source
+from texloom.pipelines.media.array_sources import file_source
 from texloom.pipelines.media.part import Part
 from texloom.pipelines.media.sources import open_source
 

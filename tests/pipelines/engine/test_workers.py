@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from texloom.pipelines import memory
-from texloom.pipelines.engine.executors.choice import worker_count
+from texloom.pipelines.engine.executors.executor_choice import worker_count
 from texloom.pipelines.engine.opening import open_run
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store

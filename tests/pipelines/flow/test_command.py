@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from texloom.pipelines.flow.command import command_of
-from texloom.pipelines.flow.compare import comparison_flow
+from texloom.pipelines.flow.comparison import comparison_flow
 from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.flow.model import Overrides

@@ -13,7 +13,7 @@ from tests.conftest import ROOT
 from tests.pipelines.flows import Events, write_flow
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
-from texloom.pipelines.flow.compare import comparison_flow
+from texloom.pipelines.flow.comparison import comparison_flow
 from texloom.pipelines.flow.loader import find_flow, load_flow
 from texloom.pipelines.flow.model import Flow, Overrides, Reference
 from texloom.pipelines.flow.shipped import shipped_flows

@@ -18,7 +18,7 @@ from texloom.pipelines.flow.model import Flow, Overrides
 from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages.recipes import Recipe
-from texloom.pipelines.studio.recipes import flow_file, open_recipe
+from texloom.pipelines.studio.recipe_flows import flow_file, open_recipe
 from texloom.stages.vocabulary.declare import InputError
 
 FLOW = """

@@ -11,7 +11,7 @@ import pytest
 
 import texloom
 from texloom.pipelines.media import deep_zoom
-from texloom.pipelines.media.writers.registry import WriteJob, write
+from texloom.pipelines.media.writers.writer_registry import WriteJob, write
 from texloom.pipelines.store.atomic import file_digest
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import srgb_codes

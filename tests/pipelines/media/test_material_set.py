@@ -12,7 +12,7 @@ import pytest
 from tests.conftest import ROOT
 from texloom.pipelines.flow.items import items_of
 from texloom.pipelines.flow.loader import load_flow
-from texloom.pipelines.media.arrays import file_source, kinds_of, masked
+from texloom.pipelines.media.array_sources import file_source, kinds_of, masked
 from texloom.pipelines.media.map_names import recognised
 from texloom.pipelines.media.sources import Source, open_source
 from texloom.pipelines.store import codec

@@ -13,7 +13,7 @@ from tests.surfaces import square
 from texloom.pipelines import memory
 from texloom.pipelines.media import meshes, shapes
 from texloom.pipelines.media.sources import SourceError, open_mesh
-from texloom.pipelines.media.writers.registry import WriteJob, write
+from texloom.pipelines.media.writers.writer_registry import WriteJob, write
 from texloom.stages.common.surface.mesh import areas, with_normals
 from texloom.stages.vocabulary.arrays import Image
 

@@ -14,7 +14,7 @@ from tests.pipelines.media.test_material_export import saved
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.frame_export import write_frames
 from texloom.pipelines.media.sources import Source, open_source
-from texloom.pipelines.media.writers.registry import WriteJob, write
+from texloom.pipelines.media.writers.writer_registry import WriteJob, write
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.frame_stacks import frames_of

@@ -22,7 +22,7 @@ from texloom.pipelines.media.delivery import AS_IS, LAYOUTS, Delivery, parse_del
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.media.writers import tx
 from texloom.pipelines.media.writers.layouts import material_name, write_layout
-from texloom.pipelines.media.writers.registry import SUFFIXES, WRITERS, WriteJob, write, writer_of
+from texloom.pipelines.media.writers.writer_registry import SUFFIXES, WRITERS, WriteJob, write, writer_of
 from texloom.pipelines.store.atomic import file_digest
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.stages.vocabulary import scratch

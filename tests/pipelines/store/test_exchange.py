@@ -29,8 +29,8 @@ from texloom.pipelines.engine.executors import worker
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.command_list import command_list
-from texloom.pipelines.flow.contact_sheet import open_flow
 from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.flow.seed_sheet import open_flow
 from texloom.pipelines.store import exchange, housekeeping, remote
 from texloom.pipelines.store.keep import keep_record
 from texloom.pipelines.store.result_files import MANIFEST

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from tests.pipelines.store.results import KEY, STAGE, finished, result
-from texloom.pipelines.media.arrays import file_source
+from texloom.pipelines.media.array_sources import file_source
 from texloom.pipelines.store import folders, housekeeping, ownership, usage, written
 from texloom.pipelines.store.history import History
 from texloom.pipelines.store.record import record_name

@@ -10,7 +10,7 @@ import pytest
 from tests.surfaces import cylinder, square
 from tests.synthetic import picture, smooth_noise
 from texloom.pipelines.media.shapes import torus
-from texloom.pipelines.media.writers.registry import WriteJob, write
+from texloom.pipelines.media.writers.writer_registry import WriteJob, write
 from texloom.stages.analysis.similarity.appearance_stack import (
     AppearanceStack,
     AppearanceStackParams,

@@ -34,9 +34,9 @@ from tests.pipelines.flows import ANALYSIS, SYNTHESIS, Events, files, open_run, 
 from texloom.pipelines.engine.executors import dask_cluster
 from texloom.pipelines.engine.prefect import flow_run, task_runs
 from texloom.pipelines.engine.run import Run, StepFailedError
-from texloom.pipelines.flow.compare import comparison_flow
-from texloom.pipelines.flow.contact_sheet import open_flow
+from texloom.pipelines.flow.comparison import comparison_flow
 from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.flow.seed_sheet import open_flow
 from texloom.pipelines.store.store import Store
 from texloom.stages.vocabulary.declare import InputError
 

@@ -22,7 +22,7 @@ from texloom.pipelines.flow.items import own_names
 from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference
 from texloom.pipelines.flow.schema import FORMAT
 from texloom.pipelines.flow.shipped import shipped_flows
-from texloom.pipelines.media.arrays import file_source, masked
+from texloom.pipelines.media.array_sources import file_source, masked
 from texloom.pipelines.media.material_set import holds_one_material
 from texloom.pipelines.request import RunRequest, request
 from texloom.pipelines.store.store import Store

@@ -42,7 +42,7 @@ def _threads(run: Run) -> Executor:
 
 
 def _processes(run: Run) -> Executor:
-    from texloom.pipelines.engine.executors.processes import ProcessExecutor
+    from texloom.pipelines.engine.executors.process_executor import ProcessExecutor
 
     return ProcessExecutor(run.store, _workers(run))
 

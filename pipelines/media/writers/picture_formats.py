@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.media.material_export import channels_of, codes_of
-from texloom.pipelines.media.writers.registry import WriteJob
+from texloom.pipelines.media.writers.writer_registry import WriteJob
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.outputs import prepared
@@ -39,7 +39,7 @@ _HDR_LIMIT = 2.0**126
 
 
 def write(job: WriteJob) -> dict[str, str]:
-    """See `texloom.pipelines.media.writers.registry.write`."""
+    """See `texloom.pipelines.media.writers.writer_registry.write`."""
     content = {".tif": _tiff, ".hdr": _hdr}.get(job.path.suffix, _eight_bits)(job)
     write_atomically(job.path, content)
     return {"": hashlib.sha256(content).hexdigest()}

@@ -14,12 +14,12 @@ from tests.studio.conftest import Served, exemplar
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.preview import picture
-from texloom.pipelines.studio import tiles
+from texloom.pipelines.studio import layer_tiles
 from texloom.pipelines.studio.endless import Endless
+from texloom.pipelines.studio.layer_tiles import SIDE, Tiler
 from texloom.pipelines.studio.layers import layers_of
 from texloom.pipelines.studio.messages.recipes import Recipe
-from texloom.pipelines.studio.recipes import image_of, open_texture
-from texloom.pipelines.studio.tiles import SIDE, Tiler
+from texloom.pipelines.studio.recipe_flows import image_of, open_texture
 from texloom.pipelines.studio.work import EndlessWork, Places, TileWork
 from texloom.stages.vocabulary.declare import InputError
 
@@ -94,7 +94,7 @@ def test_full_size_is_decoded_only_in_view(file: Path, tiler: Tiler, monkeypatch
 
 def test_files_of_levels_are_bounded(file: Path, tiler: Tiler, monkeypatch: pytest.MonkeyPatch) -> None:
     tile_of(tiler, file, 0, 2, 0, 0)
-    monkeypatch.setattr(tiles, "_MOST_BYTES", 0)
+    monkeypatch.setattr(layer_tiles, "_MOST_BYTES", 0)
     tile_of(tiler, file, 1, 2, 0, 0)
     assert not list(tiler.folder.glob("key_0_*"))
     assert tile_of(tiler, file, 0, 2, 0, 0).shape == (275, 325, 4)  # what is open goes on

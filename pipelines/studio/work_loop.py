@@ -76,10 +76,10 @@ class WorkLoop:
         """Receive in another thread, so that work can be cancelled."""
         from texloom.pipelines.studio.endless import Endless
         from texloom.pipelines.studio.lattices import Lattices
+        from texloom.pipelines.studio.layer_tiles import Tiler
         from texloom.pipelines.studio.painting import Painter
         from texloom.pipelines.studio.photographs import Photographer
         from texloom.pipelines.studio.previews import Previewer
-        from texloom.pipelines.studio.tiles import Tiler
 
         self.previewer, self.painter = Previewer(self.places), Painter(self.places)
         self.photographer, self.tiler = Photographer(self.places), Tiler(self.places)
@@ -116,10 +116,10 @@ class WorkLoop:
         from texloom.pipelines.studio import (
             corrections,
             decoding,
+            full_size_runs,
             host_runs,
             layers,
             photographs,
-            runs,
             surfaces,
             thumbnails,
         )
@@ -129,11 +129,11 @@ class WorkLoop:
             case PreviewRequest() as work:
                 self.previewer.make(work, payload, self.check, self._send)
             case RunWork() as work:
-                runs.run(work, self.places, self.check, self._send)
+                full_size_runs.run(work, self.places, self.check, self._send)
             case HostWork() as work:
                 host_runs.run(work, self.places, self.check, self._send)
             case SaveWork() as work:
-                runs.save(work, self.places, self.check, self._send)
+                full_size_runs.save(work, self.places, self.check, self._send)
             case PaintOpenRequest() as work:
                 self.painter.open(work, payload, self.check, self._send)
             case PaintDabRequest() as work:

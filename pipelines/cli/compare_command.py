@@ -21,7 +21,7 @@ from texloom.pipelines.cli.options import (
     store_option,
     with_options,
 )
-from texloom.pipelines.cli.run import execute
+from texloom.pipelines.cli.run_commands import execute
 from texloom.pipelines.request_fields import RUNNER, SHORT
 
 
@@ -93,7 +93,7 @@ def compare(
     from texloom.pipelines.engine.preflight import Preflight
     from texloom.pipelines.engine.run import Run
     from texloom.pipelines.errors import one_line
-    from texloom.pipelines.flow.compare import EXPORTS, comparison_flow
+    from texloom.pipelines.flow.comparison import EXPORTS, comparison_flow
     from texloom.pipelines.request import request
     from texloom.pipelines.store.atomic import write_atomically
     from texloom.stages.vocabulary.declare import InputError

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from texloom.pipelines.media.writers.registry import WriteJob
+from texloom.pipelines.media.writers.writer_registry import WriteJob
 from texloom.pipelines.store import codec
 from texloom.stages.vocabulary.arrays import Image
 
 
 def write(job: WriteJob) -> dict[str, str]:
-    """See `texloom.pipelines.media.writers.registry.write`."""
+    """See `texloom.pipelines.media.writers.writer_registry.write`."""
     value, attributes = job.value, None
     if job.path.suffix == ".exr":
         is_image = isinstance(value, Image)

@@ -12,8 +12,8 @@ from click.testing import CliRunner
 
 from tests.pipelines.flows import write_flow
 from texloom.pipelines.cli import main
-from texloom.pipelines.flow.contact_sheet import open_flow
 from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.flow.seed_sheet import open_flow
 from texloom.stages.vocabulary.declare import InputError
 
 FLOW = """

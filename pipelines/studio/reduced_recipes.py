@@ -12,7 +12,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from texloom.pipelines.media.arrays import file_source
+from texloom.pipelines.media.array_sources import file_source
 from texloom.pipelines.media.sources import Source
 from texloom.pipelines.studio.messages.recipes import Params
 from texloom.stages.vocabulary.arrays import Image

@@ -12,8 +12,8 @@ from texloom.pipelines.engine.run_scores import main_scores
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.media.map_names import read_names
 from texloom.pipelines.store.store import Store
-from texloom.pipelines.studio.pixels import rgba, small
-from texloom.pipelines.studio.recipes import open_recipe
+from texloom.pipelines.studio.page_images import rgba, small
+from texloom.pipelines.studio.recipe_flows import open_recipe
 from texloom.pipelines.studio.work import Places, Ran, Running, RunWork, Saved, SaveWork, library_of
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
