@@ -1,4 +1,4 @@
-"""Direct, in a browser: layers, a collage and a lattice, from a dropped picture to the same bits in a terminal."""
+"""What is drawn on a material, in a browser: guides, a collage and a lattice, and again in a terminal."""
 
 from __future__ import annotations
 
@@ -9,19 +9,17 @@ from typing import Any
 import numpy as np
 import PIL.Image
 
-from tests.studio.conftest import Watched, repeated
+from tests.studio.conftest import Watched, draw_on, repeated
 
 SIDE = 96  # px of results
 PERIOD = 24  # px of the tiles
 
 
 def opened(watched: Watched, picture: Path, mode: str) -> Any:
-    """A mode of the view, with a dropped picture and a small result."""
+    """A layer, with a dropped picture and a small result."""
     page = watched.page
-    page.get_by_role("tab", name="Direct").click()
-    page.locator("direct-view").get_by_label("Choose pictures").set_input_files(picture)
-    page.get_by_role("radio", name=mode).locator("visible=true").click()
-    shown = page.locator(f"direct-{mode.lower()}")
+    draw_on(page, picture, mode)
+    shown = page.locator({"Guides": "direct-paint", "Collage": "direct-collage", "Lattice": "direct-lattice"}[mode])
     shown.locator("picture-view").first.wait_for()
     for side in ("Height", "Width"):
         shown.get_by_label(side).fill(str(SIDE))
@@ -49,7 +47,7 @@ def followed(shown: Any) -> None:
 
 
 def test_painted_layers(watched: Watched, tmp_path: Path) -> None:
-    shown = opened(watched, watched.served.folder / "blotches.png", "Paint")
+    shown = opened(watched, watched.served.folder / "blotches.png", "Guides")
     shown.get_by_label("Preset").select_option("fast")
     drag(shown, 0, [(0.1, 0.1), (0.3, 0.1)])
     followed(shown)
@@ -74,7 +72,7 @@ def test_painted_layers(watched: Watched, tmp_path: Path) -> None:
 
 
 def test_painted_direction(watched: Watched, tmp_path: Path) -> None:
-    shown = opened(watched, watched.served.folder / "blotches.png", "Paint")
+    shown = opened(watched, watched.served.folder / "blotches.png", "Guides")
     shown.get_by_label("Preset").select_option("fast")
     shown.get_by_role("radio", name="Direction").click()
     drag(shown, 1, [(0.1, 0.1), (0.9, 0.8)])

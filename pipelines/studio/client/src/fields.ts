@@ -49,6 +49,19 @@ export const card = (title: string, told: string, isOpen: boolean, body: unknown
     <div class="more">${body}</div>
   </details>`;
 
+/** A choice of a mesh, or of a file with one. */
+export const meshFields = (
+  meshes: readonly string[], chosen: string, suffixes: readonly string[], choose: (mesh: string) => void, take: (file: File) => void,
+): TemplateResult => html`
+  <label class="field"><span>Mesh</span><select aria-label="Mesh" @change=${(event: Event) => choose((event.target as HTMLSelectElement).value)}>
+    ${meshes.map((one) => html`<option value=${one} ?selected=${one === chosen}>${one.replace(/^(texloom:|folder:|dropped:[^/]*\/)/, "")}</option>`)}
+  </select></label>
+  <label class="button">Choose a mesh file<input type="file" accept=${suffixes.join()} aria-label="Choose a mesh file"
+    @change=${(event: Event) => {
+      const [file] = (event.target as HTMLInputElement).files ?? [];
+      if (file) take(file);
+    }} /></label>`;
+
 /** Buttons that step back and forth; the page clicks them for Ctrl+Z and Ctrl+Shift+Z. */
 export const undoButtons = (
   history: { canUndo: boolean; canRedo: boolean }, step: (direction: "undo" | "redo") => void,

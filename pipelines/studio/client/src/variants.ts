@@ -50,7 +50,7 @@ function seedsOf(recipe: Recipe): Cell[] {
 
 function methodsOf(recipe: Recipe, methods: Method[]): Cell[] {
   const { begins } = methods.find(({ flow }) => flow === recipe.flow)!;
-  const fitting = methods.filter((one) => !one.has_maps && one.is_texture && !one.several && one.others.every((other) => !other.is_required));
+  const fitting = methods.filter((one) => !one.layer && !one.has_maps && one.is_texture && !one.several && one.others.every((other) => !other.is_required));
   const isOne = begins !== "photograph" && picturesOf(recipe).length === 1;
   const others = isOne ? fitting.filter(({ flow }) => flow !== recipe.flow) : [];
   return [recipe, ...others.map((one) => withMethod(recipe, one))].map((one) => cell(title(one.flow), one));
