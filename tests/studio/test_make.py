@@ -51,7 +51,7 @@ def test_files_may_be_dropped_anywhere(watched: Watched) -> None:
         if name == "dropped.png":
             page.get_by_role("button", name="dropped", pressed=True).wait_for()
     mesh = page.locator("mesh-view").get_by_label("Mesh", exact=True).and_(page.locator("select"))
-    page.wait_for_function("() => document.querySelector('mesh-view').corners !== null")
+    page.wait_for_function("() => document.querySelector('mesh-view')?.corners")
     assert mesh.input_value().endswith("/flat.obj")
 
 
@@ -137,17 +137,17 @@ def test_a_material_is_looked_at_on_a_mesh_of_ones_own_under_a_sky(watched: Watc
     page.get_by_role("radio", name="3D", exact=True).click()
     page.locator("make-view material-view[ready]").wait_for()
     view = page.locator("make-view material-view")
-    corners = "() => document.querySelector('make-view material-view').scene.mesh.geometry.attributes.position.count"
+    scene = "document.querySelector('make-view material-view').scene"
+    corners = f"{scene}.mesh.geometry.attributes.position.count"
     view.get_by_role("radio", name="Mesh").click()
     view.get_by_label("Choose a mesh file").set_input_files(tmp_path / "roof.obj")
-    page.wait_for_function(f"() => ({corners})() === 3")
+    page.wait_for_function(f"() => {corners} === 3")
     page.get_by_text("Light and relief").click()
-    lit = "() => document.querySelector('make-view material-view').scene.surrounded"
-    assert page.evaluate(lit) == "studio"
+    assert page.evaluate(f"() => {scene}.surrounded") == "studio"
     view.get_by_label("Surroundings").select_option(label="a clear sky")
-    page.wait_for_function(f"() => ({lit})() === 'sky'")
+    page.wait_for_function(f"() => {scene}.surrounded === 'sky'")
     view.get_by_role("radio", name="Sphere").click()
-    page.wait_for_function(f"() => ({corners})() > 3")
+    page.wait_for_function(f"() => {corners} > 3")
 
 
 def test_refusals_are_shown_and_the_page_goes_on(watched: Watched, tmp_path: Path) -> None:

@@ -93,7 +93,8 @@ export class StudioPage extends Element {
     const mesh = [...data.files].find((file) => isMesh(file, this.studio!.begin.mesh_suffixes));
     if (mesh) {
       this.go("make");
-      if (await this.studio.takeMesh(mesh)) this.querySelector<MakeView>("make-view")!.open("mesh");
+      this.querySelector<MakeView>("make-view")!.open("mesh");
+      await this.studio.takeMesh(mesh); // the layer, which is shown by then, takes it
       return;
     }
     const dropped = PictureList.filesIn(data); // before anything is awaited

@@ -37,10 +37,9 @@ export class MakeView extends Element {
     this.studio.addEventListener("change", () => this.requestUpdate());
   }
 
-  /** Draw on the material that is open; whether there is one. */
-  open(layer: LayerName): boolean {
+  /** Draw on the material that is open, if there is one. */
+  open(layer: LayerName): void {
     if (this.made.recipe) this.made.showLayer(layer);
-    return this.made.recipe !== null;
   }
 
   override render(): TemplateResult {

@@ -40,6 +40,7 @@ export class MeshView extends MaterialLayer {
   private corners: Corners | null = null;
   private map: TexelMap | null = null;
   private shown = "";
+  private dropped = "";
   private stroke: Hit[] = [];
   private last: [number, number] | null = null;
   private readonly observer = new ResizeObserver(() => this.scene?.draw());
@@ -53,6 +54,7 @@ export class MeshView extends MaterialLayer {
   protected override onChange = (): void => {
     const { run } = this;
     if (run?.state === "done" && this.shown !== run.id) void this.show(run);
+    if (this.dropped !== this.studio.mesh && this.canvas?.checkVisibility()) void this.unfold((this.dropped = this.studio.mesh));
     this.requestUpdate();
   };
 
@@ -60,7 +62,8 @@ export class MeshView extends MaterialLayer {
 
   protected override async open(): Promise<void> {
     this.control = "";
-    if (this.studio.mesh) this.shape = this.studio.mesh;
+    this.dropped = this.studio.mesh;
+    if (this.dropped) this.shape = this.dropped;
     await this.updateComplete;
     if (!this.scene) await this.unfold(this.shape);
   }
@@ -82,12 +85,6 @@ export class MeshView extends MaterialLayer {
     this.restore();
     this.use("turn");
     if (this.begun && !this.run) void this.studio.attempt(this.scene.setMaps({ albedo: await createImageBitmap(this.begun) }));
-  }
-
-  /** Take a mesh into the library, and open it. */
-  async take(file: File): Promise<void> {
-    const mesh = await this.studio.takeMesh(file);
-    if (mesh) await this.unfold(mesh);
   }
 
   private async show(job: Job): Promise<void> {
@@ -209,7 +206,7 @@ export class MeshView extends MaterialLayer {
       (one) => one.id !== picture.id && one.height === picture.height && one.width === picture.width && !one.is_material,
     );
     return html`
-      ${meshFields(this.studio.meshes, this.shape, this.studio.begin.mesh_suffixes, (one) => void this.unfold(one), (file) => void this.take(file))}
+      ${meshFields(this.studio.meshes, this.shape, this.studio.begin.mesh_suffixes, (one) => void this.unfold(one), (file) => void this.studio.takeMesh(file))}
       <div class="chips" role="group" aria-label="Size of the texture">${SIDES.map((side) => html`<button aria-pressed=${side === this.side}
         @click=${() => {
           this.side = side;
