@@ -131,7 +131,7 @@ def followed(shown: Locator, shoot: Callable[[], None]) -> None:
 def direct(page: Page, shoot: Callable[[str], None]) -> None:
     """Plaster and bare bricks as labels."""
     shown = directed(page, "plaster", "Guides")
-    shown.get_by_role("radio", name="Labels").click()
+    shown.get_by_role("radio", name="Areas").click()
     shown.get_by_label("Brush radius, px").fill("15")
     for stroke in (
         ((0.05, 0.55), (0.55, 0.55), (0.55, 0.66), (0.05, 0.66), (0.05, 0.72), (0.3, 0.72)),
@@ -144,7 +144,7 @@ def direct(page: Page, shoot: Callable[[str], None]) -> None:
         drag(shown, 0, *stroke)
     shown.get_by_label("Brush radius, px").fill("50")
     drag(shown, 1, (0.2, 0.25), (0.45, 0.6), (0.65, 0.3), (0.85, 0.75))
-    shown.get_by_role("radio", name="Label 1").click()
+    shown.get_by_role("radio", name="Grey").click()
     for stroke in (((0.15, 0.75), (0.5, 0.9)), ((0.4, 0.15), (0.9, 0.1)), ((0.85, 0.3), (0.9, 0.4))):
         drag(shown, 1, *stroke)
     shown.get_by_label("Cover, %").fill("25")
@@ -200,7 +200,7 @@ def photograph(page: Page, shoot: Callable[[str], None]) -> None:
     page.get_by_role("button", name="Place surfaces by hand").click()
     view = page.locator("photograph-view")
     view.get_by_role("button", name="Propose planes").click()
-    view.get_by_role("button", name="plane_1", exact=True).wait_for()
+    view.get_by_role("button", name="Plane 1", exact=True).wait_for()
     view.get_by_role("radio", name="Control points").click()
     view.get_by_label("Streamlines").check()
     page.wait_for_function("() => document.querySelector('photograph-view').photo.streamlines !== null")
@@ -212,7 +212,7 @@ def mesh(page: Page, shoot: Callable[[str], None]) -> None:
     """Bark along a line that is drawn around a torus."""
     draw_on(page, "bark", "Mesh")
     view = page.locator("mesh-view")
-    page.wait_for_function("() => document.querySelector('mesh-view').corners !== null")
+    page.wait_for_function("() => document.querySelector('mesh-view')?.corners")
     view.get_by_role("button", name="512").click()
     page.wait_for_function("() => document.querySelector('mesh-view').waits === ''")
     view.get_by_role("radio", name="Direction").click()

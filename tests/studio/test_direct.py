@@ -60,7 +60,7 @@ def test_painted_layers(watched: Watched, tmp_path: Path) -> None:
     shown.get_by_role("radio", name="Fill").click()
     drag(shown, 0, [(0.8, 0.2)])
     shown.get_by_role("radio", name="Brush").click()
-    shown.get_by_role("radio", name="Labels").click()
+    shown.get_by_role("radio", name="Areas").click()
     drag(shown, 0, [(0.7, 0.7), (0.9, 0.7)])
     shown.locator(".state", has_text="Now paint").wait_for()
     drag(shown, 1, [(0.2, 0.2), (0.8, 0.2)])

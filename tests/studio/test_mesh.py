@@ -40,7 +40,7 @@ def test_strokes_and_values_reach_the_texture(watched: Watched, tmp_path: Path) 
     view.get_by_label("Control map of the exemplar").select_option(label="halves")
     box = view.locator("canvas.mesh").bounding_box()
     middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2 + 80)
-    for tool in ("Direction", "Control"):
+    for tool in ("Direction", "Amount"):
         view.get_by_role("radio", name=tool).click()
         page.mouse.move(middle[0] - 100, middle[1])
         page.mouse.down()

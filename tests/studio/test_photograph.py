@@ -189,11 +189,11 @@ def test_from_a_dropped_photograph_to_the_same_bits_in_a_terminal(watched: Watch
     page.keyboard.press("Control+z")
     assert page.evaluate(corners) == before
     drag(view, (0.25, 0.25), (-0.5, -0.3))
-    surfaces.get_by_role("button", name="plane_1 ⚠").wait_for()
+    surfaces.get_by_role("button", name="Plane 1 ⚠").wait_for()
     page.keyboard.press("Control+z")
     view.get_by_role("radio", name="Control points").click()
     drag(view, (-1 / 12, -1 / 12), (-0.15, -0.1))
-    curved = surfaces.get_by_role("button", name="plane_1, curved")
+    curved = surfaces.get_by_role("button", name="Plane 1, curved")
     curved.wait_for()
     page.keyboard.press("Control+z")
     curved.wait_for(state="detached")

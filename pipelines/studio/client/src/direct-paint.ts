@@ -3,7 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, state } from "lit/decorators.js";
 import { DirectMode } from "./direct-mode";
 import { type Draft, picture } from "./drafts";
-import { choice, slider } from "./fields";
+import { amount, choice, slider } from "./fields";
 import { KIND } from "./layers";
 import type { Recipe } from "./messages";
 import { Changes, connected, flattened, Layer } from "./painting";
@@ -13,19 +13,22 @@ type Side = "exemplar" | "target";
 type Name = "mask" | "structure" | "labels" | "values" | "direction";
 
 const KINDS: Record<Name, { title: string; sides: Side[]; hint: string }> = {
-  mask: { title: "Exclude", sides: ["exemplar"], hint: "What is never copied nor looked at: logos, borders, damage." },
+  mask: { title: "Leave out", sides: ["exemplar"], hint: "What is never copied nor looked at: logos, borders, damage." },
   structure: { title: "Structure", sides: ["exemplar"], hint: "What must stay connected, in place of what is detected." },
   labels: {
-    title: "Labels", sides: ["exemplar", "target"],
-    hint: "What lies where in the exemplar, left, and what is to lie where in the result, right. What is not painted is label 1 in the exemplar, and free in the result.",
+    title: "Areas", sides: ["exemplar", "target"],
+    hint: "What lies where in the exemplar, left, and what is to lie where in the result, right. What is not painted is the first area in the exemplar, and free in the result.",
   },
   values: {
-    title: "Values", sides: ["exemplar", "target"],
-    hint: "A quantity, such as age or height, in the exemplar, left, and in the result, right. What is not painted is 0 in the exemplar, and free in the result.",
+    title: "Amount", sides: ["exemplar", "target"],
+    hint: "How much of something, such as age, rust or height, in the exemplar, left, and in the result, right. What is not painted is 0 in the exemplar, and free in the result.",
   },
   direction: { title: "Direction", sides: ["target"], hint: "Lines along which the texture is to run, in the result." },
 };
 const LABELS = ["#8a9199", "#4c6ef5", "#f76707", "#37b24d", "#ae3ec9", "#fab005"];
+const COLOR_NAMES = ["Grey", "Blue", "Orange", "Green", "Violet", "Yellow"];
+const MOST_NAME = 16; // characters
+const namesKey = (picture: string): string => `texloom areas ${picture}`; // what each label is, of a picture
 const COLORS: Partial<Record<Name, string>> = { mask: "#e5484d", structure: "#22b8cf", direction: "#ffe066" };
 /** what of a recipe each kind is */
 const SOURCES: Record<Name, string[]> = {
@@ -45,6 +48,7 @@ export class DirectPaint extends DirectMode {
   @state() private radius = 16;
   @state() private tolerance = 24;
   @state() private label = 1;
+  @state() private names: Record<number, string> = {};
   @state() private value = 255;
   @state() private cover = 60;
   @state() private guide: Name = "labels";
@@ -59,6 +63,17 @@ export class DirectPaint extends DirectMode {
     this.layers.clear();
     this.history = new Changes();
     this.given = this.recipe;
+    this.names = JSON.parse(localStorage.getItem(namesKey(this.picture.id)) ?? "{}");
+  }
+
+  private nameOf(label: number): string {
+    return this.names[label] || COLOR_NAMES[label];
+  }
+
+  /** Give the label a name, which is kept with the picture. */
+  private call(name: string): void {
+    this.names = { ...this.names, [this.label]: name };
+    localStorage.setItem(namesKey(this.picture.id), JSON.stringify(this.names));
   }
 
   /** A layer, which is made when it is first painted. */
@@ -208,8 +223,8 @@ export class DirectPaint extends DirectMode {
   }
 
   protected override explained(problem: string): string {
-    if (problem.includes("few flat colours")) return "Paint larger areas of labels over the exemplar; these are too small to be recognised";
-    if (problem.includes("is no label of exemplar_guide")) return "A label of the result is not painted over the exemplar; paint it there too, or erase it";
+    if (problem.includes("few flat colours")) return "Paint larger areas over the exemplar; these are too small to be recognised";
+    if (problem.includes("is no label of exemplar_guide")) return "An area of the result is not painted over the exemplar; paint it there too, or erase it";
     return problem;
   }
 
@@ -255,11 +270,12 @@ export class DirectPaint extends DirectMode {
     const titles = Object.fromEntries(Object.entries(KINDS).map(([name, { title }]) => [name, title])) as Record<Name, string>;
     return html`
       <div class="layers">${choice("What is painted", titles, this.kind, (name) => (this.kind = name))}</div>
-      <p class="hint">${KINDS[this.kind].hint}${this.given.flow === this.flow || this.kind === "mask" ? "" : " Its result is made by self-tuning, of colour alone."}</p>
-      ${this.kind === "labels" ? html`<div class="chips labels" role="radiogroup" aria-label="Label">${LABELS.map((color, index) => html`<button
-        role="radio" aria-checked=${index === this.label} aria-label="Label ${index + 1}" style="--label: ${color}"
-        @click=${() => (this.label = index)}>${index + 1}</button>`)}</div>` : nothing}
-      ${this.kind === "values" ? slider("Value", this.value, 255, (value) => (this.value = value)) : nothing}
+      <p class="hint">${KINDS[this.kind].hint}${this.given.flow === this.flow || this.kind === "mask" ? "" : " It makes the colour alone, with the method All-round."}</p>
+      ${this.kind === "labels" ? html`<div class="chips labels" role="radiogroup" aria-label="Area">${LABELS.map((color, index) => html`<button
+          role="radio" aria-checked=${index === this.label} style="--label: ${color}" @click=${() => (this.label = index)}>${this.nameOf(index)}</button>`)}</div>
+        <label class="field"><span>Called</span><input type="text" aria-label="Name of the area" maxlength=${MOST_NAME} placeholder="such as moss"
+          .value=${this.names[this.label] ?? ""} @change=${(event: Event) => this.call((event.target as HTMLInputElement).value.trim())} /></label>` : nothing}
+      ${this.kind === "values" ? amount("Amount", this.value, (value) => (this.value = value)) : nothing}
       ${choice("Tool", TOOLS, this.tool, (tool) => (this.tool = tool))}
       ${this.tool === "fill"
         ? slider("Colours that count as alike", this.tolerance, 128, (value) => (this.tolerance = value))

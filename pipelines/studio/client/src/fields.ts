@@ -15,6 +15,11 @@ export const slider = (label: string, value: number, most: number, set: (value: 
       @input=${(event: Event) => set(Number((event.target as HTMLInputElement).value))} />
   </label>`;
 
+const MOST_CODE = 255;
+/** A grey level as a share. */
+export const amount = (label: string, code: number, set: (code: number) => void): TemplateResult => html`
+  ${slider(`${label}, %`, Math.round((100 * code) / MOST_CODE), 100, (percent) => set(Math.round((MOST_CODE * percent) / 100)))}`;
+
 /** Why something failed, with a button that tries it again. */
 export const failure = (problem: string, again: () => void): TemplateResult =>
   html`${problem} <button class="quiet" @click=${again}>Try again</button>`;

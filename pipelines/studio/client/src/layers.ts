@@ -16,7 +16,7 @@ export const hasPreview = ({ layer }: Method): boolean => layer === "" || layer 
 
 /** What is drawn of a recipe, in words; empty: nothing. */
 export function drawnOn(recipe: Recipe, { layer }: Method): string {
-  if (layer) return { collage: "a collage", paint: "a painted map", mesh: "on a mesh", surfaces: "surfaces of a photograph" }[layer];
+  if (layer) return { collage: "a collage", paint: "a painted map", mesh: "a mesh", surfaces: "surfaces of a photograph" }[layer];
   const guides = Object.keys(DRAWN).filter((one) => one in recipe.sources).map((one) => DRAWN[one]);
   return [recipe.mask ? "parts left out" : "", ...guides, ...Object.keys(recipe.files ?? {}).map(() => "a lattice")].filter(Boolean).join(", ");
 }

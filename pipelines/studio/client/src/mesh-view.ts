@@ -2,7 +2,7 @@
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, query, state } from "lit/decorators.js";
 import type { Corners } from "./corners";
-import { meshFields, slider, undoButtons } from "./fields";
+import { amount, meshFields, slider, undoButtons } from "./fields";
 import { MaterialLayer } from "./material-layer";
 import type { Hit, MeshScene } from "./mesh-scene";
 import type { Job, Recipe } from "./messages";
@@ -13,7 +13,7 @@ import { Undo } from "./undo";
 
 const SIDES = [512, 1024, 2048];
 const MAP_SIDE = 512; // px of the painted control map
-const TOOLS = { turn: "Turn", direction: "Direction", control: "Control" } as const;
+const TOOLS = { turn: "Turn", direction: "Direction", control: "Amount" } as const;
 type Tool = keyof typeof TOOLS;
 const BROKEN = 0.1; // of the texture: points of a stroke that are farther apart are on other charts
 const STEP = 6; // screen px between points of a stroke
@@ -196,7 +196,7 @@ export class MeshView extends MaterialLayer {
   private status(): string {
     if (this.waits) return this.waits;
     if (this.tool === "direction") return "Draw lines along which the texture's columns run";
-    if (this.tool === "control") return this.control ? "Paint values of the control map" : "Choose the exemplar's control map first";
+    if (this.tool === "control") return this.control ? "Paint how much there is of what leads it" : "Choose first what leads it: a grey map of the picture";
     return "Drag to turn";
   }
 
@@ -212,11 +212,11 @@ export class MeshView extends MaterialLayer {
           this.side = side;
           void this.unfold(this.shape);
         }}>${side}</button>`)}</div>
-      <label class="field"><span>Control</span><select aria-label="Control map of the exemplar"
+      <label class="field"><span>Led by</span><select aria-label="Control map of the exemplar"
         @change=${(event: Event) => (this.control = (event.target as HTMLSelectElement).value)}>
         <option value="">none</option>
         ${maps.map((one) => html`<option value=${one.id} ?selected=${one.id === this.control}>${one.name}</option>`)}</select></label>
-      ${this.tool === "control" ? html`${slider("Value", this.code, 255, (value) => (this.code = value))}
+      ${this.tool === "control" ? html`${amount("Amount", this.code, (code) => (this.code = code))}
         ${slider("Brush radius", this.radius, 100, (value) => (this.radius = Math.max(1, value)))}` : nothing}
     `;
   }

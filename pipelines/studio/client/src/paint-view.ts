@@ -2,7 +2,7 @@
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, query, state } from "lit/decorators.js";
 import { type Area, ControlMap, joined } from "./control-map";
-import { failure, slider, undoButtons } from "./fields";
+import { amount, failure, slider, undoButtons } from "./fields";
 import { MaterialLayer } from "./material-layer";
 import type { PaintPicture, Recipe, ToPage } from "./messages";
 import { bitmap, PAINTED, pictureAddress, upload } from "./server";
@@ -261,7 +261,7 @@ export class PaintView extends MaterialLayer {
       (one) => one.id !== picture.id && Math.abs(one.height * picture.width - one.width * picture.height) <= Math.max(picture.height, picture.width),
     );
     return html`
-      <label class="field"><span>Control</span>
+      <label class="field"><span>Led by</span>
         <select aria-label="Control map" @change=${(event: Event) => {
           this.control = (event.target as HTMLSelectElement).value;
           this.forget();
@@ -282,7 +282,7 @@ export class PaintView extends MaterialLayer {
     return html`
       <img class="pick" src=${pictureAddress(this.picture.id, PICK)} alt="The original: click to paint what is there" title="Click to paint what is there" @click=${this.pick} />
       <div class="swatch" style="background: rgb(${this.code} ${this.code} ${this.code})"></div>
-      ${slider("Value", this.code, 255, (value) => (this.code = value))}
+      ${amount("Amount", this.code, (code) => (this.code = code))}
       ${slider("Brush radius", this.radius, 200, (value) => (this.radius = Math.max(2, value)))}
       ${slider("Hardness", Math.round(100 * this.hardness), 99, (value) => (this.hardness = value / 100))}
       <p class="row"><label class="button half">Load a map<input type="file" accept="image/*" aria-label="Load a map" @change=${this.load} /></label>

@@ -4,6 +4,7 @@ import { customElement, query, state } from "lit/decorators.js";
 import { surface } from "./bezier";
 import { failure, choice, tilingField, undoButtons } from "./fields";
 import { MaterialLayer } from "./material-layer";
+import { words } from "./method-names";
 import type { PatchRecipe, PhotoPatch, PhotoProposal, PhotoRecipe, Picture, Recipe, ToPage } from "./messages";
 import { AREA_COLORS, type Brush, type Edit, type Shown } from "./photo-canvas";
 import "./photo-canvas";
@@ -290,7 +291,7 @@ export class PhotographView extends MaterialLayer {
     if (this.step === "make") return this.makeSide();
     return html`${this.step === "areas" ? this.areasSide() : this.surfaceSide(photo)}
       <figure class="front" ?hidden=${!photo.front || !photo.patch}>
-        <figcaption>${photo.patch} from the front</figcaption>
+        <figcaption>${photo.patch && words(photo.patch)} from the front</figcaption>
         <canvas class="front" role="img" aria-label="The patch as seen from the front"></canvas>
       </figure>`;
   }
@@ -302,8 +303,8 @@ export class PhotographView extends MaterialLayer {
         <button class="half" @click=${() => this.addPlane()}>Add a plane</button></p>
       <ul class="list" aria-label="Patches">${this.document.patches.map((one) => {
         const problem = photo.described.get(one.name)?.problem;
-        return html`<li><button class=${problem ? "bad" : ""} aria-pressed=${one.name === photo.patch} title=${problem || one.name}
-          @click=${() => this.select(one.name)}>${one.name}${one.corners ? "" : ", curved"}${problem ? " ⚠" : ""}</button></li>`;
+        return html`<li><button class=${problem ? "bad" : ""} aria-pressed=${one.name === photo.patch} title=${problem || words(one.name)}
+          @click=${() => this.select(one.name)}>${words(one.name)}${one.corners ? "" : ", curved"}${problem ? " ⚠" : ""}</button></li>`;
       })}</ul>
       ${patch
         ? html`
@@ -316,7 +317,7 @@ export class PhotographView extends MaterialLayer {
               ${[1, 0].map((axis) => html`<input type="number" min="0" step="any" placeholder="auto" aria-label=${axis ? "Real width" : "Real height"}
                 .value=${patch.size ? String(sides(patch.size)[axis]) : ""} @change=${(event: Event) => this.resize(patch, axis, event)} />`)}</span></div>
             <p class="hint">Width and height in any unit, the same for all patches; without them the perspective decides.</p>
-            <button @click=${() => this.set(without(this.document, patch.name))}>Remove ${patch.name}</button>
+            <button @click=${() => this.set(without(this.document, patch.name))}>Remove ${words(patch.name).toLowerCase()}</button>
           `
         : nothing}
     `;
