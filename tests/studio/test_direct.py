@@ -118,3 +118,31 @@ def test_a_lattice(watched: Watched, tmp_path: Path) -> None:
     watched.page.wait_for_function("() => !document.querySelector('direct-lattice').isWaiting")
     followed(shown)
     assert "vertices:" in repeated(shown, tmp_path)
+
+
+def test_make_goes_on_with_what_is_drawn(watched: Watched, tmp_path: Path) -> None:
+    """Its lines lead the results of Make too, also when the page was loaded again, until they are taken away."""
+    page = watched.page
+    shown = opened(watched, watched.served.folder / "blotches.png", "Guides")
+    shown.get_by_label("Preset").select_option("fast")
+    shown.get_by_role("radio", name="Direction").click()
+    drag(shown, 1, [(0.1, 0.1), (0.9, 0.8)])
+    followed(shown)
+    shown.get_by_role("radio", name="Result", exact=True).click()
+    settings = page.get_by_label("Settings")
+    settings.get_by_role("button", name="Without direction").wait_for()
+    page.get_by_role("button", name="Next").click()
+    page.wait_for_timeout(1000)  # until the project has it
+    page.reload()
+    page.locator("summary", has_text="Draw direction").wait_for()
+    layers = page.get_by_role("radiogroup", name="Layer").locator("visible=true")
+    layers.get_by_role("radio", name="Guides").click()
+    shown.locator("picture-view").first.wait_for()
+    drag(shown, 0, [(0.1, 0.1), (0.3, 0.1)])  # what is left out
+    followed(shown)
+    layers.get_by_role("radio", name="Result", exact=True).click()
+    flow = repeated(settings, tmp_path)
+    assert "strokes:" in flow
+    assert "seed: 8" in flow
+    settings.get_by_role("button", name="Without parts left out, direction").click()
+    page.locator("summary", has_text="guides, collage, paint, mesh").wait_for()
