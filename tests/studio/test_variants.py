@@ -45,10 +45,10 @@ def test_a_seed_and_a_method_are_taken_from_a_sheet(watched: Watched) -> None:
 
     page.get_by_role("radio", name="Variants").click()
     vary(page, "Methods", 7)
-    refused = page.get_by_role("figure", name="Near regular")
+    refused = page.get_by_role("figure", name="Tiles and weaves")
     assert "neither a lattice nor courses" in refused.inner_text()
     assert refused.get_by_role("button").is_disabled()
-    page.get_by_role("figure", name="Graph cut").get_by_role("button").click()
+    page.get_by_role("figure", name="Large pieces, best seams").get_by_role("button").click()
     assert page.get_by_label("Method").input_value() == "graph_cut"
     assert page.get_by_label("Seed", exact=True).input_value() == "9"
 

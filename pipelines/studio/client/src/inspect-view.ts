@@ -107,7 +107,7 @@ export class InspectView extends Element {
         ${choice("How to look at it", names, this.mode, (mode) => (this.mode = mode))}
         ${this.mode === "endless" && job ? html`<button class="quiet" @click=${() => this.studio.show(this.inView(job))}>Show as YAML</button>` : nothing}
         <span class="state" role="status">${this.status(job)}</span>
-        <button class="quiet" title="Back to where it was opened" aria-label="Close" @click=${() => this.tell("close", null)}>✕</button>
+        <button title="To where it was opened" @click=${() => this.tell("close", null)}>Back</button>
       </div>
       ${this.mode === "material" && job
         ? html`<material-view .studio=${this.studio} .maps=${this.mapsOf(job)}

@@ -209,15 +209,16 @@ export class MakeMaterial {
   }
 
   // -- its layers
-
   private forgetLayers(): void {
     this.opened += 1;
     this.see({ layer: "result" });
   }
 
   showLayer(layer: LayerName): void {
+    const isStale = this.previews.sheet !== null || (layer === "result" && this.results.job?.state !== "done");
+    this.other.end();
     this.see({ mode: "single", layer });
-    if (layer === "result" && this.results.job?.state !== "done") this.refresh(); // the layer's previews have ended its own
+    if (isStale) this.refresh(); // the previews of a layer end its own
   }
 
   /** Go on with what is drawn. */
