@@ -88,12 +88,20 @@ def correct(page: Page, shoot: Callable[[str], None]) -> None:
     page.get_by_role("button", name="Cancel").click()
 
 
-def directed(page: Page, picture: str, mode: str) -> Locator:
-    """A mode of the view Direct with a picture of the folder."""
-    page.get_by_role("tab", name="Direct").click()
-    page.get_by_label("Exemplars").get_by_title(picture, exact=False).first.click()
-    page.get_by_role("radio", name=mode).locator("visible=true").click()
-    shown = page.locator(f"direct-{mode.lower()}")
+ELEMENTS = {"Guides": "paint", "Collage": "collage", "Lattice": "lattice"}
+
+
+def draw_on(page: Page, picture: str, layer: str) -> None:
+    """Open a layer of a picture of the folder."""
+    begin(page, picture)
+    page.locator("details[aria-label=Draw] > summary").locator("visible=true").click()
+    page.get_by_role("radiogroup", name="Layer").locator("visible=true").get_by_role("radio", name=layer).click()
+
+
+def directed(page: Page, picture: str, layer: str) -> Locator:
+    """A layer that has a preview."""
+    draw_on(page, picture, layer)
+    shown = page.locator(f"direct-{ELEMENTS[layer]}")
     shown.locator("picture-view").first.wait_for()
     return shown
 
@@ -122,8 +130,8 @@ def followed(shown: Locator, shoot: Callable[[], None]) -> None:
 
 def direct(page: Page, shoot: Callable[[str], None]) -> None:
     """Plaster and bare bricks as labels."""
-    shown = directed(page, "plaster", "Paint")
-    shown.get_by_role("radio", name="Labels").click()
+    shown = directed(page, "plaster", "Guides")
+    shown.get_by_role("radio", name="Areas").click()
     shown.get_by_label("Brush radius, px").fill("15")
     for stroke in (
         ((0.05, 0.55), (0.55, 0.55), (0.55, 0.66), (0.05, 0.66), (0.05, 0.72), (0.3, 0.72)),
@@ -136,7 +144,7 @@ def direct(page: Page, shoot: Callable[[str], None]) -> None:
         drag(shown, 0, *stroke)
     shown.get_by_label("Brush radius, px").fill("50")
     drag(shown, 1, (0.2, 0.25), (0.45, 0.6), (0.65, 0.3), (0.85, 0.75))
-    shown.get_by_role("radio", name="Label 1").click()
+    shown.get_by_role("radio", name="Grey").click()
     for stroke in (((0.15, 0.75), (0.5, 0.9)), ((0.4, 0.15), (0.9, 0.1)), ((0.85, 0.3), (0.9, 0.4))):
         drag(shown, 1, *stroke)
     shown.get_by_label("Cover, %").fill("25")
@@ -168,8 +176,7 @@ def lattice(page: Page, shoot: Callable[[str], None]) -> None:
 
 def paint(page: Page, shoot: Callable[[str], None]) -> None:
     """A stroke over a rusty plate."""
-    page.get_by_role("tab", name="Paint").click()
-    page.get_by_label("Originals").get_by_title("rust").first.click()
+    draw_on(page, "rust", "Paint")
     page.get_by_label("Control map").select_option("folder:rust_metallic.jpg")
     page.get_by_role("button", name="Begin to paint").click()
     page.get_by_text("Paint: the texture follows").wait_for()
@@ -188,11 +195,12 @@ def paint(page: Page, shoot: Callable[[str], None]) -> None:
 
 def photograph(page: Page, shoot: Callable[[str], None]) -> None:
     """A plane on a wall in perspective, with what lies in front of it."""
-    page.get_by_role("tab", name="Photograph").click()
+    begin(page, "wall")
+    page.get_by_role("radio", name="A photograph").click()
+    page.get_by_role("button", name="Place surfaces by hand").click()
     view = page.locator("photograph-view")
-    view.get_by_title("wall").first.click()
     view.get_by_role("button", name="Propose planes").click()
-    view.get_by_role("button", name="plane_1", exact=True).wait_for()
+    view.get_by_role("button", name="Plane 1", exact=True).wait_for()
     view.get_by_role("radio", name="Control points").click()
     view.get_by_label("Streamlines").check()
     page.wait_for_function("() => document.querySelector('photograph-view').photo.streamlines !== null")
@@ -202,10 +210,9 @@ def photograph(page: Page, shoot: Callable[[str], None]) -> None:
 
 def mesh(page: Page, shoot: Callable[[str], None]) -> None:
     """Bark along a line that is drawn around a torus."""
-    page.get_by_role("tab", name="Mesh").click()
+    draw_on(page, "bark", "Mesh")
     view = page.locator("mesh-view")
-    view.get_by_title("bark").first.click()
-    page.wait_for_function("() => document.querySelector('mesh-view').corners !== null")
+    page.wait_for_function("() => document.querySelector('mesh-view')?.corners")
     view.get_by_role("button", name="512").click()
     page.wait_for_function("() => document.querySelector('mesh-view').waits === ''")
     view.get_by_role("radio", name="Direction").click()
@@ -228,8 +235,8 @@ def inspect(page: Page, shoot: Callable[[str], None]) -> None:
     """A material on a cloth."""
     finish(page, "bark")
     page.get_by_role("button", name="Inspect it").click()
-    page.locator("material-view[ready]").wait_for()
-    page.get_by_role("radio", name="Cloth").click()
+    page.locator("inspect-view material-view[ready]").wait_for()
+    page.locator("inspect-view").get_by_role("radio", name="Cloth").click()
     page.wait_for_timeout(2000)
     shoot("inspect")
 

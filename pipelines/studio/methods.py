@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Flow
@@ -28,7 +28,7 @@ def _method(name: str, offer: Offer) -> Method:
         flow=name,
         about=offer.about,
         exemplar=next(iter(flow.sources)),
-        begins="photograph" if offer.surface else "maps" if name == "materials" else "picture",
+        begins=_begins(name, offer),
         has_maps=offer.is_texture and "maps/" in flow.exports and "maps/" not in flow.of_maps,
         size=(_default(flow, "size") or _SIDES) if "size" in flow.params else None,
         can_tile=offer.is_texture and "tileable" in flow.params,
@@ -50,8 +50,15 @@ def _method(name: str, offer: Offer) -> Method:
         controls=offer.controls,
         views=offer.views,
         is_texture=offer.is_texture,
-        can_correct=offer.is_texture and offer.several is None,
+        can_correct=offer.is_texture and offer.several is None and offer.layer in ("", "collage"),
+        layer=offer.layer,
     )
+
+
+def _begins(name: str, offer: Offer) -> Literal["picture", "maps", "photograph"]:
+    if offer.surface or offer.layer == "surfaces":
+        return "photograph"
+    return "maps" if name == "materials" else "picture"
 
 
 def _default(flow: Flow, name: str) -> Any:

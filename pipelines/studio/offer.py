@@ -8,6 +8,7 @@ from typing import Any
 from texloom.pipelines.studio.messages.catalogue import (
     Card,
     Control,
+    LayerName,
     Picker,
     ResultPicture,
     Setting,
@@ -35,6 +36,8 @@ class Offer:
     """what its step `WAY` may choose, to the export that is shown then; none: it has no such step"""
     surface: str = ""
     """of photographs, the step that shows the surface from the front, from which previews are made"""
+    layer: LayerName = ""
+    """as of a `Method`"""
     lengths: dict[str, int] = dataclasses.field(default_factory=dict)
     """params that are px, which are smaller in previews, to the least that they may be"""
 

@@ -194,5 +194,12 @@ OFFERS = {
         is_texture=False,
         ways={"noise": "preview.png", "cells": "cells_preview.png"},
     ),
+    "rectify_pieces": Offer("Pieces of the picture that are laid, made coherent", layer="collage"),
+    "per_pixel_control": Offer("What is where follows a map that is painted", layer="paint"),
+    "on_mesh": Offer("Along lines and by values that are drawn on a mesh", layer="mesh", is_texture=False),
+    "photo_flattening": Offer("A surface that is placed by hand, laid flat", layer="surfaces"),
+    "photo_to_texture": Offer("A surface that is placed by hand, synthesised where it is", layer="surfaces"),
+    "photo_completion": Offer("A hole that is filled as its surface lies", layer="surfaces", is_texture=False),
+    "photo_to_photo": Offer("A hole of another photograph that is covered", layer="surfaces", is_texture=False),
 }  # fmt: skip
 """the flows that the page offers"""

@@ -164,6 +164,22 @@ def watched(chromium: Any, served: Served) -> Iterator[Watched]:
         yield watched
 
 
+def draw_on(page: Any, picture: Path | str, layer: str) -> None:
+    """Open a layer of a new material of a picture: one of the folder by its name, or a file that is dropped."""
+    if (button := page.get_by_role("button", name="New material")).is_enabled():
+        button.click()
+    if isinstance(picture, str):
+        page.locator("make-view").get_by_role("button", name=picture, exact=True).first.click()
+    else:
+        page.locator("make-view").get_by_label("Choose pictures").set_input_files(picture)
+    if layer == "Surfaces":
+        page.get_by_role("radio", name="A photograph").click()
+        page.get_by_role("button", name="Place surfaces by hand").click()
+        return
+    page.locator("details[aria-label=Draw] > summary").locator("visible=true").click()
+    page.get_by_role("radiogroup", name="Layer").locator("visible=true").get_by_role("radio", name=layer).click()
+
+
 def resize(page: Any, width: int, height: int) -> None:
     """Give the size of the result in Make, px."""
     for side, length in (("Height", height), ("Width", width)):

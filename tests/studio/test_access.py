@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.studio.conftest import Served, Watched, watching
+from tests.studio.conftest import Served, Watched, draw_on, watching
 
 NAMELESS = """() => [...document.querySelectorAll("button, input, select, a, canvas, img")]
   .filter((one) => one.checkVisibility() && !one.closest("[aria-hidden=true]"))
@@ -26,11 +26,9 @@ def touched(chromium: Any, served: Served) -> Iterator[Watched]:
 
 
 def masks(watched: Watched) -> Any:
-    """Direct, with an exemplar whose mask is to be painted."""
-    page = watched.page
-    page.get_by_role("tab", name="Direct").click()
-    page.locator("direct-view").get_by_role("button", name="blotches").first.click()
-    shown = page.locator("direct-paint")
+    """Guides, with an exemplar whose mask is to be painted."""
+    draw_on(watched.page, "blotches", "Guides")
+    shown = watched.page.locator("direct-paint")
     shown.locator("picture-view").first.wait_for()
     return shown
 
@@ -62,9 +60,8 @@ def test_one_finger_paints_and_two_zoom(touched: Watched) -> None:
 
 def test_a_finger_drags_a_corner_and_two_zoom(touched: Watched) -> None:
     page = touched.page
-    page.get_by_role("tab", name="Photograph").click()
+    draw_on(page, "blotches", "Surfaces")
     view = page.locator("photograph-view")
-    view.get_by_role("button", name="blotches").first.click()
     view.get_by_role("button", name="Add a plane").click()
     canvas = view.locator("photo-canvas canvas")
     box = canvas.bounding_box()
@@ -132,8 +129,9 @@ def test_controls_of_methods_have_names_and_fit(watched: Watched) -> None:
         page.wait_for_function(
             "flow => document.querySelector('make-view method-controls')?.method.flow === flow", arg=method
         )
-        for more in settings.locator("details:not([open]) > summary").all():
-            more.click()
+        closed = settings.locator("details:not([open]) > summary")
+        while closed.count():
+            closed.first.click()
         for painted in settings.get_by_role("button", name="Paint ").all():
             painted.click()
         assert page.evaluate(NAMELESS) == [], method
@@ -146,12 +144,15 @@ def test_everything_has_a_name_and_fits(watched: Watched) -> None:
         page.get_by_role("tab", name=name).click()
         for picture in page.locator("main > :not([hidden])").get_by_role("button", name="blotches").all()[:1]:
             picture.click()
-        modes = page.get_by_role("radiogroup", name="Mode").locator("visible=true").get_by_role("radio")
-        for mode in modes.all_inner_texts() or [""]:
-            if mode:
-                page.get_by_role("radio", name=mode, exact=True).locator("visible=true").click()
-            assert page.evaluate(NAMELESS) == [], (name, mode)
-            assert page.evaluate(TOO_WIDE) == [], (name, mode)
+        assert page.evaluate(NAMELESS) == [], name
+        assert page.evaluate(TOO_WIDE) == [], name
+    page.get_by_role("tab", name="Make").click()
+    draw_on(page, "blotches", "Guides")
+    for layer in ("Guides", "Collage", "Lattice", "Paint", "Mesh", "Result"):
+        layers = page.get_by_role("radiogroup", name="Layer").locator("visible=true")
+        layers.get_by_role("radio", name=layer).click()
+        assert page.evaluate(NAMELESS) == [], layer
+        assert page.evaluate(TOO_WIDE) == [], layer
 
 
 def test_a_narrow_window_shows_all(chromium: Any, served: Served) -> None:

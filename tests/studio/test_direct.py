@@ -1,4 +1,4 @@
-"""Direct, in a browser: layers, a collage and a lattice, from a dropped picture to the same bits in a terminal."""
+"""What is drawn on a material, in a browser: guides, a collage and a lattice, and again in a terminal."""
 
 from __future__ import annotations
 
@@ -9,19 +9,17 @@ from typing import Any
 import numpy as np
 import PIL.Image
 
-from tests.studio.conftest import Watched, repeated
+from tests.studio.conftest import Watched, draw_on, repeated
 
 SIDE = 96  # px of results
 PERIOD = 24  # px of the tiles
 
 
 def opened(watched: Watched, picture: Path, mode: str) -> Any:
-    """A mode of the view, with a dropped picture and a small result."""
+    """A layer, with a dropped picture and a small result."""
     page = watched.page
-    page.get_by_role("tab", name="Direct").click()
-    page.locator("direct-view").get_by_label("Choose pictures").set_input_files(picture)
-    page.get_by_role("radio", name=mode).locator("visible=true").click()
-    shown = page.locator(f"direct-{mode.lower()}")
+    draw_on(page, picture, mode)
+    shown = page.locator({"Guides": "direct-paint", "Collage": "direct-collage", "Lattice": "direct-lattice"}[mode])
     shown.locator("picture-view").first.wait_for()
     for side in ("Height", "Width"):
         shown.get_by_label(side).fill(str(SIDE))
@@ -49,7 +47,7 @@ def followed(shown: Any) -> None:
 
 
 def test_painted_layers(watched: Watched, tmp_path: Path) -> None:
-    shown = opened(watched, watched.served.folder / "blotches.png", "Paint")
+    shown = opened(watched, watched.served.folder / "blotches.png", "Guides")
     shown.get_by_label("Preset").select_option("fast")
     drag(shown, 0, [(0.1, 0.1), (0.3, 0.1)])
     followed(shown)
@@ -62,7 +60,7 @@ def test_painted_layers(watched: Watched, tmp_path: Path) -> None:
     shown.get_by_role("radio", name="Fill").click()
     drag(shown, 0, [(0.8, 0.2)])
     shown.get_by_role("radio", name="Brush").click()
-    shown.get_by_role("radio", name="Labels").click()
+    shown.get_by_role("radio", name="Areas").click()
     drag(shown, 0, [(0.7, 0.7), (0.9, 0.7)])
     shown.locator(".state", has_text="Now paint").wait_for()
     drag(shown, 1, [(0.2, 0.2), (0.8, 0.2)])
@@ -74,7 +72,7 @@ def test_painted_layers(watched: Watched, tmp_path: Path) -> None:
 
 
 def test_painted_direction(watched: Watched, tmp_path: Path) -> None:
-    shown = opened(watched, watched.served.folder / "blotches.png", "Paint")
+    shown = opened(watched, watched.served.folder / "blotches.png", "Guides")
     shown.get_by_label("Preset").select_option("fast")
     shown.get_by_role("radio", name="Direction").click()
     drag(shown, 1, [(0.1, 0.1), (0.9, 0.8)])
@@ -120,3 +118,31 @@ def test_a_lattice(watched: Watched, tmp_path: Path) -> None:
     watched.page.wait_for_function("() => !document.querySelector('direct-lattice').isWaiting")
     followed(shown)
     assert "vertices:" in repeated(shown, tmp_path)
+
+
+def test_make_goes_on_with_what_is_drawn(watched: Watched, tmp_path: Path) -> None:
+    """Its lines lead the results of Make too, also when the page was loaded again, until they are taken away."""
+    page = watched.page
+    shown = opened(watched, watched.served.folder / "blotches.png", "Guides")
+    shown.get_by_label("Preset").select_option("fast")
+    shown.get_by_role("radio", name="Direction").click()
+    drag(shown, 1, [(0.1, 0.1), (0.9, 0.8)])
+    followed(shown)
+    shown.get_by_role("radio", name="Result", exact=True).click()
+    settings = page.get_by_label("Settings")
+    settings.get_by_role("button", name="Without direction").wait_for()
+    page.get_by_role("button", name="Next").click()
+    page.wait_for_timeout(1000)  # until the project has it
+    page.reload()
+    page.locator("summary", has_text="Draw direction").wait_for()
+    layers = page.get_by_role("radiogroup", name="Layer").locator("visible=true")
+    layers.get_by_role("radio", name="Guides").click()
+    shown.locator("picture-view").first.wait_for()
+    drag(shown, 0, [(0.1, 0.1), (0.3, 0.1)])  # what is left out
+    followed(shown)
+    layers.get_by_role("radio", name="Result", exact=True).click()
+    flow = repeated(settings, tmp_path)
+    assert "strokes:" in flow
+    assert "seed: 8" in flow
+    settings.get_by_role("button", name="Without parts left out, direction").click()
+    page.locator("summary", has_text="guides, collage, paint, mesh").wait_for()

@@ -50,10 +50,8 @@ def test_files_may_be_dropped_anywhere(watched: Watched) -> None:
         page.locator("section.stage").locator("visible=true").first.dispatch_event("drop", {"dataTransfer": data})
         if name == "dropped.png":
             page.get_by_role("button", name="dropped", pressed=True).wait_for()
-    assert page.get_by_role("tab", name="Mesh").get_attribute("aria-selected") == "true"
-    page.locator("mesh-view").get_by_title("blotches").first.click()
     mesh = page.locator("mesh-view").get_by_label("Mesh", exact=True).and_(page.locator("select"))
-    page.wait_for_function("() => document.querySelector('mesh-view').corners !== null")
+    page.wait_for_function("() => document.querySelector('mesh-view')?.corners")
     assert mesh.input_value().endswith("/flat.obj")
 
 
@@ -129,6 +127,27 @@ def test_one_picture_becomes_a_material_with_all_maps(watched: Watched, tmp_path
     page.get_by_text("Full size, corrected").wait_for()
     settings.get_by_role("radio", name="Colour only").click()
     assert settings.get_by_label("Method").input_value() == "self_tuning"
+
+
+def test_a_material_is_looked_at_on_a_mesh_of_ones_own_under_a_sky(watched: Watched, tmp_path: Path) -> None:
+    page = watched.page
+    (tmp_path / "roof.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 3\n")
+    page.get_by_role("button", name="blotches").first.click()
+    page.get_by_label("Method").select_option("quilting")
+    page.get_by_role("radio", name="3D", exact=True).click()
+    page.locator("make-view material-view[ready]").wait_for()
+    view = page.locator("make-view material-view")
+    scene = "document.querySelector('make-view material-view').scene"
+    corners = f"{scene}.mesh.geometry.attributes.position.count"
+    view.get_by_role("radio", name="Mesh").click()
+    view.get_by_label("Choose a mesh file").set_input_files(tmp_path / "roof.obj")
+    page.wait_for_function(f"() => {corners} === 3")
+    page.get_by_text("Light and relief").click()
+    assert page.evaluate(f"() => {scene}.surrounded") == "studio"
+    view.get_by_label("Surroundings").select_option(label="a clear sky")
+    page.wait_for_function(f"() => {scene}.surrounded === 'sky'")
+    view.get_by_role("radio", name="Sphere").click()
+    page.wait_for_function(f"() => {corners} > 3")
 
 
 def test_refusals_are_shown_and_the_page_goes_on(watched: Watched, tmp_path: Path) -> None:

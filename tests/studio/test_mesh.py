@@ -1,4 +1,4 @@
-"""Mesh, in a browser: draw and paint on a mesh, make its texture, and again in a terminal."""
+"""The layer Mesh, in a browser: draw and paint on a mesh, make its texture, and again in a terminal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import PIL.Image
 import pytest
 import yaml
 
-from tests.studio.conftest import SMALL, Served, Watched, repeated
+from tests.studio.conftest import SMALL, Served, Watched, draw_on, repeated
 
 
 def test_a_mesh_comes_with_texture_coordinates(served: Served) -> None:
@@ -27,13 +27,12 @@ def test_a_mesh_comes_with_texture_coordinates(served: Served) -> None:
 
 def test_strokes_and_values_reach_the_texture(watched: Watched, tmp_path: Path) -> None:
     page = watched.page
-    page.get_by_role("tab", name="Mesh").click()
-    view = page.locator("mesh-view")
     control = tmp_path / "halves.png"
     PIL.Image.fromarray(np.tile(np.linspace(0, 255, SMALL).astype(np.uint8), (SMALL, 1))).save(control)
-    view.get_by_label("Choose pictures").set_input_files(control)
-    view.get_by_role("button", name="halves", exact=True).wait_for()
-    view.get_by_title("blotches").click()
+    page.locator("make-view").get_by_label("Choose pictures").set_input_files(control)
+    page.get_by_role("button", name="halves", exact=True).wait_for()
+    draw_on(page, "blotches", "Mesh")
+    view = page.locator("mesh-view")
     page.evaluate("() => Object.assign(document.querySelector('mesh-view'), {side: 96})")
     view.get_by_label("Mesh", exact=True).and_(page.locator("select")).select_option("texloom:torus")
     opened = "({corners, shape, waits}) => corners !== null && shape === 'texloom:torus' && waits === ''"
@@ -41,7 +40,7 @@ def test_strokes_and_values_reach_the_texture(watched: Watched, tmp_path: Path) 
     view.get_by_label("Control map of the exemplar").select_option(label="halves")
     box = view.locator("canvas.mesh").bounding_box()
     middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2 + 80)
-    for tool in ("Direction", "Control"):
+    for tool in ("Direction", "Amount"):
         view.get_by_role("radio", name=tool).click()
         page.mouse.move(middle[0] - 100, middle[1])
         page.mouse.down()
@@ -56,8 +55,7 @@ def test_strokes_and_values_reach_the_texture(watched: Watched, tmp_path: Path) 
     flow = yaml.safe_load(repeated(view, tmp_path, "Make the texture"))
     assert {"strokes", "control", "target"} <= set(flow["sources"])
     page.locator("mesh-view[ready]").wait_for()
-    page.get_by_role("tab", name="Inspect").click()
-    page.get_by_label("Results").get_by_role("button", name="blotches_on_mesh").click()
+    view.get_by_role("button", name="Inspect it").click()
     page.locator("inspect-view material-view[ready]").wait_for()
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from tests.studio.conftest import Watched, repeated
+from tests.studio.conftest import Watched, draw_on, repeated
 
 
 def shown(page: Any) -> str:
@@ -18,8 +18,7 @@ LOSE = "() => document.querySelector('texloom-studio').studio.socket.socket.clos
 
 def test_the_texture_follows_the_brush(watched: Watched, tmp_path: Path) -> None:
     page = watched.page
-    page.get_by_role("tab", name="Paint").click()
-    page.get_by_label("Originals").get_by_role("button", name="blotches").first.click()
+    draw_on(page, "blotches", "Paint")
     page.get_by_label("Size of the canvas").get_by_role("button", name="256").click()
     page.get_by_role("button", name="Begin to paint").click()
     page.get_by_text("Paint: the texture follows").wait_for()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from tests.studio.conftest import Watched, repeated
+from tests.studio.conftest import Watched, draw_on, repeated
 from texloom.pipelines.engine.opening import open_run
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.store.store import Store
@@ -159,12 +159,9 @@ def test_planes_are_proposed(asked: Asked) -> None:
 
 
 def opened(watched: Watched, photograph: Path) -> Any:
-    """The view, with a plane on a dropped photograph."""
-    watched.page.get_by_role("tab", name="Photograph").click()
+    """The layer, with a plane on a dropped photograph."""
+    draw_on(watched.page, photograph, "Surfaces")
     view = watched.page.locator("photograph-view")
-    view.get_by_label("Choose pictures").set_input_files(photograph)
-    view.get_by_role("button", name=photograph.stem, pressed=True).wait_for()
-    view.get_by_role("radio", name="Surface").click()
     view.get_by_role("button", name="Add a plane").click()
     return view
 
@@ -192,11 +189,11 @@ def test_from_a_dropped_photograph_to_the_same_bits_in_a_terminal(watched: Watch
     page.keyboard.press("Control+z")
     assert page.evaluate(corners) == before
     drag(view, (0.25, 0.25), (-0.5, -0.3))
-    surfaces.get_by_role("button", name="plane_1 ⚠").wait_for()
+    surfaces.get_by_role("button", name="Plane 1 ⚠").wait_for()
     page.keyboard.press("Control+z")
     view.get_by_role("radio", name="Control points").click()
     drag(view, (-1 / 12, -1 / 12), (-0.15, -0.1))
-    curved = surfaces.get_by_role("button", name="plane_1, curved")
+    curved = surfaces.get_by_role("button", name="Plane 1, curved")
     curved.wait_for()
     page.keyboard.press("Control+z")
     curved.wait_for(state="detached")
@@ -213,5 +210,5 @@ def test_from_a_dropped_photograph_to_the_same_bits_in_a_terminal(watched: Watch
     surfaces.get_by_label("Size").fill("64")
     surfaces.get_by_label("Size").press("Enter")
     repeated(surfaces, tmp_path, "Make a texture")
-    surfaces.get_by_role("button", name="Inspect the result").click()
-    page.locator("material-view[ready]").wait_for()
+    surfaces.get_by_role("button", name="Inspect it").click()
+    page.locator("inspect-view material-view[ready]").wait_for()

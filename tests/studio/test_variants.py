@@ -45,10 +45,10 @@ def test_a_seed_and_a_method_are_taken_from_a_sheet(watched: Watched) -> None:
 
     page.get_by_role("radio", name="Variants").click()
     vary(page, "Methods", 7)
-    refused = page.get_by_role("figure", name="Near regular")
+    refused = page.get_by_role("figure", name="Tiles and weaves")
     assert "neither a lattice nor courses" in refused.inner_text()
     assert refused.get_by_role("button").is_disabled()
-    page.get_by_role("figure", name="Graph cut").get_by_role("button").click()
+    page.get_by_role("figure", name="Large pieces by the best seams").get_by_role("button").click()
     assert page.get_by_label("Method").input_value() == "graph_cut"
     assert page.get_by_label("Seed", exact=True).input_value() == "9"
 
@@ -82,8 +82,8 @@ def test_two_results_are_blended_in_a_new_material(watched: Watched) -> None:
     assert page.get_by_label("Method").input_value() == "mix"
     pictures = page.get_by_label("Pictures of the texture")
     assert [one.strip().partition("\n")[0] for one in pictures.locator(".name").all_inner_texts()] == [
-        "Seed 8, quilting",
-        "Seed 7, quilting",
+        "Seed 8, large pieces",
+        "Seed 7, large pieces",
     ]
     page.get_by_role("status").filter(has_text="Preview at").wait_for()
     assert page.get_by_label("Name of the material").input_value().startswith("blotches")

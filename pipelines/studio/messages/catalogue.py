@@ -62,6 +62,8 @@ class SeveralPictures(Message):
     """the param that has a number for each of them, of how much of it there is to be; empty: none"""
 
 
+LayerName = Literal["", "collage", "paint", "mesh", "surfaces"]
+"""where something is drawn on a material: pieces of its picture, a map, lines on a mesh, planes on a photograph"""
 Card = Literal["light", "region", "maps", "make"]
 """the step of making a material in which something is chosen"""
 
@@ -138,6 +140,8 @@ class Method(Message):
     """whether it makes one texture, as large as the recipe says"""
     can_correct: bool
     """whether spots of it can be corrected"""
+    layer: LayerName
+    """where that is drawn which it takes besides a picture; empty: it is chosen among the methods"""
 
 
 class Start(Message):

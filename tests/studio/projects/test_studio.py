@@ -86,9 +86,9 @@ def test_reload_and_a_new_tab_come_back_to_results_that_can_be_gone_back_to(tab:
     page.reload()
     settled(page, "Old wall", "6")
     assert page.get_by_role("radio", name="Repeat").get_attribute("aria-checked") == "true"
-    page.get_by_role("button", name="Seed 5, quilting: go back to it").click()
+    page.get_by_role("button", name="Seed 5, large pieces: go back to it").click()
     settled(page, "Old wall", "5")
-    page.get_by_role("button", name="Compare with: Seed 6, quilting").click()
+    page.get_by_role("button", name="Compare with: Seed 6, large pieces").click()
     page.get_by_role("status").filter(has_text="Left of the line").wait_for()
     page.keyboard.press("Control+z")
     settled(page, "Old wall", "6")
@@ -207,7 +207,7 @@ def test_another_server_comes_back_and_finishes_what_was_running(folder: Path, c
     second.let_in(context)
     page.goto(second.base)
     page.get_by_role("status").filter(has_text="Full size, seed 5").wait_for()  # the last one that was wanted
-    page.get_by_role("button", name="Seed 3, quilting: go back to it").click()
+    page.get_by_role("button", name="Seed 3, large pieces: go back to it").click()
     page.get_by_role("status").filter(has_text="Full size, seed 3").wait_for()
     context.close()
     found = second.json(f"/api/materials/{owner}")["material"]

@@ -17,7 +17,8 @@ const [SMALLEST, LARGEST] = [0.1, 10]; // scale
 
 @customElement("direct-collage")
 export class DirectCollage extends DirectMode {
-  protected readonly name = "collage";
+  protected readonly layer = "collage";
+  protected readonly flow = "rectify_pieces";
   @state() protected history = new Undo<Piece[]>([]);
   @state() private chosen = -1;
   @state() private pick: keyof typeof PICKS = "box";
@@ -147,7 +148,7 @@ export class DirectCollage extends DirectMode {
 
   protected async draft(): Promise<Draft | string> {
     if (!this.history.now.length) return "Drag over a part of the exemplar, on the left, to lay it into the result";
-    const recipe = { ...this.base("rectify_pieces", {}, { strength: this.strength / 100 }), files: { pieces: "attached:pieces.json" } };
+    const recipe = { ...this.base(this.flow, {}, { strength: this.strength / 100 }), files: { pieces: "attached:pieces.json" } };
     return { recipe, attached: { "pieces.json": document(fileOf(this.history.now)) } };
   }
 

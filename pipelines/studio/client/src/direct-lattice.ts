@@ -14,8 +14,8 @@ type Vector = [number, number];
 
 @customElement("direct-lattice")
 export class DirectLattice extends DirectMode {
-  protected readonly name = "lattice";
-  protected override readonly presets = [];
+  protected readonly layer = "lattice";
+  protected readonly flow = "near_regular";
   @state() protected history = new Undo<LatticeVertices | null>(null);
   @state() private straight: Drawable | null = null;
   @state() private view: "straight" | "result" = "straight";
@@ -173,7 +173,7 @@ export class DirectLattice extends DirectMode {
   protected async draft(): Promise<Draft | string> {
     const lattice = this.history.now;
     if (!lattice) return "Detect the lattice, or lay one by two vectors";
-    const recipe = { ...this.base("near_regular"), files: { "vertices.vertices": "attached:vertices.json" } };
+    const recipe = { ...this.base(this.flow), files: { "vertices.vertices": "attached:vertices.json" } };
     return { recipe, attached: { "vertices.json": document(lattice) } };
   }
 

@@ -1,29 +1,23 @@
-// What the modes of the view Direct share: an exemplar, the size of the result, its preview, and runs at full size.
+// What the layers share that have a preview: the size of the result, pictures beside each other, and what is drawn over them.
 import { html, nothing, type TemplateResult } from "lit";
-import { property, state } from "lit/decorators.js";
+import { state } from "lit/decorators.js";
 import { type Draft, kept } from "./drafts";
-import { Element } from "./element";
-import { failure, choice, isTyping, undoButtons } from "./fields";
-import "./job-panel";
-import type { Job, Method, Picture, Recipe, ToPage } from "./messages";
+import { card, failure, isTyping, undoButtons } from "./fields";
+import { KIND, LAYERS, type LayerName } from "./layers";
+import { MaterialLayer } from "./material-layer";
+import type { Job, Method, Recipe, ToPage } from "./messages";
 import type { Drawable, PictureView } from "./picture-view";
 import "./picture-view";
 import "./recipe-form";
 import { bitmap, fileAddress, pictureAddress } from "./server";
 import { screenPixels, sides, sizeText } from "./sizes";
-import { canvasOf, isFollowed, type Payload, type Studio } from "./studio";
+import { canvasOf, isFollowed, type Payload } from "./studio";
 
-export const MODES = { paint: "Paint", collage: "Collage", lattice: "Lattice" } as const;
-export type ModeName = keyof typeof MODES;
 const EXEMPLAR = 2048; // px of the exemplar that is shown, at most
-const LEAST = 512; // px of a result to begin with
 
-/** Tells `mode` with another one, and `inspect` with a result. */
-export abstract class DirectMode extends Element {
-  @property({ attribute: false }) studio!: Studio;
-  @property({ attribute: false }) picture!: Picture;
+export abstract class DirectMode extends MaterialLayer {
   @state() protected exemplar: ImageBitmap | null = null;
-  /** the preview, or the result at full size */
+  /** what the material shows, the preview, or the result at full size */
   @state() protected shown: Drawable | null = null;
   @state() protected size: [number, number] = [512, 512];
   @state() private form: Partial<Recipe> = {};
@@ -33,52 +27,52 @@ export abstract class DirectMode extends Element {
   @state() private problem = "";
   /** what to try again, where the server has failed */
   protected failed: (() => void) | null = null;
-  @state() private job = "";
-  protected abstract readonly name: ModeName;
-  protected readonly presets: string[] = ["default", "fast"];
+  /** the flow that takes what is drawn */
+  protected abstract readonly flow: string;
+  protected abstract override readonly layer: Exclude<LayerName, "surfaces">;
   private number = -1;
   private turn = 0;
-  private stop: (() => void) | null = null;
+  /** whether the recipe of the material lacks what is drawn */
+  private isNew = false;
 
   /** What would be made now; a text says what is missing. */
   protected abstract draft(): Promise<Draft | string>;
   /** Begin with another exemplar. */
   protected abstract reset(): void;
 
-  override connectedCallback(): void {
-    super.connectedCallback();
-    this.stop = this.studio.listen((message, payload) => this.receive(message, payload));
-    this.studio.addEventListener("change", this.update_);
-  }
-
-  override disconnectedCallback(): void {
-    super.disconnectedCallback();
-    this.stop?.();
-    this.studio.removeEventListener("change", this.update_);
+  private get method(): Method {
+    return this.studio.begin.methods.find(({ flow }) => flow === this.flow)!;
   }
 
   protected override willUpdate(changed: Map<string, unknown>): void {
-    if (changed.has("picture")) void this.open();
+    super.willUpdate(changed);
+    if (changed.has("recipe") && !this.isNew) this.sync();
+    if (changed.has("begun") && !this.isNew && !this.job) [this.shown, this.number] = [this.begun, -1];
   }
 
-  private readonly update_ = (): void => this.requestUpdate();
+  /** Take the settings of the material. */
+  private sync(): void {
+    const { recipe, method } = this;
+    const { [KIND]: _, ...params } = recipe.params ?? {};
+    const size = sides(recipe.size ?? method.size!);
+    if (size.some((side, axis) => side !== this.size[axis])) this.resize(size);
+    const preset = method.presets.includes(recipe.preset ?? "") ? recipe.preset : null;
+    this.form = { seed: recipe.seed, tileable: recipe.tileable, preset, params: recipe.flow === this.flow ? params : {} };
+  }
 
-  private async open(): Promise<void> {
+  protected override async open(): Promise<void> {
     const { picture } = this;
-    const side = Math.max(LEAST, 2 ** Math.round(Math.log2(Math.max(picture.height, picture.width))));
-    [this.size, this.exemplar, this.shown, this.job, this.problem, this.done] = [[side, side], null, null, "", "", 1];
-    this.number = -1;
-    this.form = {};
+    [this.exemplar, this.shown, this.job, this.problem, this.done, this.number, this.isNew] = [null, this.begun, "", "", 1, -1, false];
     this.reset();
+    this.sync();
     const loaded = await this.studio.attempt(bitmap(pictureAddress(picture.id, EXEMPLAR)));
     if (loaded && picture === this.picture) this.exemplar = loaded;
-    if (this.checkVisibility()) this.changed();
   }
 
   // -- keys
 
   protected override onWindowKey(event: KeyboardEvent): void {
-    if (!this.offsetParent && !this.querySelector("section")?.offsetParent) return; // another view is shown
+    if (!this.querySelector("section")?.offsetParent) return; // another layer is shown
     if (isTyping(event) || event.ctrlKey || event.metaKey || event.altKey) return;
     if (this.onKey(event.key)) event.preventDefault();
   }
@@ -94,7 +88,7 @@ export abstract class DirectMode extends Element {
 
   /** Something has changed: show what that makes. */
   protected changed(): void {
-    this.job = "";
+    [this.job, this.isNew] = ["", true];
     this.requestUpdate();
     void this.ask();
   }
@@ -125,11 +119,11 @@ export abstract class DirectMode extends Element {
     await this.studio.previewDraft(draft, this.number, screenPixels(this.querySelector(".panes")));
   }
 
-  protected base(flow: string, sources: Record<string, string> = {}, params: Recipe["params"] = {}): Recipe {
-    return { ...this.form, flow, sources: { exemplar: this.picture.id, ...sources }, size: sizeText(this.size), params };
+  protected base(flow: string, sources: Recipe["sources"] = {}, params: Recipe["params"] = {}): Recipe {
+    return { ...this.form, flow, sources: { exemplar: this.picture.id, ...sources }, size: sizeText(this.size), params: { ...this.form.params, ...params } };
   }
 
-  private receive(message: ToPage, payload: Payload): void {
+  protected override receive(message: ToPage, payload: Payload): void {
     if (message.kind === "preview_picture" && message.number === this.number) {
       this.shown = canvasOf(payload, message.width, message.height);
       [this.done, this.isRefined] = [message.done, isFollowed(message)];
@@ -153,22 +147,27 @@ export abstract class DirectMode extends Element {
     if (loaded && job.id === this.job) this.shown = loaded;
   }
 
-  private async recipe(): Promise<Recipe | undefined> {
+  protected override async drawn(): Promise<Recipe | undefined> {
     const draft = await this.draft();
     if (typeof draft !== "string") return this.studio.attempt(kept(draft));
     this.problem = draft;
     return undefined;
   }
 
-  private async finish(): Promise<void> {
-    const job = await this.studio.start(await this.recipe());
-    if (!job) return;
+  protected override async finish(): Promise<void> {
+    await super.finish();
+    if (!this.job) return;
     this.studio.stopPreview();
-    [this.job, this.number, this.done, this.isRefined] = [job.id, -1, 1, false];
+    [this.number, this.done, this.isRefined, this.isNew] = [-1, 1, false, false];
   }
 
-  private async showRecipe(): Promise<void> {
-    await this.studio.show(await this.recipe());
+  /** The material goes on with what is drawn. */
+  protected override async leave(layer: LayerName): Promise<void> {
+    const draft = this.isNew && (await this.draft());
+    const recipe = draft && typeof draft !== "string" && (await this.studio.attempt(kept(draft)));
+    if (recipe) this.tell("drawn", recipe);
+    this.isNew = false;
+    await super.leave(layer);
   }
 
   private edit(change: Partial<Recipe>): void {
@@ -197,30 +196,21 @@ export abstract class DirectMode extends Element {
   protected abstract hint(): string;
 
   override render(): TemplateResult {
-    const job = this.studio.jobs.get(this.job);
-    const isBusy = job?.state === "waiting" || job?.state === "running";
-    const method: Method = {
-      flow: "", about: "", exemplar: "exemplar", begins: "picture", has_maps: false, tiles: false, size: sizeText(this.size), can_tile: true, presets: this.presets, uniformity: "", default_uniformity: 0, others: [],
-      several: null, choices: [], controls: [], views: [], is_texture: true, can_correct: false,
-    };
+    const name = LAYERS[this.layer];
     return html`
-      <section class="stage" aria-label=${MODES[this.name]}>
+      <section class="stage" aria-label=${name}>
         <div class="bar">
-          ${choice("Mode", MODES, this.name, (mode) => this.tell("mode", mode))}
           ${undoButtons(this.history, (direction) => this.stepBy(direction))}
-          <span class="state" role="status">${this.status(job)}</span>
+          <span class="state" role="status">${this.status(this.run)}</span>
         </div>
         <div class="panes">${this.exemplar ? this.panes() : html`<p class="welcome" role="status">Loading the exemplar …</p>`}</div>
         ${this.done < 1 && !this.job ? html`<progress class="line" max="1" .value=${this.done} aria-label="Preview"></progress>` : nothing}
       </section>
-      <aside class="right" aria-label="${MODES[this.name]}: tools">
-        ${this.tools()}
-        <recipe-form .recipe=${{ ...this.form, flow: "", sources: {}, size: sizeText(this.size) } as Recipe} .method=${method}
-          @edit=${(event: CustomEvent<Partial<Recipe>>) => this.edit(event.detail)}></recipe-form>
-        <button class="primary" ?disabled=${isBusy} @click=${() => this.finish()}>Finish at full size</button>
-        ${job?.state === "done" ? html`<button @click=${() => this.tell("inspect", `job:${job.id}`)}>Inspect it</button>` : nothing}
-        ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
-        <button @click=${() => this.showRecipe()}>Show as YAML or command</button>
+      <aside class="right" aria-label="${name}: tools">
+        ${this.cards(this.tools())}
+        ${card("Make", "", true, html`<recipe-form .recipe=${this.base(this.flow)} .method=${this.method}
+          @edit=${(event: CustomEvent<Partial<Recipe>>) => this.edit(event.detail)}></recipe-form>`)}
+        ${this.ending("Finish at full size")}
       </aside>
     `;
   }
@@ -231,6 +221,6 @@ export abstract class DirectMode extends Element {
     if (job?.state === "running") return "Running at full size; scales appear as they finish";
     if (this.done < 1) return this.shown ? "Refining the preview …" : "Preparing the first preview …";
     if (this.isRefined) return "Preview; a finer one is being made …";
-    return this.shown ? "Preview; the full size has its own details" : this.hint();
+    return this.shown && this.number >= 0 ? "Preview; the full size has its own details" : this.hint();
   }
 }

@@ -3,28 +3,37 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, state } from "lit/decorators.js";
 import { DirectMode } from "./direct-mode";
 import { type Draft, picture } from "./drafts";
-import { choice, slider } from "./fields";
+import { amount, choice, slider } from "./fields";
+import { KIND } from "./layers";
+import type { Recipe } from "./messages";
 import { Changes, connected, flattened, Layer } from "./painting";
 import type { Act, Over, Point } from "./picture-view";
 
 type Side = "exemplar" | "target";
 type Name = "mask" | "structure" | "labels" | "values" | "direction";
 
-const LAYERS: Record<Name, { title: string; sides: Side[]; hint: string }> = {
-  mask: { title: "Exclude", sides: ["exemplar"], hint: "What is never copied nor looked at: logos, borders, damage." },
+const KINDS: Record<Name, { title: string; sides: Side[]; hint: string }> = {
+  mask: { title: "Leave out", sides: ["exemplar"], hint: "What is never copied nor looked at: logos, borders, damage." },
   structure: { title: "Structure", sides: ["exemplar"], hint: "What must stay connected, in place of what is detected." },
   labels: {
-    title: "Labels", sides: ["exemplar", "target"],
-    hint: "What lies where in the exemplar, left, and what is to lie where in the result, right. What is not painted is label 1 in the exemplar, and free in the result.",
+    title: "Areas", sides: ["exemplar", "target"],
+    hint: "What lies where in the exemplar, left, and what is to lie where in the result, right. What is not painted is the first area in the exemplar, and free in the result.",
   },
   values: {
-    title: "Values", sides: ["exemplar", "target"],
-    hint: "A quantity, such as age or height, in the exemplar, left, and in the result, right. What is not painted is 0 in the exemplar, and free in the result.",
+    title: "Amount", sides: ["exemplar", "target"],
+    hint: "How much of something, such as age, rust or height, in the exemplar, left, and in the result, right. What is not painted is 0 in the exemplar, and free in the result.",
   },
   direction: { title: "Direction", sides: ["target"], hint: "Lines along which the texture is to run, in the result." },
 };
 const LABELS = ["#8a9199", "#4c6ef5", "#f76707", "#37b24d", "#ae3ec9", "#fab005"];
+const COLOR_NAMES = ["Grey", "Blue", "Orange", "Green", "Violet", "Yellow"];
+const MOST_NAME = 16; // characters
+const namesKey = (picture: string): string => `texloom areas ${picture}`; // what each label is, of a picture
 const COLORS: Partial<Record<Name, string>> = { mask: "#e5484d", structure: "#22b8cf", direction: "#ffe066" };
+/** what of a recipe each kind is */
+const SOURCES: Record<Name, string[]> = {
+  mask: [], structure: ["exemplar_structure"], labels: ["exemplar_guide", "target_guide"], values: ["exemplar_guide", "target_guide"], direction: ["strokes"],
+};
 const GUIDES: Name[] = ["labels", "values", "direction"];
 const TOOLS = { brush: "Brush", eraser: "Eraser", fill: "Fill" } as const;
 const LINE = 0.006; // of the result's longer side: width of a direction's line
@@ -32,23 +41,39 @@ const SIDES = { exemplar: "Exemplar", target: "Result" } as const;
 
 @customElement("direct-paint")
 export class DirectPaint extends DirectMode {
-  protected readonly name = "paint";
-  @state() private layer: Name = "mask";
+  protected readonly layer = "guides";
+  protected readonly flow = "self_tuning";
+  @state() private kind: Name = "mask";
   @state() private tool: keyof typeof TOOLS = "brush";
   @state() private radius = 16;
   @state() private tolerance = 24;
   @state() private label = 1;
+  @state() private names: Record<number, string> = {};
   @state() private value = 255;
   @state() private cover = 60;
   @state() private guide: Name = "labels";
   protected history = new Changes();
   private layers = new Map<string, Layer>();
+  /** the recipe, of which what was drawn before the page was loaded again stays until it is drawn anew or cleared */
+  private given!: Recipe;
   private hovered: { side: Side; at: Point } | null = null;
   private last: Point | null = null;
 
   protected reset(): void {
     this.layers.clear();
     this.history = new Changes();
+    this.given = this.recipe;
+    this.names = JSON.parse(localStorage.getItem(namesKey(this.picture.id)) ?? "{}");
+  }
+
+  private nameOf(label: number): string {
+    return this.names[label] || COLOR_NAMES[label];
+  }
+
+  /** Give the label a name, which is kept with the picture. */
+  private call(name: string): void {
+    this.names = { ...this.names, [this.label]: name };
+    localStorage.setItem(namesKey(this.picture.id), JSON.stringify(this.names));
   }
 
   /** A layer, which is made when it is first painted. */
@@ -80,23 +105,23 @@ export class DirectPaint extends DirectMode {
   // -- painting
 
   private get color(): string {
-    if (this.layer === "labels") return LABELS[this.label];
-    return COLORS[this.layer] ?? `rgb(${this.value} ${this.value} ${this.value})`;
+    if (this.kind === "labels") return LABELS[this.label];
+    return COLORS[this.kind] ?? `rgb(${this.value} ${this.value} ${this.value})`;
   }
 
   private act(side: Side, { phase, x, y, isOther }: Act): void {
     const at = { x, y };
     this.hovered = phase === "leave" ? null : { side, at };
-    if (!LAYERS[this.layer].sides.includes(side)) {
-      if (phase === "begin") this.refuse(`${LAYERS[this.layer].title} is painted over the ${SIDES[LAYERS[this.layer].sides[0]].toLowerCase()}`);
+    if (!KINDS[this.kind].sides.includes(side)) {
+      if (phase === "begin") this.refuse(`${KINDS[this.kind].title} is painted over the ${SIDES[KINDS[this.kind].sides[0]].toLowerCase()}`);
     } else if (phase === "begin") {
-      const layer = this.of(this.layer, side);
+      const layer = this.of(this.kind, side);
       this.history.begin(layer);
-      if (this.tool === "fill" && this.layer !== "direction") this.fill(side, layer, at, isOther);
+      if (this.tool === "fill" && this.kind !== "direction") this.fill(side, layer, at, isOther);
       else this.line(layer, at, at, isOther);
       this.last = at;
     } else if (phase === "drag" && this.last && this.tool !== "fill") {
-      this.line(this.of(this.layer, side), this.last, at, isOther);
+      this.line(this.of(this.kind, side), this.last, at, isOther);
       this.last = at;
     } else if (phase === "end" && this.last) {
       this.last = null;
@@ -109,13 +134,13 @@ export class DirectPaint extends DirectMode {
   }
 
   private painted_(): void {
-    if (GUIDES.includes(this.layer)) this.guide = this.layer;
+    if (GUIDES.includes(this.kind)) this.guide = this.kind;
     this.changed();
   }
 
   private line(layer: Layer, from: Point, to: Point, isOther: boolean): void {
     const erases = this.tool === "eraser" || isOther;
-    const width = this.layer === "direction" && !erases ? this.lineRadius : this.radius;
+    const width = this.kind === "direction" && !erases ? this.lineRadius : this.radius;
     this.history.touched(layer.line(from, to, width, erases ? null : this.color));
   }
 
@@ -136,8 +161,9 @@ export class DirectPaint extends DirectMode {
   }
 
   private clear(): void {
-    for (const side of LAYERS[this.layer].sides) {
-      const layer = this.painted(this.layer, side);
+    this.given = { ...this.given, mask: this.kind === "mask" ? null : this.given.mask, sources: without(this.given.sources, SOURCES[this.kind]) };
+    for (const side of KINDS[this.kind].sides) {
+      const layer = this.painted(this.kind, side);
       if (!layer) continue;
       this.history.begin(layer);
       layer.context.clearRect(0, 0, layer.width, layer.height);
@@ -171,31 +197,34 @@ export class DirectPaint extends DirectMode {
       attached[name] = await picture(canvas);
       return `attached:${name}`;
     };
-    const sources: Record<string, string> = {};
+    const given = Object.entries(this.given.sources).filter(([name]) => Object.values(SOURCES).flat().includes(name));
+    let sources: Recipe["sources"] = Object.fromEntries(given);
     const [mask, structure] = [this.painted("mask", "exemplar"), this.painted("structure", "exemplar")];
     if (structure) sources.exemplar_structure = await attach("structure.png", flattened(structure, "#000", "#fff"));
     const guide = [this.guide, ...GUIDES].find((one) => this.painted(one, "target"));
-    const flow = this.picture.is_material && !structure && !guide ? "materials" : "self_tuning";
-    let params = {};
+    let params: Recipe["params"] = sources.target_guide ? { [KIND]: this.given.params?.[KIND] ?? "labels" } : {};
+    if (guide) sources = without(sources, GUIDES.flatMap((one) => SOURCES[one]));
     if (guide === "direction") {
       sources.strokes = await attach("strokes.png", this.of("direction", "target").canvas);
     } else if (guide) {
       const own = this.painted(guide, "exemplar");
-      if (!own) return `Paint ${LAYERS[guide].title.toLowerCase()} over the exemplar too, on the left`;
+      if (!own) return `Paint ${KINDS[guide].title.toLowerCase()} over the exemplar too, on the left`;
       sources.exemplar_guide = await attach("exemplar_guide.png", flattened(own, guide === "labels" ? LABELS[0] : "#000", null));
       sources.target_guide = await attach("target_guide.png", this.of(guide, "target").canvas);
-      params = { "guide.kind": guide };
+      params = { [KIND]: guide };
     } else if (this.painted("labels", "exemplar") || this.painted("values", "exemplar")) {
       return "Now paint what is to lie where in the result, on the right";
     }
-    const recipe = this.base(flow, sources, params);
-    if (mask) recipe.mask = await attach("mask.png", flattened(mask, "#fff", "#000"));
+    const drawn = this.base(this.flow, sources, params);
+    const keepsMethod = !Object.keys(sources).length && !this.studio.begin.methods.find(({ flow }) => flow === this.recipe.flow)?.layer;
+    const recipe = keepsMethod ? { ...this.recipe, size: drawn.size, seed: drawn.seed, tileable: drawn.tileable } : drawn;
+    recipe.mask = mask ? await attach("mask.png", flattened(mask, "#fff", "#000")) : this.given.mask;
     return { recipe, attached };
   }
 
   protected override explained(problem: string): string {
-    if (problem.includes("few flat colours")) return "Paint larger areas of labels over the exemplar; these are too small to be recognised";
-    if (problem.includes("is no label of exemplar_guide")) return "A label of the result is not painted over the exemplar; paint it there too, or erase it";
+    if (problem.includes("few flat colours")) return "Paint larger areas over the exemplar; these are too small to be recognised";
+    if (problem.includes("is no label of exemplar_guide")) return "An area of the result is not painted over the exemplar; paint it there too, or erase it";
     return problem;
   }
 
@@ -210,13 +239,13 @@ export class DirectPaint extends DirectMode {
       const [left, top] = at({ x: 0, y: 0 });
       for (const [key, layer] of this.layers) {
         if (!key.endsWith(`:${side}`)) continue;
-        context.globalAlpha = (this.cover / 100) * (key.startsWith(this.layer) ? 1 : 0.5);
+        context.globalAlpha = (this.cover / 100) * (key.startsWith(this.kind) ? 1 : 0.5);
         context.imageSmoothingEnabled = scale < 3;
         context.drawImage(layer.canvas, left, top, layer.width * scale, layer.height * scale);
       }
       context.globalAlpha = 1;
-      if (this.hovered?.side !== side || this.tool === "fill" || !LAYERS[this.layer].sides.includes(side)) return;
-      const isLine = this.layer === "direction" && this.tool === "brush";
+      if (this.hovered?.side !== side || this.tool === "fill" || !KINDS[this.kind].sides.includes(side)) return;
+      const isLine = this.kind === "direction" && this.tool === "brush";
       for (const [style, width] of [["rgb(0 0 0 / 0.6)", 3], ["#fff", 1.2]] as const) {
         [context.strokeStyle, context.lineWidth] = [style, width];
         context.beginPath();
@@ -231,21 +260,22 @@ export class DirectPaint extends DirectMode {
     const extents = { exemplar: [this.picture.height, this.picture.width], target: this.size };
     return html`${(["exemplar", "target"] as const).map((side) => html`<figure>
       <figcaption>${SIDES[side]}</figcaption>
-      <picture-view class=${LAYERS[this.layer].sides.includes(side) ? "tool" : ""} tool="act" label=${SIDES[side]}
+      <picture-view class=${KINDS[this.kind].sides.includes(side) ? "tool" : ""} tool="act" label=${SIDES[side]}
         .picture=${side === "exemplar" ? this.exemplar : this.shown} .extent=${extents[side]} .over=${this.overs[side]}
         @act=${(event: CustomEvent<Act>) => this.act(side, event.detail)}></picture-view>
     </figure>`)}`;
   }
 
   protected tools(): TemplateResult {
-    const titles = Object.fromEntries(Object.entries(LAYERS).map(([name, { title }]) => [name, title])) as Record<Name, string>;
+    const titles = Object.fromEntries(Object.entries(KINDS).map(([name, { title }]) => [name, title])) as Record<Name, string>;
     return html`
-      <div class="layers">${choice("Layer", titles, this.layer, (name) => (this.layer = name))}</div>
-      <p class="hint">${LAYERS[this.layer].hint}</p>
-      ${this.layer === "labels" ? html`<div class="chips labels" role="radiogroup" aria-label="Label">${LABELS.map((color, index) => html`<button
-        role="radio" aria-checked=${index === this.label} aria-label="Label ${index + 1}" style="--label: ${color}"
-        @click=${() => (this.label = index)}>${index + 1}</button>`)}</div>` : nothing}
-      ${this.layer === "values" ? slider("Value", this.value, 255, (value) => (this.value = value)) : nothing}
+      <div class="layers">${choice("What is painted", titles, this.kind, (name) => (this.kind = name))}</div>
+      <p class="hint">${KINDS[this.kind].hint}${this.given.flow === this.flow || this.kind === "mask" ? "" : " It makes the colour alone, with the method All-round."}</p>
+      ${this.kind === "labels" ? html`<div class="chips labels" role="radiogroup" aria-label="Area">${LABELS.map((color, index) => html`<button
+          role="radio" aria-checked=${index === this.label} style="--label: ${color}" @click=${() => (this.label = index)}>${this.nameOf(index)}</button>`)}</div>
+        <label class="field"><span>Called</span><input type="text" aria-label="Name of the area" maxlength=${MOST_NAME} placeholder="such as moss"
+          .value=${this.names[this.label] ?? ""} @change=${(event: Event) => this.call((event.target as HTMLInputElement).value.trim())} /></label>` : nothing}
+      ${this.kind === "values" ? amount("Amount", this.value, (value) => (this.value = value)) : nothing}
       ${choice("Tool", TOOLS, this.tool, (tool) => (this.tool = tool))}
       ${this.tool === "fill"
         ? slider("Colours that count as alike", this.tolerance, 128, (value) => (this.tolerance = value))
@@ -258,3 +288,6 @@ export class DirectPaint extends DirectMode {
     `;
   }
 }
+
+const without = <Value>(values: Record<string, Value>, names: string[]): Record<string, Value> =>
+  Object.fromEntries(Object.entries(values).filter(([name]) => !names.includes(name)));

@@ -15,6 +15,11 @@ export const slider = (label: string, value: number, most: number, set: (value: 
       @input=${(event: Event) => set(Number((event.target as HTMLInputElement).value))} />
   </label>`;
 
+const MOST_CODE = 255;
+/** A grey level as a share. */
+export const amount = (label: string, code: number, set: (code: number) => void): TemplateResult => html`
+  ${slider(`${label}, %`, Math.round((100 * code) / MOST_CODE), 100, (percent) => set(Math.round((MOST_CODE * percent) / 100)))}`;
+
 /** Why something failed, with a button that tries it again. */
 export const failure = (problem: string, again: () => void): TemplateResult =>
   html`${problem} <button class="quiet" @click=${again}>Try again</button>`;
@@ -48,6 +53,19 @@ export const card = (title: string, told: string, isOpen: boolean, body: unknown
     <summary><strong>${title}</strong> <span>${told}</span></summary>
     <div class="more">${body}</div>
   </details>`;
+
+/** A choice of a mesh, or of a file with one. */
+export const meshFields = (
+  meshes: readonly string[], chosen: string, suffixes: readonly string[], choose: (mesh: string) => void, take: (file: File) => void,
+): TemplateResult => html`
+  <label class="field"><span>Mesh</span><select aria-label="Mesh" @change=${(event: Event) => choose((event.target as HTMLSelectElement).value)}>
+    ${meshes.map((one) => html`<option value=${one} ?selected=${one === chosen}>${one.replace(/^(texloom:|folder:|dropped:[^/]*\/)/, "")}</option>`)}
+  </select></label>
+  <label class="button">Choose a mesh file<input type="file" accept=${suffixes.join()} aria-label="Choose a mesh file"
+    @change=${(event: Event) => {
+      const [file] = (event.target as HTMLInputElement).files ?? [];
+      if (file) take(file);
+    }} /></label>`;
 
 /** Buttons that step back and forth; the page clicks them for Ctrl+Z and Ctrl+Shift+Z. */
 export const undoButtons = (

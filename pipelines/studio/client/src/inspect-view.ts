@@ -8,7 +8,7 @@ import type { ExrContents, Job, Recipe } from "./messages";
 import type { Drawable, Mode } from "./picture-view";
 import { ENDLESS, type TiledView, type Tiles } from "./tiled-view";
 import "./tiled-view";
-import { picturesOf } from "./recipe-edits";
+import { meshOf, picturesOf } from "./recipe-edits";
 import { bitmap, fileAddress, layers, pictureAddress, RequestError } from "./server";
 import { sides, sizeText } from "./sizes";
 import type { Studio } from "./studio";
@@ -71,14 +71,12 @@ export class InspectView extends Element {
     return html`
       <aside class="left" aria-label="Results">
         <h2>Results</h2>
-        ${jobs.length || files.length ? nothing : html`<p class="hint">Finish a texture at full size, or choose a result under Runs.</p>`}
         <ul class="pictures">
           ${jobs.map((job) => this.entry(`job:${job.id}`, job.name, fileAddress(job.id, job.maps.albedo ?? "texture.png")))}
           ${files.map((one) => this.entry(one.id, one.name, pictureAddress(one.id, 128)))}
         </ul>
       </aside>
-      <section class="stage" aria-label="Result">${this.item ? this.stage() : html`<div class="welcome">
-        <h2>Look closely</h2><p>Every layer of a result at any zoom, and the material on a lit shape.</p></div>`}</section>
+      <section class="stage" aria-label="Result">${this.item ? this.stage() : nothing}</section>
       <aside class="right" aria-label="Layers">
         ${this.layers
           ? html`<h2>Layers</h2>
@@ -109,10 +107,11 @@ export class InspectView extends Element {
         ${choice("How to look at it", names, this.mode, (mode) => (this.mode = mode))}
         ${this.mode === "endless" && job ? html`<button class="quiet" @click=${() => this.studio.show(this.inView(job))}>Show as YAML</button>` : nothing}
         <span class="state" role="status">${this.status(job)}</span>
+        <button title="To where it was opened" @click=${() => this.tell("close", null)}>Back</button>
       </div>
       ${this.mode === "material" && job
         ? html`<material-view .studio=${this.studio} .maps=${this.mapsOf(job)}
-            .mesh=${job.recipe.flow === "on_mesh" ? job.recipe.sources.mesh : ""} .side=${job.recipe.size ? sides(job.recipe.size)[0] : 1024}></material-view>`
+            .mesh=${meshOf(job.recipe)} .side=${job.recipe.size ? sides(job.recipe.size)[0] : 1024}></material-view>`
         : html`<tiled-view .tiles=${this.mode === "endless" ? this.endless(job!) : this.tiles} .exemplar=${this.exemplar}
               .mode=${this.mode === "endless" ? "single" : (this.mode as Mode)} label=${this.mode === "endless" ? "Endless texture" : `Layer ${this.name}`}
               @loading=${(event: CustomEvent<boolean>) => (this.isLoading = event.detail)}

@@ -4,8 +4,8 @@ import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
 import type { Job } from "./messages";
 import { aboutFile, inOrder } from "./made-files";
+import { words } from "./method-names";
 import { again, allAddress, cancel, fileAddress, RequestError, save } from "./server";
-import { title } from "./recipe-form";
 import { download, type Studio } from "./studio";
 
 const MANY = 8; // files, from which on they come as one
@@ -83,7 +83,7 @@ export class JobPanel extends Element {
               <select aria-label="Download maps for a program" ?disabled=${this.written !== ""}
                 @change=${(event: Event) => this.write(event.target as HTMLSelectElement)}>
                 <option value="">${this.written ? "Writing …" : "choose …"}</option>
-                ${this.studio.begin.layouts.map((one) => html`<option value=${one}>${NAMES[one] ?? title(one)}</option>`)}
+                ${this.studio.begin.layouts.map((one) => html`<option value=${one}>${NAMES[one] ?? words(one)}</option>`)}
               </select></label>
             <ul class="files" aria-label="Downloads">
               ${inOrder(job.files).map((file) => html`<li>

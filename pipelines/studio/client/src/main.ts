@@ -1,18 +1,14 @@
 // The frame of the page: views as tabs, dark and light, messages.
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, query, state } from "lit/decorators.js";
-import "./direct-view";
 import { Element } from "./element";
 import { isTyping } from "./fields";
 import "./inspect-view";
 import type { InspectView } from "./inspect-view";
+import type { MakeView } from "./make-view";
 import "./make-view";
-import type { MeshView } from "./mesh-view";
-import "./mesh-view";
 import "./materials-view";
 import type { Described } from "./messages";
-import "./paint-view";
-import "./photograph-view";
 import { PictureList } from "./picture-list";
 import type { Project } from "./project";
 import "./recipe-dialog";
@@ -21,16 +17,16 @@ import "./runs-view";
 import { project, RequestError, start } from "./server";
 import { Studio } from "./studio";
 
-const VIEWS = {
-  materials: "Materials", make: "Make", direct: "Direct", paint: "Paint", photograph: "Photograph", mesh: "Mesh", inspect: "Inspect", runs: "Runs",
-} as const;
-type View = keyof typeof VIEWS;
+const VIEWS = { materials: "Materials", make: "Make", runs: "Runs" } as const;
+/** `inspect` lies over that from which something is looked at */
+type View = keyof typeof VIEWS | "inspect";
 const MESSAGE_TIME = 12_000; // ms
 
 @customElement("texloom-studio")
 export class StudioPage extends Element {
   @state() private studio: Studio | null = null;
   @state() private view: View = "make";
+  private tab: keyof typeof VIEWS = "make";
   @state() private problem = "";
   @state() private failure = "";
   @query("recipe-dialog") private dialog!: RecipeDialog;
@@ -60,14 +56,13 @@ export class StudioPage extends Element {
 
   /** Show what was shown when the page, or the studio, was left. */
   private async comeBack({ place, state }: Project): Promise<void> {
-    this.view = place.view in VIEWS ? (place.view as View) : state.materials ? "materials" : "make";
-    this.studio!.project.look(this.view);
+    this.go(place.view in VIEWS ? (place.view as keyof typeof VIEWS) : state.materials ? "materials" : "make");
     await this.updateComplete;
     if (place.material) await this.studio!.project.open(place.material);
   }
 
-  private go(view: View): void {
-    this.view = view;
+  private go(view: keyof typeof VIEWS): void {
+    [this.view, this.tab] = [view, view];
     this.studio!.project.look(view);
   }
 
@@ -97,8 +92,9 @@ export class StudioPage extends Element {
     if (!this.studio || !data?.files.length) return;
     const mesh = [...data.files].find((file) => isMesh(file, this.studio!.begin.mesh_suffixes));
     if (mesh) {
-      this.go("mesh");
-      void this.querySelector<MeshView>("mesh-view")!.receive(mesh);
+      this.go("make");
+      this.querySelector<MakeView>("make-view")!.open("mesh");
+      await this.studio.takeMesh(mesh); // the layer, which is shown by then, takes it
       return;
     }
     const dropped = PictureList.filesIn(data); // before anything is awaited
@@ -116,7 +112,7 @@ export class StudioPage extends Element {
 
   /** Look at an EXR in the view for that. */
   private inspect(item: string): void {
-    this.go("inspect");
+    this.view = "inspect";
     void this.querySelector<InspectView>("inspect-view")!.open(item);
   }
 
@@ -127,10 +123,10 @@ export class StudioPage extends Element {
       <header>
         <h1>texloom <span>studio</span></h1>
         <nav role="tablist" aria-label="Views">
-          ${(Object.keys(VIEWS) as View[]).map(
+          ${(Object.keys(VIEWS) as (keyof typeof VIEWS)[]).map(
             (view) => html`<button
               role="tab"
-              aria-selected=${this.view === view}
+              aria-selected=${this.tab === view}
               @click=${() => this.go(view)}
             >${VIEWS[view]}</button>`,
           )}
@@ -150,19 +146,7 @@ export class StudioPage extends Element {
           ?hidden=${this.view !== "make"}
           @inspect=${(event: CustomEvent<string>) => this.inspect(event.detail)}
         ></make-view>
-        <direct-view
-          .studio=${studio}
-          ?hidden=${this.view !== "direct"}
-          @inspect=${(event: CustomEvent<string>) => this.inspect(event.detail)}
-        ></direct-view>
-        <paint-view .studio=${studio} ?hidden=${this.view !== "paint"}></paint-view>
-        <photograph-view
-          .studio=${studio}
-          ?hidden=${this.view !== "photograph"}
-          @inspect=${(event: CustomEvent<string>) => this.inspect(event.detail)}
-        ></photograph-view>
-        <mesh-view .studio=${studio} ?hidden=${this.view !== "mesh"}></mesh-view>
-        <inspect-view .studio=${studio} ?hidden=${this.view !== "inspect"}></inspect-view>
+        <inspect-view .studio=${studio} ?hidden=${this.view !== "inspect"} @close=${() => this.go(this.tab)}></inspect-view>
         <runs-view
           .studio=${studio}
           .isShown=${this.view === "runs"}

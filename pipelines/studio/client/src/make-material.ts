@@ -3,33 +3,22 @@ import { Comparison } from "./comparison";
 import { statusOf } from "./make-status";
 import { MadeResults, TEXTURE } from "./made-results";
 import { MakePreviews } from "./make-previews";
-import { MODES, modesOf, type Shown } from "./make-modes";
-import type { Material, Method, Picture, Recipe, ToPage, Variant } from "./messages";
-import type { Patch, Point } from "./picture-view";
+import { FIRST_STATE, type MakeState, MODES, modesOf, type Shown, UNCORRECTED } from "./make-modes";
+import { hasPreview, type LayerName, undrawn } from "./layers";
+import type { Job, Material, Method, Picture, Recipe, ToPage, Variant } from "./messages";
 import { isFull, lacking, picturesOf, toggled, tooMany, withExemplar, withMethod } from "./recipe-edits";
 import { RequestError } from "./server";
 import type { Payload, Studio } from "./studio";
 import { Undo } from "./undo";
 import { blendOf, type Cell, type Kind, newSheet, pictureOf, progressOf } from "./variants";
 
-/** How a material is looked at. */
-export interface MakeState {
-  mode: Shown;
-  /** of variants */
-  kind: Kind;
-  /** the export that is shown of a result; empty: the first one */
-  file: string;
-  isCorrecting: boolean;
-  outline: Point[];
-  patch: Patch | null;
-}
-const UNCORRECTED = { isCorrecting: false, outline: [], patch: null };
-
 export class MakeMaterial {
-  state: MakeState = { mode: "single", kind: "seeds", file: "", ...UNCORRECTED };
+  state: MakeState = { ...FIRST_STATE };
   readonly results: MadeResults;
   readonly previews: MakePreviews;
   readonly other: Comparison;
+  /** another number where what is drawn is of another material */
+  opened = 0;
   private undo = new Undo<Recipe | null>(null);
 
   /** ``largest``: px of the screen that there are for a preview */
@@ -68,7 +57,7 @@ export class MakeMaterial {
     const { done, picture, scale, isRefined, sheet } = this.previews;
     if (sheet) return progressOf(sheet);
     if (this.other.job) return "Left of the line is the result that it is compared with";
-    return statusOf(this.results, this.lacking, done < 1, picture ? scale : 0, isRefined);
+    return statusOf(this.results, this.lacking, done < 1, picture ? scale : 0, isRefined, hasPreview(this.method));
   }
 
   /** The export that is shown of a result. */
@@ -99,6 +88,7 @@ export class MakeMaterial {
 
   /** Show a material as it was left, or none. */
   private open(material: Material | null): void {
+    this.forgetLayers();
     const draft = material?.draft ?? null;
     const isOurs = this.studio.begin.methods.some((one) => one.flow === draft?.flow);
     this.undo = new Undo(isOurs ? draft : null);
@@ -119,6 +109,7 @@ export class MakeMaterial {
   }
 
   private begin(recipe: Recipe): void {
+    this.forgetLayers();
     this.studio.project.begin(recipe);
     this.undo = new Undo<Recipe | null>(recipe);
     this.results.restore([], "");
@@ -128,7 +119,7 @@ export class MakeMaterial {
   /** Go back to an earlier result, with the recipe that has made it. */
   goBack(variant: Variant): void {
     const recipe = this.results.open(this.studio.project.material!.variants, variant);
-    if (this.state.mode === "variants") this.see({ mode: "single" });
+    this.see({ layer: "result", ...(this.state.mode === "variants" ? { mode: "single" } : {}) });
     this.undo.set(recipe);
     this.refresh();
   }
@@ -206,14 +197,49 @@ export class MakeMaterial {
     this.load();
   }
 
-  async finish(): Promise<void> {
+  async finish(): Promise<Job | undefined> {
     const recipe = this.recipe!;
     const job = await this.studio.make(recipe);
-    if (!job) return;
+    if (!job) return undefined;
     this.previews.hold();
     this.results.begin(recipe, job);
     if (this.previews.sheet) [this.previews.sheet, this.state.mode] = [null, "single"];
     this.changed();
+    return job;
+  }
+
+  // -- its layers
+  private forgetLayers(): void {
+    this.opened += 1;
+    this.see({ layer: "result" });
+  }
+
+  showLayer(layer: LayerName): void {
+    const isStale = this.previews.sheet !== null || (layer === "result" && this.results.job?.state !== "done");
+    this.other.end();
+    this.see({ mode: "single", layer });
+    if (isStale) this.refresh(); // the previews of a layer end its own
+  }
+
+  /** Go on with what is drawn. */
+  draw(recipe: Recipe): void {
+    this.undo.set(recipe);
+    this.refresh();
+  }
+
+  /** Go on without it. */
+  undraw(): void {
+    this.opened += 1;
+    this.draw(undrawn(this.recipe!, this.method, this.studio.begin.methods));
+  }
+
+  /** Make what is drawn. */
+  async make(recipe: Recipe): Promise<Job | undefined> {
+    if (recipe.flow !== this.recipe?.flow) this.see({ file: "" });
+    this.undo.set(recipe);
+    this.results.forget();
+    this.studio.project.edit({ draft: recipe });
+    return this.finish();
   }
 
   correct(): void {
@@ -256,7 +282,7 @@ export class MakeMaterial {
     this.changed();
     if (!recipe) return;
     this.studio.project.edit({ draft: recipe, shown: results.id, mode, file });
-    if (this.lacking) previews.stop();
+    if (this.lacking || (!hasPreview(this.method) && results.job?.state !== "done")) previews.stop();
     else if (mode === "variants") previews.askForSheet(newSheet(kind, recipe, this.studio.begin.methods, this.made));
     else if (results.job?.state === "done") {
       previews.hold();

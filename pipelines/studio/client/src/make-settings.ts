@@ -4,6 +4,7 @@ import { customElement, property } from "lit/decorators.js";
 import { Element } from "./element";
 import { card, choice, isTyping } from "./fields";
 import "./job-panel";
+import { drawnOn, type LayerName, LAYERS } from "./layers";
 import type { Control, Job, Method, Picture, Recipe } from "./messages";
 import "./method-controls";
 import { toldOf } from "./method-controls";
@@ -12,6 +13,7 @@ import "./recipe-form";
 import type { Studio } from "./studio";
 
 const COLOUR = "self_tuning"; // where maps are wanted no more
+const ABOUT = "Areas and lines that guide it, pieces of the picture, the lattice of tiles, a map such as wetness, or lines on a mesh.";
 type Begins = Method["begins"];
 const BEGINNINGS: Record<Begins, string> = { picture: "A flat picture", photograph: "A photograph", maps: "Maps" };
 const HINTS: Record<Begins, string> = {
@@ -20,7 +22,10 @@ const HINTS: Record<Begins, string> = {
   maps: "All maps of the folder are made together.",
 };
 
-/** Tells `edit` with the fields of a recipe that change, `finish`, `correct`, and `inspect` with what to look at. */
+/**
+ * Tells `edit` with the fields of a recipe that change, `finish`, `correct`, `layer` with where to draw, `undraw` to go on
+ * without what is drawn, and `inspect` with what to look at.
+ */
 @customElement("make-settings")
 export class MakeSettings extends Element {
   @property({ attribute: false }) studio!: Studio;
@@ -50,6 +55,7 @@ export class MakeSettings extends Element {
       ${this.step("light", "Light")}
       ${this.step("region", "Region")}
       ${method.several || !this.canHaveMaps ? nothing : this.maps()}
+      ${method.several || !this.picture ? nothing : this.drawing()}
       ${card("Make", "", true, this.making())}
       ${job?.state === "done" && method.can_correct
         ? card("Correct", "", true, html`<button ?disabled=${!this.isWhole} @click=${() => this.tell("correct", null)}>Correct a spot</button>`)
@@ -60,24 +66,41 @@ export class MakeSettings extends Element {
     `;
   }
 
+  /** What it begins with, if that is there. */
+  private get picture(): Picture | undefined {
+    return this.studio.picture(picturesOf(this.recipe)[0]);
+  }
+
   /** Whether the picture is a set of maps. */
   private get isMaterial(): boolean {
-    return this.studio.picture(picturesOf(this.recipe)[0])?.is_material ?? false;
+    return this.picture?.is_material ?? false;
   }
 
   /** Whether maps can be estimated of the picture in place of what is made now. */
   private get canHaveMaps(): boolean {
-    return !this.isMaterial && this.method.is_texture;
+    return !this.isMaterial && this.method.is_texture && !this.method.layer;
   }
 
   private beginning(): TemplateResult | typeof nothing {
     const { begins } = this.method;
     const title = this.isMaterial ? "Maps" : begins === "photograph" ? "Photograph" : "Picture";
     const { picture, photograph } = BEGINNINGS;
-    const choose = (one: Begins): void => this.edit({ flow: this.studio.begin.methods.find((method) => method.begins === one)!.flow });
+    const choose = (one: Begins): void => this.edit({ flow: this.studio.begin.methods.find((method) => method.begins === one && !method.layer)!.flow });
     return card(title, "", true, html`
       ${this.isMaterial || !this.method.is_texture ? nothing : choice("What it is", { picture, photograph }, begins as "picture" | "photograph", choose)}
-      <p class="hint">${HINTS[this.isMaterial ? "maps" : begins]}</p>`);
+      <p class="hint">${HINTS[this.isMaterial ? "maps" : begins]}</p>
+      ${begins === "photograph" && this.picture
+        ? html`<button title="Planes and curved surfaces, holes, and other photographs" @click=${() => this.tell("layer", "surfaces")}>Place surfaces by hand</button>`
+        : nothing}
+      ${this.picture?.id.toLowerCase().endsWith(".exr") ? html`<button @click=${() => this.tell("inspect", this.picture!.id)}>Inspect it</button>` : nothing}`);
+  }
+
+  /** What is drawn on it. */
+  private drawing(): TemplateResult {
+    const drawn = drawnOn(this.recipe, this.method);
+    return card("Draw", drawn || "guides, collage, paint, mesh", drawn !== "", html`
+      <div class="layers">${choice<LayerName>("Layer", LAYERS as Record<LayerName, string>, "result", (one) => one !== "result" && this.tell("layer", one))}</div>
+      ${drawn ? html`<button @click=${() => this.tell("undraw", null)}>Without ${drawn}</button>` : html`<p class="hint">${ABOUT}</p>`}`);
   }
 
   private step(name: Control["card"], title: string): TemplateResult | typeof nothing {
@@ -103,7 +126,7 @@ export class MakeSettings extends Element {
   private making(): TemplateResult {
     const { job, method } = this;
     const isBusy = job?.state === "waiting" || job?.state === "running";
-    const methods = method.has_maps && !this.isMaterial ? [] : this.studio.begin.methods.filter((one) => this.fits(one));
+    const methods = method.layer || (method.has_maps && !this.isMaterial) ? [] : this.studio.begin.methods.filter((one) => this.fits(one));
     return html`
       <recipe-form .studio=${this.studio} .recipe=${this.recipe} .method=${method} .methods=${methods} .pictures=${this.pictures}></recipe-form>
       <button class="primary" ?disabled=${isBusy || this.lacking !== ""} @click=${() => this.tell("finish", null)}>Finish at full size</button>`;
@@ -111,7 +134,7 @@ export class MakeSettings extends Element {
 
   /** Whether a method can be chosen by its name; others are by what the surface is in and by its maps. */
   private fits(method: Method): boolean {
-    return method.begins === "maps" ? this.isMaterial : method.begins === "picture" && !method.has_maps;
+    return method.begins === "maps" ? this.isMaterial : method.begins === "picture" && !method.has_maps && !method.layer;
   }
 
   private edit(change: Partial<Recipe>): void {

@@ -9,7 +9,7 @@ import "./material-view";
 import type { Method, Recipe } from "./messages";
 import type { Drawable, Mode, Patch, Point } from "./picture-view";
 import "./picture-view";
-import { picturesOf } from "./recipe-edits";
+import { meshOf, picturesOf } from "./recipe-edits";
 import type { Maps } from "./scene";
 import { fileAddress } from "./server";
 import { sides } from "./sizes";
@@ -77,7 +77,8 @@ export class MakeStage extends Element {
       </div>
       ${this.sheet ? html`<variant-sheet .sheet=${this.sheet}></variant-sheet>` : html`<div class="spaces">
         ${this.space === "lit" ? nothing : this.view(shown)}
-        ${this.space === "flat" ? nothing : html`<material-view .studio=${this.studio} .maps=${this.maps(shown)}></material-view>`}
+        ${this.space === "flat" ? nothing : html`<material-view .studio=${this.studio} .maps=${this.maps(shown)} .mesh=${meshOf(this.recipe)}
+          .side=${this.recipe.size ? sides(this.recipe.size)[0] : 1024}></material-view>`}
       </div>`}
       ${shown || this.sheet ? nothing : html`<p class="welcome over">${this.waits}</p>`}
       ${results.origins && results.picture && this.exemplar && this.hovered && !this.isCorrecting

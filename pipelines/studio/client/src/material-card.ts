@@ -3,7 +3,7 @@ import { html, type TemplateResult } from "lit";
 import { customElement, property } from "lit/decorators.js";
 import { Element } from "./element";
 import type { WallEntry } from "./messages";
-import { title } from "./recipe-form";
+import { methodName } from "./method-names";
 import { pictureAddress, thumbnailAddress } from "./server";
 
 const SIDE = 192; // px
@@ -24,7 +24,7 @@ export class MaterialCard extends Element {
           @click=${() => this.tell("favourite", null)}>${is_favourite ? "★" : "☆"}</button>
         <button class="quiet" aria-pressed=${this.chosen} aria-label="Details of ${name}" title="Name, tags, files, delete"
           @click=${() => this.tell("choose", null)}>⋯</button></p>
-      <p class="hint">${flow ? `${title(flow)}, ` : ""}${about}</p>`;
+      <p class="hint">${flow ? `${methodName(flow)}, ` : ""}${about}</p>`;
   }
 }
 

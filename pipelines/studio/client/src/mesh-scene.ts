@@ -26,8 +26,8 @@ export class MeshScene extends MaterialScene {
   private under = new MeshStandardMaterial({ color: 0x9aa1a9, roughness: 0.8 });
   private readonly values = new MeshStandardMaterial({ roughness: 0.9 });
 
-  override setMesh(corners: Corners): void {
-    super.setMesh(corners);
+  override setMesh(corners: Corners, isCharted = true): void {
+    super.setMesh(corners, isCharted);
     this.under = new MeshStandardMaterial({ color: 0x9aa1a9, roughness: 0.8 });
     this.mesh.material = this.under;
     this.draw();

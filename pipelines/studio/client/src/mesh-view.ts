@@ -1,22 +1,19 @@
-// Mesh: a texture on a surface, with directions and values painted on it in three dimensions.
+// The layer Mesh: a texture on a surface, with directions and values painted on it in three dimensions.
 import { html, nothing, type TemplateResult } from "lit";
-import { customElement, property, query, state } from "lit/decorators.js";
+import { customElement, query, state } from "lit/decorators.js";
 import type { Corners } from "./corners";
-import { Element } from "./element";
-import { slider, undoButtons } from "./fields";
-import "./job-panel";
+import { amount, meshFields, slider, undoButtons } from "./fields";
+import { MaterialLayer } from "./material-layer";
 import type { Hit, MeshScene } from "./mesh-scene";
-import type { Job, Picture, Recipe } from "./messages";
-import "./picture-list";
-import { fileAddress, keepDocument, mesh, PAINTED, upload, uploadMesh } from "./server";
+import type { Job, Recipe } from "./messages";
+import { fileAddress, keepDocument, mesh, PAINTED, upload } from "./server";
 import { sizeText } from "./sizes";
-import type { Studio } from "./studio";
 import { TexelMap } from "./texel-map";
 import { Undo } from "./undo";
 
 const SIDES = [512, 1024, 2048];
 const MAP_SIDE = 512; // px of the painted control map
-const TOOLS = { turn: "Turn", direction: "Direction", control: "Control" } as const;
+const TOOLS = { turn: "Turn", direction: "Direction", control: "Amount" } as const;
 type Tool = keyof typeof TOOLS;
 const BROKEN = 0.1; // of the texture: points of a stroke that are farther apart are on other charts
 const STEP = 6; // screen px between points of a stroke
@@ -28,59 +25,50 @@ interface Painted {
 const NOTHING: Painted = { strokes: [], codes: null };
 
 @customElement("mesh-view")
-export class MeshView extends Element {
-  @property({ attribute: false }) studio!: Studio;
-  @state() private exemplar: Picture | null = null;
-  /** those of the folder and those that ship, after those that were dropped */
-  @state() private meshes: string[] = [];
+export class MeshView extends MaterialLayer {
+  protected readonly layer = "mesh";
   @state() private shape = "texloom:torus";
   @state() private side = 1024;
-  @state() private seed = 7;
   @state() private tool: Tool = "turn";
   @state() private control = "";
   @state() private code = 255;
   @state() private radius = 20; // hundredths of the mesh's radius
   @state() private painted = new Undo<Painted>(NOTHING);
   @state() private waits = "";
-  @state() private job = "";
   @query("canvas.mesh") private canvas!: HTMLCanvasElement | null;
   private scene: MeshScene | null = null;
   private corners: Corners | null = null;
   private map: TexelMap | null = null;
   private shown = "";
+  private dropped = "";
   private stroke: Hit[] = [];
   private last: [number, number] | null = null;
   private readonly observer = new ResizeObserver(() => this.scene?.draw());
 
-  override connectedCallback(): void {
-    super.connectedCallback();
-    this.meshes = this.studio.begin.meshes;
-    this.studio.addEventListener("change", this.onChange);
-  }
-
   override disconnectedCallback(): void {
     super.disconnectedCallback();
-    this.studio.removeEventListener("change", this.onChange);
     this.observer.disconnect();
     this.scene?.dispose();
   }
 
-  private readonly onChange = (): void => {
-    const job = this.studio.jobs.get(this.job);
-    if (job?.state === "done" && this.shown !== job.id) void this.show(job);
+  protected override onChange = (): void => {
+    const { run } = this;
+    if (run?.state === "done" && this.shown !== run.id) void this.show(run);
+    if (this.dropped !== this.studio.mesh && this.canvas?.checkVisibility()) void this.unfold((this.dropped = this.studio.mesh));
     this.requestUpdate();
   };
 
   // -- what is shown
 
-  private async choose(picture: Picture): Promise<void> {
-    this.exemplar = picture;
+  protected override async open(): Promise<void> {
     this.control = "";
+    this.dropped = this.studio.mesh;
+    if (this.dropped) this.shape = this.dropped;
     await this.updateComplete;
-    if (!this.scene) await this.open(this.shape);
+    if (!this.scene) await this.unfold(this.shape);
   }
 
-  private async open(shape: string): Promise<void> {
+  private async unfold(shape: string): Promise<void> {
     this.shape = shape;
     this.waits = "Unfolding the mesh …";
     const [corners, { MeshScene }] = await Promise.all([this.studio.attempt(mesh(shape, this.side)), import("./mesh-scene")]);
@@ -96,17 +84,7 @@ export class MeshView extends Element {
     this.scene.setMesh(corners);
     this.restore();
     this.use("turn");
-  }
-
-  /** Take a mesh into the library, and open it. */
-  async receive(file: File): Promise<void> {
-    this.waits = `Reading ${file.name} …`;
-    const mesh = await this.studio.attempt(uploadMesh(file));
-    this.waits = "";
-    if (!mesh) return;
-    if (!this.meshes.includes(mesh)) this.meshes = [mesh, ...this.meshes];
-    this.shape = mesh;
-    if (this.exemplar) await this.open(mesh);
+    if (this.begun && !this.run) void this.studio.attempt(this.scene.setMaps({ albedo: await createImageBitmap(this.begun) }));
   }
 
   private async show(job: Job): Promise<void> {
@@ -178,9 +156,13 @@ export class MeshView extends Element {
 
   // -- results
 
-  private async recipe(): Promise<Recipe> {
+  protected override async drawn(): Promise<Recipe | undefined> {
+    return this.studio.attempt(this.described());
+  }
+
+  private async described(): Promise<Recipe> {
     const { strokes, codes } = this.painted.now;
-    const sources: Record<string, string> = { exemplar: this.exemplar!.id, mesh: this.shape };
+    const sources: Record<string, string> = { exemplar: this.picture.id, mesh: this.shape };
     const lines = strokes.flatMap((one) => pieces(one, this.side));
     if (lines.length) sources.strokes = await keepDocument("strokes", { size: sizeText([this.side, this.side]), strokes: lines, width: 3 });
     if (codes && this.control) {
@@ -188,82 +170,54 @@ export class MeshView extends Element {
       sources.control = this.control;
       sources.target = (await upload([new File([blob!], `${PAINTED}target.png`)], "")).id;
     }
-    return { flow: "on_mesh", sources, size: sizeText([this.side, this.side]), seed: this.seed };
-  }
-
-  private async finish(): Promise<void> {
-    this.job = (await this.studio.start(await this.studio.attempt(this.recipe())))?.id ?? this.job;
-  }
-
-  private async showRecipe(): Promise<void> {
-    await this.studio.show(await this.studio.attempt(this.recipe()));
+    return { flow: "on_mesh", sources, size: sizeText([this.side, this.side]), seed: this.recipe.seed };
   }
 
   // -- how it looks
 
   override render(): TemplateResult {
     return html`
-      <aside class="left" aria-label="Exemplars">
-        <picture-list .studio=${this.studio} .chosen=${this.exemplar?.id ?? ""}
-          @choose=${(event: CustomEvent<Picture>) => this.choose(event.detail)}></picture-list>
-      </aside>
       <section class="stage" aria-label="Mesh">
-        ${this.exemplar
-          ? html`<div class="bar">
-                <div class="segments" role="radiogroup" aria-label="What dragging does">
-                  ${(Object.keys(TOOLS) as Tool[]).map((tool) => html`<button role="radio" aria-checked=${tool === this.tool}
-                    ?disabled=${!this.corners} @click=${() => this.use(tool)}>${TOOLS[tool]}</button>`)}
-                </div>
-                ${undoButtons(this.painted, (direction) => this.undo(direction))}
-                <span class="state" role="status">${this.status()}</span>
-              </div>`
-          : html`<div class="welcome"><h2>Put a texture on a mesh</h2>
-              <p>Choose an exemplar, and drop a mesh or take one that ships. Lines that are drawn on it lead the texture, and values say what grows where.</p></div>`}
-        <div class="space" ?hidden=${!this.exemplar}><canvas class="mesh" tabindex="0" role="img" aria-label="Mesh"
+        <div class="bar">
+          <div class="segments" role="radiogroup" aria-label="What dragging does">
+            ${(Object.keys(TOOLS) as Tool[]).map((tool) => html`<button role="radio" aria-checked=${tool === this.tool}
+              ?disabled=${!this.corners} @click=${() => this.use(tool)}>${TOOLS[tool]}</button>`)}
+          </div>
+          ${undoButtons(this.painted, (direction) => this.undo(direction))}
+          <span class="state" role="status">${this.status()}</span>
+        </div>
+        <div class="space"><canvas class="mesh" tabindex="0" role="img" aria-label="Mesh"
           @pointerdown=${this.down} @pointermove=${this.move} @pointerup=${this.up} @pointercancel=${this.up}></canvas></div>
       </section>
-      <aside class="right" aria-label="Texture on the mesh">${this.exemplar ? this.settings(this.exemplar) : nothing}</aside>
+      <aside class="right" aria-label="Texture on the mesh">${this.cards(this.settings())} ${this.ending("Make the texture", this.corners !== null)}</aside>
     `;
   }
 
   private status(): string {
     if (this.waits) return this.waits;
     if (this.tool === "direction") return "Draw lines along which the texture's columns run";
-    if (this.tool === "control") return this.control ? "Paint values of the control map" : "Choose the exemplar's control map first";
+    if (this.tool === "control") return this.control ? "Paint how much there is of what leads it" : "Choose first what leads it: a grey map of the picture";
     return "Drag to turn";
   }
 
-  private settings(exemplar: Picture): TemplateResult {
-    const job = this.studio.jobs.get(this.job);
-    const isRunning = ["waiting", "running"].includes(job?.state ?? "");
+  private settings(): TemplateResult {
+    const { picture } = this;
     const maps = [...this.studio.pictures, ...this.studio.begin.examples].filter(
-      (one) => one.id !== exemplar.id && one.height === exemplar.height && one.width === exemplar.width && !one.is_material,
+      (one) => one.id !== picture.id && one.height === picture.height && one.width === picture.width && !one.is_material,
     );
     return html`
-      <label class="field"><span>Mesh</span><select aria-label="Mesh" @change=${(event: Event) => this.open((event.target as HTMLSelectElement).value)}>
-        ${this.meshes.map((one) => html`<option value=${one} ?selected=${one === this.shape}>${one.replace(/^(texloom:|folder:|dropped:[^/]*\/)/, "")}</option>`)}
-      </select></label>
-      <label class="button">Choose a mesh file<input type="file" accept=${this.studio.begin.mesh_suffixes.join()} aria-label="Choose a mesh file"
-        @change=${(event: Event) => {
-          const [file] = (event.target as HTMLInputElement).files ?? [];
-          if (file) void this.receive(file);
-        }} /></label>
+      ${meshFields(this.studio.meshes, this.shape, this.studio.begin.mesh_suffixes, (one) => void this.unfold(one), (file) => void this.studio.takeMesh(file))}
       <div class="chips" role="group" aria-label="Size of the texture">${SIDES.map((side) => html`<button aria-pressed=${side === this.side}
         @click=${() => {
           this.side = side;
-          void this.open(this.shape);
+          void this.unfold(this.shape);
         }}>${side}</button>`)}</div>
-      <label class="field"><span>Seed</span><input type="number" min="0" step="1" aria-label="Seed" .value=${String(this.seed)}
-        @change=${(event: Event) => (this.seed = Math.max(0, Math.trunc(Number((event.target as HTMLInputElement).value) || 0)))} /></label>
-      <label class="field"><span>Control</span><select aria-label="Control map of the exemplar"
+      <label class="field"><span>Led by</span><select aria-label="Control map of the exemplar"
         @change=${(event: Event) => (this.control = (event.target as HTMLSelectElement).value)}>
         <option value="">none</option>
         ${maps.map((one) => html`<option value=${one.id} ?selected=${one.id === this.control}>${one.name}</option>`)}</select></label>
-      ${this.tool === "control" ? html`${slider("Value", this.code, 255, (value) => (this.code = value))}
+      ${this.tool === "control" ? html`${amount("Amount", this.code, (code) => (this.code = code))}
         ${slider("Brush radius", this.radius, 100, (value) => (this.radius = Math.max(1, value)))}` : nothing}
-      <button class="primary" ?disabled=${isRunning || !this.corners} @click=${() => this.finish()}>Make the texture</button>
-      <button ?disabled=${!this.corners} @click=${() => this.showRecipe()}>Show as YAML or command</button>
-      ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
     `;
   }
 }

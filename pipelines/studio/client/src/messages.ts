@@ -83,6 +83,7 @@ export interface Method {
   views: (ResultPicture)[];
   is_texture: boolean;
   can_correct: boolean;
+  layer: "" | "collage" | "paint" | "mesh" | "surfaces";
 }
 
 export interface Start {

@@ -1,24 +1,21 @@
-// Paint: a control map under the brush, and the texture that follows it.
+// The layer Paint: a control map under the brush, and the texture that follows it.
 import { html, nothing, type TemplateResult } from "lit";
-import { customElement, property, query, state } from "lit/decorators.js";
+import { customElement, query, state } from "lit/decorators.js";
 import { type Area, ControlMap, joined } from "./control-map";
-import { Element } from "./element";
-import { failure, slider, undoButtons } from "./fields";
-import "./job-panel";
-import type { Job, PaintPicture, Picture, Recipe, ToPage } from "./messages";
-import "./picture-list";
+import { amount, failure, slider, undoButtons } from "./fields";
+import { MaterialLayer } from "./material-layer";
+import type { PaintPicture, Recipe, ToPage } from "./messages";
 import { bitmap, PAINTED, pictureAddress, upload } from "./server";
 import { sizeText } from "./sizes";
-import type { Payload, Studio } from "./studio";
+import type { Payload } from "./studio";
 
 const FLOW = "per_pixel_control";
 const SIDES = [256, 512, 1024];
 const PICK = 256; // px of the original from which values are picked
 
 @customElement("paint-view")
-export class PaintView extends Element {
-  @property({ attribute: false }) studio!: Studio;
-  @state() private texture: Picture | null = null;
+export class PaintView extends MaterialLayer {
+  protected readonly layer = "paint";
   @state() private control = "";
   @state() private side = 512;
   @state() private state: "none" | "opening" | "ready" = "none";
@@ -28,7 +25,6 @@ export class PaintView extends Element {
   @state() private radius = 40;
   @state() private hardness = 0.5;
   @state() private shows: "texture" | "map" = "texture";
-  @state() private job = "";
   @query("canvas.result") private canvas!: HTMLCanvasElement;
   @query("canvas.cursor") private cursor!: HTMLCanvasElement;
   private map = new ControlMap(this.side, this.side);
@@ -42,15 +38,21 @@ export class PaintView extends Element {
 
   override connectedCallback(): void {
     super.connectedCallback();
-    this.studio.listen((message, payload) => this.receive(message, payload));
-    this.studio.addEventListener("change", () => this.requestUpdate());
-    this.studio.addEventListener("renewed", () => this.state !== "none" && this.open());
+    this.studio.addEventListener("renewed", this.onRenewed);
   }
+
+  override disconnectedCallback(): void {
+    super.disconnectedCallback();
+    this.studio.removeEventListener("renewed", this.onRenewed);
+  }
+
+  private readonly onRenewed = (): void => {
+    if (this.state !== "none") this.begin();
+  };
 
   // -- opening
 
-  private choose(picture: Picture): void {
-    this.texture = picture;
+  protected override async open(): Promise<void> {
     this.control = "";
     this.forget();
   }
@@ -62,18 +64,17 @@ export class PaintView extends Element {
   }
 
   /** Have the server summarise the texture with its control map. */
-  private open(): void {
-    if (!this.texture) return;
+  private begin(): void {
     if (this.map.width !== this.side) this.map = new ControlMap(this.side, this.side);
     [this.state, this.progress, this.problem, this.job] = ["opening", "", "", ""];
     [this.dirty, this.isWaiting, this.pixels] = [null, false, null];
     this.number = this.studio.next();
     this.studio.send({
-      kind: "paint_open", number: this.number, texture: this.texture.id, control: this.control, size: sizeText([this.side, this.side]),
+      kind: "paint_open", number: this.number, texture: this.picture.id, control: this.control, size: sizeText([this.side, this.side]),
     }, this.map.codes);
   }
 
-  private receive(message: ToPage, payload: Payload): void {
+  protected override receive(message: ToPage, payload: Payload): void {
     if (!("number" in message) || message.number !== this.number) return;
     if (message.kind === "paint_progress") {
       this.progress = `${message.step} ${message.done ? `${Math.round(100 * message.done)} %` : ""}`;
@@ -185,20 +186,12 @@ export class PaintView extends Element {
 
   // -- results
 
-  private async recipe(): Promise<Recipe | undefined> {
+  protected override async drawn(): Promise<Recipe | undefined> {
     const blob = await new Promise<Blob | null>((done) => this.map.canvas().toBlob(done, "image/png"));
     const target = await this.studio.attempt(upload([new File([blob!], `${PAINTED}target.png`)], ""));
     if (!target) return undefined;
-    const sources = { texture: this.texture!.id, control: this.opened, target: target.id };
-    return { flow: FLOW, sources, size: sizeText([this.side, this.side]) };
-  }
-
-  private async finish(): Promise<void> {
-    this.job = (await this.studio.start(await this.recipe()))?.id ?? this.job;
-  }
-
-  private async showRecipe(): Promise<void> {
-    await this.studio.show(await this.recipe());
+    const sources = { texture: this.picture.id, control: this.opened, target: target.id };
+    return { flow: FLOW, sources, size: sizeText([this.side, this.side]), seed: this.recipe.seed };
   }
 
   // -- how it looks
@@ -228,15 +221,8 @@ export class PaintView extends Element {
 
   override render(): TemplateResult {
     return html`
-      <aside class="left" aria-label="Originals">
-        <picture-list .studio=${this.studio} .chosen=${this.texture?.id ?? ""}
-          @choose=${(event: CustomEvent<Picture>) => this.choose(event.detail)}></picture-list>
-      </aside>
-      <section class="stage" aria-label="Canvas">${this.texture ? this.stage() : html`<div class="welcome">
-        <h2>Paint a texture</h2>
-        <p>Choose an original. It is summarised together with a map that says what is where in it, such as wetness, rust or
-          height; then the texture follows your brush.</p></div>`}</section>
-      <aside class="right" aria-label="Brush">${this.texture ? this.settings(this.texture) : nothing}</aside>
+      <section class="stage" aria-label="Canvas">${this.stage()}</section>
+      <aside class="right" aria-label="Brush">${this.cards(this.settings())} ${this.state === "ready" ? this.ending("Finish with all maps") : nothing}</aside>
     `;
   }
 
@@ -257,25 +243,25 @@ export class PaintView extends Element {
       </div>
       ${this.state === "none" ? html`<div class="welcome over">
         <h2>What controls it?</h2>
-        <p>Choose a grey map of the original on the right, or paint by its brightness. Summarising the original takes a minute or
-          two, once.</p><p><button class="primary" @click=${() => this.open()}>Begin to paint</button></p></div>` : nothing}
+        <p>Choose a grey map of the picture on the right that says what is where in it, such as wetness, rust or height, or paint by
+          its brightness. Summarising the picture takes a minute or two, once.</p><p><button class="primary" @click=${() => this.begin()}>Begin to paint</button></p></div>` : nothing}
       ${this.state === "opening" ? html`<progress class="line" aria-label="Summary"></progress>` : nothing}
     `;
   }
 
   private status(): string | TemplateResult {
-    if (this.problem) return failure(this.problem, () => this.open());
+    if (this.problem) return failure(this.problem, () => this.begin());
     if (this.state === "opening") return `Summarising the original, once: ${this.progress || "starting"}`;
     return this.state === "ready" ? "Paint: the texture follows" : "";
   }
 
-  private settings(texture: Picture): TemplateResult {
+  private settings(): TemplateResult {
+    const { picture } = this;
     const maps = [...this.studio.pictures, ...this.studio.begin.examples].filter(
-      (one) => one.id !== texture.id && Math.abs(one.height * texture.width - one.width * texture.height) <= Math.max(texture.height, texture.width),
+      (one) => one.id !== picture.id && Math.abs(one.height * picture.width - one.width * picture.height) <= Math.max(picture.height, picture.width),
     );
-    const job: Job | undefined = this.studio.jobs.get(this.job);
     return html`
-      <label class="field"><span>Control</span>
+      <label class="field"><span>Led by</span>
         <select aria-label="Control map" @change=${(event: Event) => {
           this.control = (event.target as HTMLSelectElement).value;
           this.forget();
@@ -288,23 +274,19 @@ export class PaintView extends Element {
           this.side = side;
           this.forget();
         }}>${side}</button>`)}</div>
-      ${this.state === "ready" ? this.brush(texture) : nothing}
-      ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
+      ${this.state === "ready" ? this.brush() : nothing}
     `;
   }
 
-  private brush(texture: Picture): TemplateResult {
-    const isRunning = ["waiting", "running"].includes(this.studio.jobs.get(this.job)?.state ?? "");
+  private brush(): TemplateResult {
     return html`
-      <img class="pick" src=${pictureAddress(texture.id, PICK)} alt="The original: click to paint what is there" title="Click to paint what is there" @click=${this.pick} />
+      <img class="pick" src=${pictureAddress(this.picture.id, PICK)} alt="The original: click to paint what is there" title="Click to paint what is there" @click=${this.pick} />
       <div class="swatch" style="background: rgb(${this.code} ${this.code} ${this.code})"></div>
-      ${slider("Value", this.code, 255, (value) => (this.code = value))}
+      ${amount("Amount", this.code, (code) => (this.code = code))}
       ${slider("Brush radius", this.radius, 200, (value) => (this.radius = Math.max(2, value)))}
       ${slider("Hardness", Math.round(100 * this.hardness), 99, (value) => (this.hardness = value / 100))}
       <p class="row"><label class="button half">Load a map<input type="file" accept="image/*" aria-label="Load a map" @change=${this.load} /></label>
         <button class="half" @click=${() => this.whole(() => this.map.fill(this.code))}>Fill</button></p>
-      <button class="primary" ?disabled=${isRunning} @click=${() => this.finish()}>Finish with all maps</button>
-      <button @click=${() => this.showRecipe()}>Show as YAML or command</button>
     `;
   }
 }

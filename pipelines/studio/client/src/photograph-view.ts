@@ -1,19 +1,18 @@
-// Photograph: place patches on a photograph's surfaces, paint areas, and make flat textures, fill holes or cover others.
+// The layer Surfaces: place patches on a photograph's surfaces, paint areas, and make flat textures, fill holes or cover others.
 import { html, nothing, type TemplateResult } from "lit";
-import { customElement, property, query, state } from "lit/decorators.js";
+import { customElement, query, state } from "lit/decorators.js";
 import { surface } from "./bezier";
-import { Element } from "./element";
 import { failure, choice, tilingField, undoButtons } from "./fields";
-import "./job-panel";
+import { MaterialLayer } from "./material-layer";
+import { words } from "./method-names";
 import type { PatchRecipe, PhotoPatch, PhotoProposal, PhotoRecipe, Picture, Recipe, ToPage } from "./messages";
 import { AREA_COLORS, type Brush, type Edit, type Shown } from "./photo-canvas";
 import "./photo-canvas";
 import { changed, cleared, EMPTY, type Handle, painted, type PhotoDocument, weighted, withPlane, without } from "./photo-document";
 import { photoFlow, PURPOSES, type Purpose, type Settings } from "./photo-flows";
-import "./picture-list";
 import { bitmap, pictureAddress } from "./server";
 import { sides, sizeText } from "./sizes";
-import { canvasOf, type Payload, type Studio } from "./studio";
+import { canvasOf, type Payload } from "./studio";
 import { Undo } from "./undo";
 
 const SIDE = 2048; // px of the photograph that is shown, at most
@@ -52,9 +51,12 @@ class Photo {
   }
 }
 
+/** what has been done to each since the page was loaded; one may be placed into another */
+const photos = new Map<string, Photo>();
+
 @customElement("photograph-view")
-export class PhotographView extends Element {
-  @property({ attribute: false }) studio!: Studio;
+export class PhotographView extends MaterialLayer {
+  protected readonly layer = "surfaces";
   @state() private photo: Photo | null = null;
   @state() private step: Step = "surface";
   @state() private isCurved = false;
@@ -68,28 +70,13 @@ export class PhotographView extends Element {
   /** what to try again, where the server has failed */
   private failed: (() => void) | null = null;
   @state() private isProposing = false;
-  @state() private job = "";
   @query("canvas.front") private front!: HTMLCanvasElement;
-  private readonly photos = new Map<string, Photo>();
   private live: PhotoDocument | null = null; // while a hand moves
   private number = -1;
   private isWaiting = false;
   private isDirty = false;
-  private stop: (() => void) | null = null;
 
-  override connectedCallback(): void {
-    super.connectedCallback();
-    this.stop = this.studio.listen((message, payload) => this.receive(message, payload));
-    this.studio.addEventListener("change", this.onChange);
-  }
-
-  override disconnectedCallback(): void {
-    super.disconnectedCallback();
-    this.stop?.();
-    this.studio.removeEventListener("change", this.onChange);
-  }
-
-  private readonly onChange = (): void => {
+  protected override onChange = (): void => {
     if (!this.studio.isConnected) this.isWaiting = false;
     this.requestUpdate();
   };
@@ -100,13 +87,15 @@ export class PhotographView extends Element {
 
   // -- the server
 
-  private async open(picture: Picture): Promise<void> {
-    if (!this.photos.has(picture.id)) {
+  protected override async open(): Promise<void> {
+    const { picture } = this;
+    if (!photos.has(picture.id)) {
       const loaded = await this.studio.attempt(bitmap(pictureAddress(picture.id, SIDE)));
       if (!loaded) return;
-      this.photos.set(picture.id, new Photo(picture, loaded));
+      photos.set(picture.id, new Photo(picture, loaded));
     }
-    this.photo = this.photos.get(picture.id)!;
+    if (picture !== this.picture) return;
+    this.photo = photos.get(picture.id)!;
     [this.live, this.problem, this.handle, this.job] = [null, "", null, ""];
     this.ask();
   }
@@ -129,7 +118,7 @@ export class PhotographView extends Element {
     this.studio.send({ kind: "photo", number: this.number, recipe: { photo: this.photo.picture.id }, propose: true });
   }
 
-  private receive(message: ToPage, payload: Payload): void {
+  protected override receive(message: ToPage, payload: Payload): void {
     const { photo } = this;
     if (!photo || !("number" in message) || message.number !== this.number) return;
     if (message.kind === "photo_state") {
@@ -240,17 +229,9 @@ export class PhotographView extends Element {
 
   // -- results
 
-  private async recipe(): Promise<Recipe | undefined> {
-    const scene = this.photos.get(this.settings.scene);
+  protected override async drawn(): Promise<Recipe | undefined> {
+    const scene = photos.get(this.settings.scene);
     return this.studio.attempt(photoFlow(this.photo!.recipe, scene?.recipe ?? null, this.settings));
-  }
-
-  private async finish(): Promise<void> {
-    this.job = (await this.studio.start(await this.recipe()))?.id ?? this.job;
-  }
-
-  private async showRecipe(): Promise<void> {
-    await this.studio.show(await this.recipe());
   }
 
   // -- how it looks
@@ -265,15 +246,9 @@ export class PhotographView extends Element {
   override render(): TemplateResult {
     const { photo } = this;
     return html`
-      <aside class="left" aria-label="Photographs">
-        <picture-list .studio=${this.studio} .chosen=${photo?.picture.id ?? ""}
-          @choose=${(event: CustomEvent<Picture>) => this.open(event.detail)}></picture-list>
-      </aside>
-      <section class="stage" aria-label="Photograph">${photo ? this.stage(photo) : html`<div class="welcome">
-        <h2>Take texture from a photograph</h2>
-        <p>Drop a photograph of a wall, a street or a trunk. Planes are proposed or dragged into place, curved where need
-          be; what they show becomes a flat texture, fills a hole, or covers another photograph.</p></div>`}</section>
-      <aside class="right" aria-label="Surfaces">${photo ? this.side(photo) : nothing}</aside>
+      <section class="stage" aria-label="Photograph">${photo ? this.stage(photo) : html`<p class="welcome" role="status">Loading the photograph …</p>`}</section>
+      <aside class="right" aria-label="Surfaces">${this.cards(photo ? this.side(photo) : nothing)}
+        ${this.step === "make" ? this.ending(PURPOSES[this.settings.purpose].label, this.canFinish) : nothing}</aside>
     `;
   }
 
@@ -316,7 +291,7 @@ export class PhotographView extends Element {
     if (this.step === "make") return this.makeSide();
     return html`${this.step === "areas" ? this.areasSide() : this.surfaceSide(photo)}
       <figure class="front" ?hidden=${!photo.front || !photo.patch}>
-        <figcaption>${photo.patch} from the front</figcaption>
+        <figcaption>${photo.patch && words(photo.patch)} from the front</figcaption>
         <canvas class="front" role="img" aria-label="The patch as seen from the front"></canvas>
       </figure>`;
   }
@@ -328,8 +303,8 @@ export class PhotographView extends Element {
         <button class="half" @click=${() => this.addPlane()}>Add a plane</button></p>
       <ul class="list" aria-label="Patches">${this.document.patches.map((one) => {
         const problem = photo.described.get(one.name)?.problem;
-        return html`<li><button class=${problem ? "bad" : ""} aria-pressed=${one.name === photo.patch} title=${problem || one.name}
-          @click=${() => this.select(one.name)}>${one.name}${one.corners ? "" : ", curved"}${problem ? " ⚠" : ""}</button></li>`;
+        return html`<li><button class=${problem ? "bad" : ""} aria-pressed=${one.name === photo.patch} title=${problem || words(one.name)}
+          @click=${() => this.select(one.name)}>${words(one.name)}${one.corners ? "" : ", curved"}${problem ? " ⚠" : ""}</button></li>`;
       })}</ul>
       ${patch
         ? html`
@@ -342,7 +317,7 @@ export class PhotographView extends Element {
               ${[1, 0].map((axis) => html`<input type="number" min="0" step="any" placeholder="auto" aria-label=${axis ? "Real width" : "Real height"}
                 .value=${patch.size ? String(sides(patch.size)[axis]) : ""} @change=${(event: Event) => this.resize(patch, axis, event)} />`)}</span></div>
             <p class="hint">Width and height in any unit, the same for all patches; without them the perspective decides.</p>
-            <button @click=${() => this.set(without(this.document, patch.name))}>Remove ${patch.name}</button>
+            <button @click=${() => this.set(without(this.document, patch.name))}>Remove ${words(patch.name).toLowerCase()}</button>
           `
         : nothing}
     `;
@@ -383,13 +358,16 @@ export class PhotographView extends Element {
     `;
   }
 
+  private get canFinish(): boolean {
+    const { purpose, scene } = this.settings;
+    return this.document.patches.length > 0 && (purpose !== "place" || scene !== "");
+  }
+
   private makeSide(): TemplateResult {
     const { settings } = this;
     const set = (change: Partial<Settings>) => (this.settings = { ...settings, ...change });
     const purpose = PURPOSES[settings.purpose];
-    const job = this.studio.jobs.get(this.job);
-    const isRunning = ["waiting", "running"].includes(job?.state ?? "");
-    const scenes = [...this.photos.values()].filter((one) => one !== this.photo && one.undo.now.areas.hole);
+    const scenes = [...photos.values()].filter((one) => one !== this.photo && one.undo.now.areas.hole);
     return html`
       ${choice("What to make", labels(), settings.purpose, (one) => set({ purpose: one }))}
       <p class="hint">${purpose.about}</p>
@@ -407,11 +385,6 @@ export class PhotographView extends Element {
         : nothing}
       <label class="field"><span>Seed</span><input type="number" min="0" step="1" aria-label="Seed" .value=${String(settings.seed)}
         @change=${(event: Event) => set({ seed: whole(event, 0, settings.seed) })} /></label>
-      <button class="primary" ?disabled=${isRunning || !this.document.patches.length || (settings.purpose === "place" && !settings.scene)}
-        @click=${() => this.finish()}>${purpose.label}</button>
-      <button ?disabled=${!this.document.patches.length} @click=${() => this.showRecipe()}>Show as YAML or command</button>
-      ${job ? html`<job-panel .studio=${this.studio} .job=${job}></job-panel>` : nothing}
-      ${job?.state === "done" ? html`<button @click=${() => this.tell("inspect", `job:${job.id}`)}>Inspect the result</button>` : nothing}
     `;
   }
 }

@@ -8,6 +8,9 @@ export const SEED = 7;
 /** The exemplar, or the several pictures in their order. */
 export const picturesOf = (recipe: Recipe | null | undefined): string[] => [Object.values(recipe?.sources ?? {})[0] ?? []].flat();
 
+/** The mesh that its texture covers; empty: none. */
+export const meshOf = ({ flow, sources }: Recipe): string => (flow === "on_mesh" ? String(sources.mesh) : "");
+
 /** The sources with other pictures in place of the exemplar or of the several ones. */
 export function withPictures(sources: Recipe["sources"], method: Method, pictures: string[]): Recipe["sources"] {
   const others = Object.entries(sources).filter(([name]) => method.others.some((one) => one.source === name));
@@ -47,6 +50,7 @@ export function withMethod(recipe: Recipe, method: Method): Recipe {
     preset: method.presets.includes(recipe.preset ?? "") ? recipe.preset : null,
     params: uniformity ? { [method.uniformity]: uniformity } : {},
     lists: {},
+    files: {},
     udim: null,
   };
 }
@@ -58,13 +62,14 @@ export const beginsWith = (picture: Picture): Method["begins"] =>
 /** A recipe that begins with a picture, or goes on with it. */
 export function withExemplar(recipe: Recipe | null, picture: Picture, methods: Method[]): Recipe {
   const begins = beginsWith(picture);
-  const before = methods.find((one) => one.flow === recipe?.flow);
-  const method = before?.begins === begins ? before : methods.find((one) => one.begins === begins)!;
+  const before = methods.find((one) => one.flow === recipe?.flow && !one.layer);
+  const method = before?.begins === begins ? before : methods.find((one) => one.begins === begins && !one.layer)!;
   const { flow } = method;
   const begun = recipe ?? { flow, sources: {}, seed: SEED, size: doubled(picture, method) };
   const changed = begun.flow === flow ? begun : withMethod(begun, method);
   const tileable = changed.tileable ?? (method.tiles ? "both" : null);
-  return { ...changed, tileable, sources: withPictures(changed.sources, method, [picture.id]) };
+  const isSame = picturesOf(recipe)[0] === picture.id; // else what was drawn is of another picture
+  return { ...changed, tileable, sources: withPictures(changed.sources, method, [picture.id]), ...(isSame ? {} : { mask: null, files: {} }) };
 }
 
 /** What has still to be chosen before anything can be made; empty: nothing. */

@@ -6,6 +6,7 @@ import { presetName, tilingField } from "./fields";
 import "./map-painter";
 import "./method-controls";
 import type { Method, Picture, Recipe } from "./messages";
+import { methodName } from "./method-names";
 import { SEED } from "./recipe-edits";
 import "./several-pictures";
 import { sides, sizeText } from "./sizes";
@@ -33,7 +34,7 @@ export class RecipeForm extends Element {
         ? html`<label class="field">
               <span>Method</span>
               <select aria-label="Method" .value=${recipe.flow} @change=${(event: Event) => this.edit({ flow: value(event) })}>
-                ${this.methods.map((one) => html`<option value=${one.flow} ?selected=${one.flow === recipe.flow}>${title(one.flow)}</option>`)}
+                ${this.methods.map((one) => html`<option value=${one.flow} ?selected=${one.flow === recipe.flow}>${methodName(one.flow)}</option>`)}
               </select>
             </label>
             <p class="hint">${method.about}</p>`
@@ -141,10 +142,6 @@ export class RecipeForm extends Element {
   }
 }
 
-export const title = (flow: string): string => {
-  const words = flow.replaceAll("_", " ");
-  return words[0].toUpperCase() + words.slice(1);
-};
 const value = (event: Event): string => (event.target as HTMLInputElement).value;
 const pixels = (event: Event, before: number): number => {
   const side = Math.trunc(Number(value(event)));

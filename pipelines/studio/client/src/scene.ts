@@ -1,15 +1,15 @@
 // A lit material in three dimensions. Loaded when it is first looked at.
 import {
   BoxGeometry, CanvasTexture, Color, DirectionalLight, DoubleSide, Mesh, MeshPhysicalMaterial, MeshStandardMaterial, PerspectiveCamera, PlaneGeometry, PMREMGenerator,
-  RepeatWrapping, Scene, SphereGeometry, SRGBColorSpace, type Texture, TextureLoader, Vector2, WebGLRenderer,
+  RepeatWrapping, Scene, SphereGeometry, SRGBColorSpace, type Texture, TextureLoader, Vector2, WebGLRenderer, type WebGLRenderTarget,
   type BufferGeometry,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
-import { RoomEnvironment } from "three/examples/jsm/environments/RoomEnvironment.js";
 
 import type { Corners } from "./corners";
 import { geometryOf } from "./mesh-geometry";
 import { FIRST_LOOK, type SceneLook, type Shape } from "./scene-look";
+import { surroundings } from "./surroundings";
 
 /** role of a map to its address, or to the picture itself */
 export type Maps = Record<string, string | ImageBitmap | HTMLCanvasElement>;
@@ -30,13 +30,15 @@ export class MaterialScene {
   protected readonly mesh = new Mesh<BufferGeometry, MeshStandardMaterial>();
   private textures: Texture[] = [];
   private look = FIRST_LOOK;
+  private surrounded = "";
+  private around: WebGLRenderTarget | null = null;
   private wanted: Maps | null = null;
   hasMesh = false;
+  /** whether a texture is of the mesh, which it covers once */
+  isCharted = false;
 
   constructor(private readonly canvas: HTMLCanvasElement) {
     this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true });
-    const generator = new PMREMGenerator(this.renderer);
-    this.scene.environment = generator.fromScene(new RoomEnvironment(), 0.04).texture;
     this.scene.add(this.light, this.mesh);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", () => this.draw());
@@ -45,16 +47,35 @@ export class MaterialScene {
   }
 
   setLook(look: SceneLook): void {
-    const { shape, repeat, around, above, exposure } = look;
+    const { shape, around, above, exposure } = look;
     if (shape !== this.look.shape && !this.hasMesh) this.setShape(shape);
+    const repeat = this.isCharted ? 1 : look.repeat;
     this.look = look;
     const [a, b] = [(around * Math.PI) / 180, (above * Math.PI) / 180];
     this.light.position.set(Math.cos(a) * Math.cos(b), Math.sin(a) * Math.cos(b), Math.sin(b)).multiplyScalar(5);
     this.light.intensity = LIGHT * 2 ** exposure;
     this.scene.environmentIntensity = AROUND_LIGHT * 2 ** exposure;
-    this.textures.forEach((texture) => texture.repeat.set(this.hasMesh ? 1 : repeat, this.hasMesh ? 1 : repeat));
+    this.textures.forEach((texture) => texture.repeat.set(repeat, repeat));
+    this.surround(a, b);
     this.raise();
     this.draw();
+  }
+
+  /** Put surroundings about it, whose light comes from where the other one does; what lies flat has them above it. */
+  private surround(around: number, above: number): void {
+    const { shape, surroundings: wanted } = this.look;
+    if (this.surrounded !== wanted) {
+      const generator = new PMREMGenerator(this.renderer);
+      const texture = surroundings(wanted);
+      this.around?.dispose();
+      this.around = generator.fromEquirectangular(texture);
+      [this.scene.environment, this.surrounded] = [this.around.texture, wanted];
+      texture.dispose();
+      generator.dispose();
+    }
+    const isFlat = !this.hasMesh && (shape === "plane" || shape === "cloth");
+    if (isFlat) this.scene.environmentRotation.set(Math.PI / 2, 0, around, "ZYX");
+    else this.scene.environmentRotation.set(0, -Math.atan2(Math.sin(above), Math.cos(around) * Math.cos(above)), 0);
   }
 
   /** Let heights stand out, their middle where the surface is. */
@@ -66,8 +87,8 @@ export class MaterialScene {
   }
 
   /** Show a mesh, whose middle is turned about. */
-  setMesh(corners: Corners): void {
-    this.hasMesh = true;
+  setMesh(corners: Corners, isCharted = true): void {
+    [this.hasMesh, this.isCharted] = [true, isCharted];
     this.mesh.geometry.dispose();
     this.mesh.geometry = geometryOf(corners);
     this.mesh.geometry.computeBoundingSphere();
@@ -81,12 +102,12 @@ export class MaterialScene {
   }
 
   setShape(shape: Shape): void {
-    this.hasMesh = false;
+    [this.hasMesh, this.isCharted] = [false, false];
     this.mesh.scale.setScalar(1);
     this.mesh.position.set(0, 0, 0);
     this.mesh.geometry.dispose();
     this.mesh.geometry = shapeOf(shape);
-    const [x, y, z] = { sphere: [0, 0, DISTANCE], cube: [1.5, 1.1, DISTANCE], plane: [0, -1.1, DISTANCE], cloth: [0, -1.1, DISTANCE] }[shape];
+    const [x, y, z] = { sphere: [0, 0, DISTANCE], cube: [1.5, 1.1, DISTANCE], plane: [0, -1.1, DISTANCE], cloth: [0, -1.1, DISTANCE], mesh: [1.4, 1.1, DISTANCE] }[shape];
     this.camera.position.set(x, y, z);
     this.controls.target.set(0, 0, 0);
     this.controls.update();
@@ -141,6 +162,7 @@ export class MaterialScene {
   dispose(): void {
     this.textures.forEach((texture) => texture.dispose());
     this.mesh.geometry.dispose();
+    this.around?.dispose();
     this.controls.dispose();
     this.renderer.dispose();
   }

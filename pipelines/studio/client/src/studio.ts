@@ -2,7 +2,7 @@
 import type { Draft } from "./drafts";
 import type { Job, Picture, PreviewPicture, ProjectState, Recipe, Start, ToPage, ToServer, Variant } from "./messages";
 import { Project } from "./project";
-import { describe, type Purpose, RequestError, run } from "./server";
+import { describe, type Purpose, RequestError, run, uploadMesh } from "./server";
 import { Socket } from "./socket";
 
 export type Payload = Uint8ClampedArray<ArrayBuffer>;
@@ -17,6 +17,10 @@ export class Studio extends EventTarget {
   pictures: Picture[];
   /** those that were dropped since the page was opened, the last one first */
   added: Picture[] = [];
+  /** ids of those of the folder and those that ship, after those that were dropped */
+  meshes: readonly string[];
+  /** the one that was dropped last */
+  mesh = "";
   isConnected = false;
   private readonly receivers = new Set<Receiver>();
   private readonly socket: Socket;
@@ -28,6 +32,7 @@ export class Studio extends EventTarget {
     super();
     this.project = new Project(project, this);
     this.pictures = [...begin.listed.pictures];
+    this.meshes = begin.meshes;
     this.socket = new Socket(
       (message, payload) => this.receive(message, payload),
       (is) => {
@@ -114,6 +119,14 @@ export class Studio extends EventTarget {
     this.added = [picture, ...this.added.filter((one) => one.id !== picture.id)];
     this.pictures = [picture, ...this.pictures.filter((one) => one.id !== picture.id)];
     this.changed();
+  }
+
+  /** Take a mesh into the library; its id. */
+  async takeMesh(file: File): Promise<string | undefined> {
+    const mesh = await this.attempt(uploadMesh(file));
+    if (mesh) [this.mesh, this.meshes] = [mesh, [mesh, ...this.meshes.filter((one) => one !== mesh)]];
+    this.changed();
+    return mesh;
   }
 
   /** Know pictures that are not among those first listed. */

@@ -1,9 +1,9 @@
 // What a texture might be instead: other seeds, methods and settings, and the results that there are.
 import type { Method, Picture, Recipe, Variant } from "./messages";
 import { presetName } from "./fields";
+import { methodName } from "./method-names";
 import type { Drawable } from "./picture-view";
 import { picturesOf, SEED, withMethod } from "./recipe-edits";
-import { title } from "./recipe-form";
 import { sides } from "./sizes";
 
 export type Kind = "seeds" | "methods" | "settings" | "results";
@@ -50,10 +50,10 @@ function seedsOf(recipe: Recipe): Cell[] {
 
 function methodsOf(recipe: Recipe, methods: Method[]): Cell[] {
   const { begins } = methods.find(({ flow }) => flow === recipe.flow)!;
-  const fitting = methods.filter((one) => !one.has_maps && one.is_texture && !one.several && one.others.every((other) => !other.is_required));
+  const fitting = methods.filter((one) => !one.layer && !one.has_maps && one.is_texture && !one.several && one.others.every((other) => !other.is_required));
   const isOne = begins !== "photograph" && picturesOf(recipe).length === 1;
   const others = isOne ? fitting.filter(({ flow }) => flow !== recipe.flow) : [];
-  return [recipe, ...others.map((one) => withMethod(recipe, one))].map((one) => cell(title(one.flow), one));
+  return [recipe, ...others.map((one) => withMethod(recipe, one))].map((one) => cell(methodName(one.flow), one));
 }
 
 function settingsOf(recipe: Recipe, methods: Method[]): Cell[] {
@@ -88,4 +88,4 @@ export const progressOf = ({ cells, waiting }: Sheet): string => (waiting < cell
 
 /** What a result is called beside others. */
 export const named = ({ job: { recipe }, parent }: Variant): string =>
-  `Seed ${recipe.seed ?? SEED}, ${parent ? "correction" : title(recipe.flow).toLowerCase()}`;
+  `Seed ${recipe.seed ?? SEED}, ${parent ? "correction" : methodName(recipe.flow).toLowerCase()}`;
