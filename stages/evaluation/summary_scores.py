@@ -118,12 +118,13 @@ def summary_scores(
         bound = patch_energy(exact, nodes, leaf, count, _ROUNDS)
         own, other = (measured[name]["more"]["inverse"] for name in ("compaction", "crop"))
         more = {"crop": other, "patches": bound, "means": mean_energy(exact, nodes, leaf, count)}
-        measured["way"] = Figures(way(own, other, bound), 1.0, 0.0, more).line()
+        share = way(own, other, bound)
+        measured["way"] = Figures(share, 1.0, 0.0, more, score=min(max(share, 0.0), 1.0)).line()
     if reconstruction is not None:
         if (reconstruction.height, reconstruction.width) != shape:
             raise InputError(f"reconstruction: {format_size(reconstruction)}; the texture has {format_size(shape)}")
         measured["reconstruction"] = _difference(texture, reconstruction, params.blur).line()
-    axes = {name: {"reconstruction": "likeness", "way": "way"}.get(name, "energy") for name in measured}
+    axes = {name: {"reconstruction": "likeness", "way": "bound"}.get(name, "energy") for name in measured}
     return SummaryScores(table({name: (axes[name], _WHAT[name]) for name in measured}, measured))
 
 
