@@ -24,7 +24,7 @@ from benchmarks.per_pixel import median, small
 from texloom.stages.analysis.similarity.appearance_stack import AppearanceStackParams, appearance_stack
 from texloom.stages.common.per_pixel import device
 from texloom.stages.common.per_pixel.levels import Levels, Rect, Style
-from texloom.stages.common.per_pixel.target import Target
+from texloom.stages.common.per_pixel.target import TargetControl
 from texloom.stages.kernels.core.threads import run_spans, thread_count
 from texloom.stages.kernels.per_pixel.correction import contribute
 from texloom.stages.synthesis.per_pixel.per_pixel import prepare
@@ -170,8 +170,8 @@ def main() -> None:
             rows, columns = np.indices((options.side, options.side)) / options.side
             waves = (0.5 + 0.5 * np.sin(6 * columns + 3 * np.sin(5 * rows))).astype(np.float32)
             planes = np.repeat(waves[..., None], len(scale.control), axis=2)
-            Target(planes, on_cpu)
-            Target(planes, on_gpu)
+            TargetControl(planes, on_cpu)
+            TargetControl(planes, on_gpu)
         on_cpu.run()
         on_gpu.run()
         different = int((on_cpu.finest() != on_gpu.finest()).sum())

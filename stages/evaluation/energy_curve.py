@@ -1,7 +1,6 @@
 """Energy of compactions against their size, and the size beyond which more pixels gain little."""
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,13 +11,19 @@ from pydantic import Field
 from texloom.stages.analysis.similarity.k_coherence import Candidates
 from texloom.stages.analysis.similarity.tsvq import Leaf, Nodes
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, inside_of
-from texloom.stages.evaluation._pages.plots import size_curve
+from texloom.stages.evaluation._pages.plots import size_curves
+from texloom.stages.synthesis.inverse.bound import mean_energy, patch_energy, way
 from texloom.stages.synthesis.inverse.compact import CompactParams, compact
+from texloom.stages.synthesis.inverse.crops import best_corner
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
+from texloom.stages.synthesis.inverse.size_search import knee
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.progress import part
 from texloom.stages.vocabulary.sizes import format_size
+
+_ROUNDS = 4  # of k-medoids
+_CROP_SAMPLES, _FINALISTS = 512, 6  # effort of the search of the best crop
 
 
 class EnergyCurveParams(Params):
@@ -34,6 +39,8 @@ class EnergyCurveParams(Params):
     """weight of the forward term, see `compact`"""
     seams: float = Field(CompactParams.model_fields["seams"].default, ge=0, le=100)
     """weight of visible seams, see `compact`; not part of the energies of the curve"""
+    toward_bound: float = Field(CompactParams.model_fields["toward_bound"].default, ge=0, lt=1)
+    """how far below the best crop's energy compactions should be, see `compact`"""
     samples: int = Field(20_000, ge=100, le=2_000_000)
     """neighbourhoods of the texture over which an energy is averaged; a quarter as many of the compaction"""
 
@@ -60,7 +67,7 @@ def check_sizes(params: EnergyCurveParams, known: Mapping[str, Any]) -> None:
         )
 
 
-@stage(version=2, check=check_sizes)
+@stage(version=3, check=check_sizes)
 def energy_curve(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],
@@ -81,9 +88,11 @@ def energy_curve(
     Returns
     -------
     ``rows``: ``side`` and ``pixels`` of each size, ``energy`` and its weighted terms ``inverse`` and ``forward``,
-    squared CIELAB units per pixel, and ``share``, the energy relative to its upper bound; ``knee``: pixels of
-    the size farthest below the straight line between both ends; ``rule``: a quarter of the texture's clusters,
-    which is what `compact` takes for `auto`.
+    squared CIELAB units per pixel, and ``share``, the energy relative to its upper bound; inverse energies to
+    compare with: ``crop``, of the best crop of that size (none where an atlas holds none), ``patches``, of as many
+    separate neighbourhoods of the texture, and ``means``, of as many means of clusters, which are not real and
+    shown only; ``way``, the share of the way from crop to patches; ``knee``: pixels of the size farthest below the
+    straight line between both ends.
 
     Raises
     ------
@@ -103,10 +112,13 @@ def energy_curve(
     inside = inside_of(rectangles, texture.height, texture.width)
     exact = ExactEnergy(features, texture.height - leaf.shape[0] + 1, params.samples, inside)
     largest = (1 + params.alpha) * exact.largest()
+    judge = ExactEnergy(features, exact.size, _CROP_SAMPLES, inside)
     rows = []
     seed = int(rng.integers(2**63))
     for number, side in enumerate(sides):
-        options = CompactParams(size=(side, side), alpha=params.alpha, seams=params.seams)
+        options = CompactParams(
+            size=(side, side), alpha=params.alpha, seams=params.seams, toward_bound=params.toward_bound
+        )
         with part(number / len(sides), (number + 1) / len(sides)):
             compaction = compact(
                 texture, features, nodes, leaf, candidates, options, np.random.default_rng(seed),
@@ -114,23 +126,28 @@ def energy_curve(
             )  # fmt: skip
         terms = exact.of(features[compaction.source[..., 0], compaction.source[..., 1]])
         energy = terms.energy(params.alpha)
+        corner = best_corner(judge, (side, side), _FINALISTS)
+        crop = None
+        if corner is not None:
+            row, column = corner
+            crop = exact.inverse_of(np.ascontiguousarray(features[row : row + side, column : column + side]))
+        patches = patch_energy(exact, nodes, leaf, side**2, _ROUNDS)
         rows.append(
             {
                 "side": side, "pixels": side**2, "energy": energy, "inverse": terms.inverse,
                 "forward": params.alpha * terms.forward, "share": energy / largest,
+                "crop": crop, "patches": patches, "means": mean_energy(exact, nodes, leaf, side**2),
+                "way": None if crop is None else way(terms.inverse, crop, patches),
             }
         )  # fmt: skip
-    table = {
-        "rows": rows,
-        "knee": knee([row["pixels"] for row in rows], [row["energy"] for row in rows]),
-        "rule": math.ceil(0.25 * int((nodes[:, 1] < 0).sum())),
+    pixels = [float(row["pixels"]) for row in rows]
+    table = {"rows": rows, "knee": rows[knee(pixels, [row["energy"] for row in rows])]["pixels"]}
+    names = {name: name for name in ("energy", "inverse", "forward")}
+    names |= {"crop": "best crop", "patches": "separate patches", "means": "means of patches"}
+    curves = {
+        title: [row[name] for row in rows]
+        for name, title in names.items()
+        if all(row[name] is not None for row in rows)
     }
-    return EnergyCurve(table, size_curve(table))
-
-
-def knee(pixels: list[int], energies: list[float]) -> int:
-    """The size at which the curve is farthest below the straight line between its ends."""
-    across = np.array(pixels, np.float64) - pixels[0]
-    down = np.array(energies, np.float64) - energies[0]
-    below = across / across[-1] * down[-1] - down
-    return pixels[int(below.argmax())]
+    titles = ("energy, squared CIELAB units per pixel", "size of the compaction, px")
+    return EnergyCurve(table, size_curves(pixels, curves, float(table["knee"]), titles, "px"))

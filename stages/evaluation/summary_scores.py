@@ -7,8 +7,10 @@ import numpy as np
 from jaxtyping import Float32
 from pydantic import Field
 
+from texloom.stages.analysis.similarity.tsvq import Leaf, Nodes
 from texloom.stages.common.similarity.patch_distance import blurred
 from texloom.stages.evaluation._measures.table import Figures, table
+from texloom.stages.synthesis.inverse.bound import mean_energy, patch_energy, way
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 from texloom.stages.vocabulary.arrays import Correspondence, Image
 from texloom.stages.vocabulary.color import lab_from_linear
@@ -21,8 +23,10 @@ _WHAT = {
     "seam_carving": "Energy of the texture carved to that size.",
     "epitome": "Energy of an epitome of that size.",
     "histogram": "Energy of a picture of that size that matches colour histograms alone.",
+    "way": "How far the compaction gets from the best crop, 0, to as many separate patches of the texture, 1.",
     "reconstruction": "Mean distance of the pixels of reconstruction and texture, both blurred; CIELAB units.",
 }
+_ROUNDS = 4  # of k-medoids
 
 
 class SummaryScoresParams(Params):
@@ -46,7 +50,7 @@ class SummaryScores:
     """``summary``: score by axis; ``measures``: by name, see `summary_scores`. Ready for JSON"""
 
 
-@stage(version=1)
+@stage(version=2)
 def summary_scores(
     texture: Image,
     features: Float32[np.ndarray, "h w c"],
@@ -58,6 +62,8 @@ def summary_scores(
     histogram: Correspondence | None = None,
     compaction: Image | None = None,
     reconstruction: Image | None = None,
+    nodes: Nodes | None = None,
+    leaf: Leaf | None = None,
 ) -> SummaryScores:
     """Score a compaction, and simpler pictures of its size, by one energy.
 
@@ -74,6 +80,9 @@ def summary_scores(
         `seam_carving` and `histogram_summary` return.
     epitome : the means that `epitome` learned; an epitome wraps around.
     compaction : what `compact` returns; where it wraps, neighbourhoods across its border count.
+    nodes, leaf : clusters of the texture's neighbourhoods, see `tsvq`; with them, ``source`` and ``crop`` the line
+        ``way`` tells how far the compaction gets from the best crop, 0, to as many separate neighbourhoods of the
+        texture as it has pixels, 1; ``more`` has their energies, and for comparison those of means of clusters.
     reconstruction : the texture synthesised from the compaction and the texture's control map, of the same size.
 
     Raises
@@ -104,11 +113,18 @@ def summary_scores(
         terms = exact.of(np.pad(summary, ((0, extra), (0, extra), (0, 0)), mode="wrap"))
         more = {"inverse": terms.inverse, "forward": terms.forward}
         measured[name] = Figures(terms.energy(params.alpha), 0.0, worst, more).line()
+    if nodes is not None and leaf is not None and source is not None and crop is not None:
+        count = source.shape[0] * source.shape[1]
+        bound = patch_energy(exact, nodes, leaf, count, _ROUNDS)
+        own, other = (measured[name]["more"]["inverse"] for name in ("compaction", "crop"))
+        more = {"crop": other, "patches": bound, "means": mean_energy(exact, nodes, leaf, count)}
+        share = way(own, other, bound)
+        measured["way"] = Figures(share, 1.0, 0.0, more, score=min(max(share, 0.0), 1.0)).line()
     if reconstruction is not None:
         if (reconstruction.height, reconstruction.width) != shape:
             raise InputError(f"reconstruction: {format_size(reconstruction)}; the texture has {format_size(shape)}")
         measured["reconstruction"] = _difference(texture, reconstruction, params.blur).line()
-    axes = {name: "likeness" if name == "reconstruction" else "energy" for name in measured}
+    axes = {name: {"reconstruction": "likeness", "way": "bound"}.get(name, "energy") for name in measured}
     return SummaryScores(table({name: (axes[name], _WHAT[name]) for name in measured}, measured))
 
 

@@ -8,10 +8,11 @@ import pytest
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.analysis.similarity.k_coherence import KCoherenceParams, k_coherence
 from texloom.stages.analysis.similarity.tsvq import TsvqParams, check_channels, tsvq
-from texloom.stages.evaluation.energy_curve import EnergyCurve, EnergyCurveParams, check_sizes, energy_curve, knee
+from texloom.stages.evaluation.energy_curve import EnergyCurve, EnergyCurveParams, check_sizes, energy_curve
 from texloom.stages.synthesis.control_maps.control_features import ControlFeaturesParams, control_features, outlines
 from texloom.stages.synthesis.inverse.atlas import AtlasParams, atlas
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
+from texloom.stages.synthesis.inverse.size_search import knee
 from texloom.stages.vocabulary.declare import InputError, Outline
 
 
@@ -35,6 +36,8 @@ def test_larger_compactions_have_less_energy() -> None:
         assert row["pixels"] == row["side"] ** 2
         assert row["energy"] == pytest.approx(row["inverse"] + row["forward"])
         assert 0 < row["share"] < 1
+        assert row["means"] <= row["patches"] <= row["crop"]
+        assert row["way"] == pytest.approx((row["crop"] - row["inverse"]) / (row["crop"] - row["patches"]))
     assert curve.table["knee"] in [row["pixels"] for row in rows]
     assert curve.figure.pixels.shape == (750, 1200, 3)
     assert 0 <= curve.figure.pixels.min() < 0.1
@@ -53,7 +56,8 @@ def test_same_seed_same_curve() -> None:
     [([10.0, 2.0, 1.0, 0.5], 20), ([10.0, 9.0, 1.0, 0.5], 30), ([10.0, 7.0, 4.0, 1.0], 10), ([1.0] * 4, 10)],
 )
 def test_the_knee_of_a_curve(energies: list[float], size: int) -> None:
-    assert knee([10, 20, 30, 40], energies) == size
+    sizes = [10.0, 20.0, 30.0, 40.0]
+    assert sizes[knee(sizes, energies)] == size
 
 
 def test_no_two_neighbourhoods_are_farther_apart() -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.synthetic import picture, smooth_noise
+from texloom.stages.analysis.similarity.tsvq import TsvqParams, tsvq
 from texloom.stages.evaluation.summary_scores import SummaryScoresParams, summary_scores
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -73,3 +74,17 @@ def test_neighbourhoods_across_the_border_of_a_tileable_compaction_count(rng: np
 def test_a_reconstruction_is_as_large_as_the_texture(texture: Image) -> None:
     with pytest.raises(InputError, match="reconstruction: 9 x 9 px; the texture has 60 x 48 px"):
         summary_scores(texture, texture.pixels, SummaryScoresParams(), reconstruction=picture(np.zeros((9, 9))))
+
+
+def test_the_way_from_the_best_crop_to_separate_neighbourhoods(texture: Image) -> None:
+    features = np.repeat(texture.pixels * 100, 3, axis=2)
+    tree = tsvq(features, TsvqParams(neighbourhood=7))
+    lines = summary_scores(
+        texture, features, SummaryScoresParams(), nodes=tree.nodes, leaf=tree.leaf,
+        source=places(0, 0, 24, 24), crop=places(7, 9, 24, 24),
+    ).table["measures"]  # fmt: skip
+    more = lines["way"]["more"]
+    assert more["crop"] == lines["crop"]["more"]["inverse"]
+    assert more["means"] <= more["patches"] < more["crop"]
+    nearer = more["crop"] - lines["compaction"]["more"]["inverse"]
+    assert lines["way"]["value"] == pytest.approx(nearer / (more["crop"] - more["patches"]), rel=1e-3)

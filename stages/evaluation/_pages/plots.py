@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
 
 _BLUE, _ORANGE, _PURPLE = "#0072b2", "#e69f00", "#cc79a7"  # Okabe and Ito's, for colour-blind eyes too
+_CURVE_COLORS = (_BLUE, _ORANGE, _PURPLE, "#009e73", "#606060", "#56b4e9")
+_DASH = 12  # px
 _WIDTH, _HEIGHT = 480, 278  # px, of a panel of bars
 _STEPS = np.array([1, 2, 5, 10, 20, 50])  # between ticks, times a power of ten
 _MOST_TICKS = 5
@@ -157,52 +159,52 @@ def _number(value: Any) -> float:
     return float(value) if isinstance(value, int | float) else float("nan")
 
 
-def size_curve(table: Mapping[str, Any]) -> Image:
-    """Energy against compaction size as a picture; see `energy_curve` for the table."""
+def size_curves(
+    sizes: list[float], curves: Mapping[str, list[float]], knee: float, titles: tuple[str, str], unit: str
+) -> Image:
+    """Curves over the size of a compaction as a picture, with the knee marked.
+
+    ``titles`` are those of the vertical and the horizontal axis; the knee is given in ``unit``.
+    """
     import PIL.Image
     import PIL.ImageDraw
 
-    rows, best, rule = table["rows"], table["knee"], table["rule"]
-    pixels = [row["pixels"] for row in rows]
     made = PIL.Image.new("RGB", (_CURVE[0] * _SCALE, _CURVE[1] * _SCALE), "white")
     drawing = _Drawing(PIL.ImageDraw.Draw(made))
     left, right, top, bottom = 90.0, 1170.0, 60.0, 650.0
-    highest = max(row["energy"] for row in rows) * 1.05 or 1.0
+    highest = max(max(values) for values in curves.values()) * 1.05 or 1.0
 
     def across(value: float | int) -> float:
-        return float(left + (right - left - 20) * value / pixels[-1])
+        return float(left + (right - left - 20) * value / sizes[-1])
 
     def down(value: float) -> float:
         return float(bottom - (bottom - top) * value / highest)
 
-    drawing.text((left, 40.0), "energy, squared CIELAB units per pixel", "ls")
-    drawing.text(((left + right) / 2, 735.0), "size of the compaction, px", "ms")
+    drawing.text((left, 40.0), titles[0], "ls")
+    drawing.text(((left + right) / 2, 735.0), titles[1], "ms")
     for tick in _ticks(highest):
         drawing.line([(left, down(tick)), (right, down(tick))], "#e0e0e0", 1)
         drawing.text((left - 10, down(tick)), f"{tick:.4g}", "rm")
-    for tick in _ticks(float(pixels[-1])):
+    for tick in _ticks(float(sizes[-1])):
         drawing.line([(across(tick), bottom), (across(tick), bottom + 6)], "black", 1)
         drawing.text((across(tick), bottom + 12), f"{tick:.0f}", "mt")
     for side in ([(left, top), (left, bottom)], [(left, bottom), (right, bottom)]):
         drawing.line(side, "black", 1)
-    marks = [("knee", best, 12)] + ([("rule", rule, 3)] if rule <= pixels[-1] else [])
-    for _, size, dash in marks:
-        for y in np.arange(top, bottom, 2 * dash):
-            drawing.line([(across(size), y), (across(size), min(y + dash, bottom))], "black", 2)
-    curves = (("energy", _BLUE), ("inverse", _ORANGE), ("forward", _PURPLE))
-    for name, color in curves:
-        points = [(across(row["pixels"]), down(row[name])) for row in rows]
+    for y in np.arange(top, bottom, 2 * _DASH):
+        drawing.line([(across(knee), y), (across(knee), min(y + _DASH, bottom))], "black", 2)
+    for (_, values), color in zip(curves.items(), _CURVE_COLORS, strict=False):
+        points = [(across(size), down(value)) for size, value in zip(sizes, values, strict=True)]
         drawing.line(points, color, 3)
         drawing.dots(points, color)
-    legend = [(name, color, 0) for name, color in curves]
-    legend += [(f"{name}, {size} px", "black", dash) for name, size, dash in marks]
+    legend = [(name, color, 0) for name, color in zip(curves, _CURVE_COLORS, strict=False)]
+    legend += [(f"knee, {knee:.3g} {unit}" if knee < 1000 else f"knee, {knee:.0f} {unit}", "black", _DASH)]
     for number, (name, color, dash) in enumerate(legend):
         y = top + 24 + 28 * number
-        for x in np.arange(940.0, 980.0, 2 * dash or 40):
-            drawing.line([(x, y), (min(x + (dash or 40), 980.0), y)], color, 2 if dash else 3)
+        for x in np.arange(860.0, 900.0, 2 * dash or 40):
+            drawing.line([(x, y), (min(x + (dash or 40), 900.0), y)], color, 2 if dash else 3)
         if not dash:
-            drawing.dots([(960.0, y)], color)
-        drawing.text((992.0, y), name, "lm")
+            drawing.dots([(880.0, y)], color)
+        drawing.text((912.0, y), name, "lm")
     levels = np.asarray(made.reduce(_SCALE))
     return Image(linear_from_srgb(levels / 255).astype(np.float32), ("R", "G", "B"))
 

@@ -16,8 +16,10 @@ from texloom.stages.common.grids.size_checks import check_row_length
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, inside_at, inside_of
 from texloom.stages.common.source_maps.origins import Origin, origin_of
 from texloom.stages.synthesis.control_maps.coarse_level import Guide
+from texloom.stages.synthesis.inverse.bound import patch_energy
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 from texloom.stages.synthesis.inverse.level import Matching, Source, TextureLevel, Tree, nearest_in
+from texloom.stages.synthesis.inverse.size_search import size_errors
 from texloom.stages.synthesis.inverse.start import QUICK, crop, starts
 from texloom.stages.synthesis.inverse.summary import Copied, level_count, outlines, size_check, square_of_share
 from texloom.stages.vocabulary.arrays import Correspondence, Image, ScalarMap
@@ -31,6 +33,8 @@ _NEIGHBOURHOODS = 6  # of the texture's that count in the inverse term, about so
 _SAMPLES = 2048  # neighbourhoods by which compactions are compared
 _COARSE_SAMPLES = 1 << 14  # neighbourhoods from which the clusters of a coarse level are grown
 _RELAXATIONS = 3  # of the weight of seams, halved each time, where a crop would have a lower energy
+_MOST_RELAXATIONS = 4  # of it where the energy is to fall below the crop's
+_CLOSE = 0.9  # of the crop's energy: with a bound above it two thirds of the share are asked for
 _CROP_EFFORTS = ((QUICK, 0.87), ((512, 6, 32), 1.0))
 """for a quick and a careful search of the best crop: its effort, and the share of the crop's energy up to which a
 compaction counts as better"""
@@ -44,8 +48,9 @@ class CompactParams(Params):
 
     size: Annotated[tuple[_Side, _Side] | Annotated[float, Field(gt=0, lt=1)] | Literal["auto"], SIDES] = "auto"
     """size of the compaction, px, as 128 or 256x128 (width x height); a number below 1: that share of the texture's
-    pixels, together with those of its coarse level, in a square; `auto`: a quarter as many pixels as the texture's
-    neighbourhoods have clusters, in the texture's aspect ratio, square for an atlas"""
+    pixels, together with those of its coarse level, in a square; `auto`: the share of 2 to 25 % beyond which more
+    pixels lower the reconstruction error of a reduced texture by little, in the texture's aspect ratio, square for
+    an atlas; that takes some seconds"""
     solver: Literal["improved", "basic"] = "improved"
     """`improved`: pixels are copied, matches found by k-coherence and clusters; `basic`, for comparison: pixels are
     means, matches found by exhaustive search; the image is then copied from the best matches"""
@@ -78,6 +83,11 @@ class CompactParams(Params):
     """`cover`: blocks that together cover most of the texture's clusters and fit each other; `random`: random
     blocks, as in the paper; `best`: `cover` or the best crop of the texture, whichever gives the lower energy; one
     that wraps around may be slightly worse than the crop, since its ends must meet"""
+    toward_bound: float = Field(0.6, ge=0, lt=1)
+    """share of the way from the energy of the best crop to the bound, that of as many separate neighbourhoods of
+    the texture, which a compaction with the start `best` should cover: until it does, visible seams weigh half as
+    much, down to a sixteenth of ``seams``; two thirds of that share where crop and bound are within a tenth; 0
+    keeps ``seams``, for textures that are made from the compaction, and would show its joints"""
     start_seams: float | None = Field(None, ge=0, le=100)
     """weight of the seam cost in the choice of blocks for `cover`; null: that of ``seams``"""
 
@@ -106,6 +116,8 @@ class Compacted(Copied):
     """how many of the texture's neighbourhoods are matched with those around each pixel, relative to the mean"""
     sides: list[int]
     """height and width, px"""
+    sizes: dict[str, Any] | None
+    """for the size `auto` the errors by size that it was chosen by, see `size_errors`"""
     energy: list[dict[str, Any]]
     """for each iteration of each level, coarsest first: level; height and width of the compaction, px; iteration
     (``round``); the energy and its weighted terms, inverse, forward and seams, squared CIELAB units per pixel;
@@ -172,7 +184,7 @@ def compact(
             f"do not belong to a texture of {format_size(shape)}"
         )
     check_row_length("compact", features.shape[2], neighbourhood)
-    compactor = _Compactor(texture, features, Tree(nodes, leaf, candidates), rectangles, coarse, params)
+    compactor = _Compactor(texture, features, Tree(nodes, leaf, candidates), rectangles, coarse, params, rng)
     source, use, energy = compactor.run(rng, checkpoints)
     copied = Copied.of(texture, control, np.moveaxis(source, 0, 2), params.tileable)
     return Compacted(
@@ -181,6 +193,7 @@ def compact(
         guide=None if guide is None else guide[source[0], source[1]],
         use=use,
         sides=list(source.shape[1:]),
+        sizes=compactor.sizes,
         energy=energy,
     )
 
@@ -196,11 +209,19 @@ class _Compactor:
         rectangles: Rectangles | None,
         coarse: Image | None,
         params: CompactParams,
+        rng: np.random.Generator,
     ):
         self.texture, self.features, self.tree, self.params = texture, features, tree, params
         self.shape = (texture.height, texture.width)
         self.inside = inside_of(rectangles, *self.shape)
         self.neighbourhood = self.shape[0] - tree.leaf.shape[0] + 1
+        self.seams = 0.0 if params.solver == "basic" else params.seams
+        self.alpha = {"both": params.alpha, "forward": 1.0, "inverse": 0.0}[params.terms]
+        self.sizes: dict[str, Any] | None = None
+        if params.size == "auto":
+            self.sizes = size_errors(
+                features, self.neighbourhood, self.inside, params.alpha, params.seams, params.block, rng
+            )
         self.size = self._size(None if rectangles is None else min(self.shape), coarse)
         smallest = self.shape
         if rectangles is not None:
@@ -212,8 +233,6 @@ class _Compactor:
         costs = np.cumsum([0.0] + [16.0**level for level in range(self.levels)])
         self.progress = costs / costs[-1]
         """share of the work done before each level and after the last"""
-        self.seams = 0.0 if params.solver == "basic" else params.seams
-        self.alpha = {"both": params.alpha, "forward": 1.0, "inverse": 0.0}[params.terms]
 
     def _size(self, atlas_side: int | None, coarse: Image | None) -> tuple[int, int]:
         """Height and width of the compaction, px; that of an atlas fits in a square of ``atlas_side``.
@@ -223,9 +242,9 @@ class _Compactor:
         largest = self.shape if atlas_side is None else (atlas_side, atlas_side)
         size = self.params.size
         if size == "auto":
-            # A quarter as many pixels as clusters, [Wei2008]_ section 5.
-            clusters = int((self.tree.nodes[:, 1] < 0).sum())
-            factor = max(math.sqrt(0.25 * clusters / math.prod(largest)), 2 * self.neighbourhood / min(largest))
+            assert self.sizes is not None
+            pixels = self.sizes["knee"] * int(self.inside.sum())
+            factor = max(math.sqrt(pixels / math.prod(largest)), 2 * self.neighbourhood / min(largest))
             height, width = (max(1, round(side * min(1.0, factor))) for side in largest)
             size = (height, width)
         elif isinstance(size, float):
@@ -255,6 +274,8 @@ class _Compactor:
             matching, iterations = self._solve_best(data, sources, level)
             if level == self.levels and params.start == "best" and is_whole:
                 matching, iterations = self._unless_crop(data, matching, iterations)
+                if params.toward_bound:
+                    matching, iterations = self._toward_bound(data, matching, iterations)
             energy += iterations
             source = matching.source if params.solver == "improved" else matching.source_of_forward()
             matching.source = source
@@ -318,6 +339,25 @@ class _Compactor:
             start = self._matching(data, start.source, self.seams / 2**relaxation)
             iterations += self._solve(start, self.levels, 1.0, 0.0)
         return start, iterations
+
+    def _toward_bound(
+        self, data: TextureLevel, matching: Matching, iterations: list[dict[str, Any]]
+    ) -> tuple[Matching, list[dict[str, Any]]]:
+        """The solution, continued with seams that weigh less until it is clearly better than the best crop."""
+        exact = ExactEnergy.of_level(data, _SAMPLES)
+        plain = crop(data, self.size, False, _CROP_EFFORTS[-1][0])
+        if plain is None:
+            return matching, iterations
+        limit = exact.inverse_of_values(self._matching(data, plain, wrap=False).values)
+        bound = patch_energy(exact, data.tree.nodes, data.tree.leaf, math.prod(self.size))
+        share = self.params.toward_bound * (1.0 if bound < _CLOSE * limit else 2 / 3)
+        wanted = limit - share * (limit - bound)
+        seams = matching.seams
+        while exact.inverse_of_values(matching.values) > wanted and seams > self.seams / 2**_MOST_RELAXATIONS:
+            seams /= 2
+            matching = self._matching(data, matching.source, seams)
+            iterations += self._solve(matching, self.levels, 1.0, 0.0)
+        return matching, iterations
 
     def _matching(
         self, data: TextureLevel, source: Source, seams: float | None = None, wrap: bool | None = None

@@ -93,7 +93,12 @@ class ExactEnergy:
         """
         vectors = self.vectors[self.valid.ravel()]
         spread = vectors.max(axis=0).astype(np.float64) - vectors.min(axis=0)
-        return float((spread**2).sum()) / (self.components.unit * UNIT * self.size) ** 2
+        return float((spread**2).sum()) / self.scale
+
+    @property
+    def scale(self) -> float:
+        """Squared length of vectors for one squared CIELAB unit a pixel."""
+        return float((self.components.unit * UNIT * self.size) ** 2)
 
     @staticmethod
     def sampled(down: int, across: int, samples: int) -> np.ndarray:
@@ -120,6 +125,12 @@ class ExactEnergy:
         numbers = self.samples_of_texture()
         matches = nearest(self.components.vectors_at(self.pixels, numbers), self.components.vectors(values))
         return self._mean_distance(self.pixels, numbers, values, matches)
+
+    def inverse_of_places(self, numbers: np.ndarray) -> float:
+        """`inverse_of` separate neighbourhoods of the texture itself, by their numbers, row by row."""
+        wanted = self.samples_of_texture()
+        matches = numbers[nearest(self.components.vectors_at(self.pixels, wanted), self.vectors[numbers])]
+        return self._mean_distance(self.pixels, wanted, self.pixels, matches)
 
     def forward_of(self, planes: Float32[np.ndarray, "H W c"]) -> float:
         """`Terms.forward` of a summary."""

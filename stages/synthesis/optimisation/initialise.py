@@ -32,7 +32,10 @@ class InitialiseParams(Params):
     """Size of the result, and what it is initialised from."""
 
     size: Size | None = (1024, 1024)
-    """size of the result, px; null: that of the target's guide, which it needs then"""
+    """size of the result, px; null: that of the target's guide, or ``times`` the exemplar's, one of which it needs
+    then"""
+    times: float | None = Field(None, gt=0, le=16)
+    """sides of the result relative to the exemplar's, where ``size`` is null and no guide tells it"""
     method: Literal["lattice", "blocks", "pixels"] = "lattice"
     """`lattice`: blocks displaced by whole lattice cells, or by whole courses and any distance along them, or
     `blocks` if there are neither; `blocks`: blocks from anywhere; `pixels`: random pixels, for comparison"""
@@ -63,9 +66,13 @@ def check_exemplar(params: InitialiseParams, known: Mapping[str, Any]) -> None: 
         check_side(image, _MIN_SIDE)
 
 
-def _size(params: InitialiseParams, target: tuple[int, int] | None) -> tuple[int, int]:
-    """Height and width of the result, given those of the target's guide."""
+def _size(
+    params: InitialiseParams, exemplar: tuple[int, int] | None, target: tuple[int, int] | None
+) -> tuple[int, int]:
+    """Height and width of the result, given those of the exemplar and of the target's guide."""
     size = params.size or target
+    if size is None and params.times is not None and exemplar is not None:
+        return max(1, round(params.times * exemplar[0])), max(1, round(params.times * exemplar[1]))
     if size is None:
         raise InputError("size: give the size of the result, or a guide that has it")
     return size
@@ -73,9 +80,11 @@ def _size(params: InitialiseParams, target: tuple[int, int] | None) -> tuple[int
 
 def outlines(params: InitialiseParams, known: Mapping[str, Any]) -> dict[str, Outline]:
     """The correspondence has the size of the result."""
-    target = known.get("target_guide")
-    size = params.size or (None if target is None else target.shape[:2])
-    return {} if size is None else {"match": Outline(*size)}
+    image, target = known.get("image"), known.get("target_guide")
+    if params.size is None and target is None and (params.times is None or image is None):
+        return {}
+    exemplar = None if image is None else (image.height, image.width)
+    return {"match": Outline(*_size(params, exemplar, None if target is None else target.shape[:2]))}
 
 
 @stage(version=2, check=check_exemplar, outlines=outlines, in_bands=True, exemplar_bytes=90)
@@ -127,7 +136,7 @@ def initialise(
     """
     usable = valid_pixels(image)
     shape = (image.height, image.width)
-    size = _size(params, None if target_guide is None else (target_guide.shape[0], target_guide.shape[1]))
+    size = _size(params, shape, None if target_guide is None else (target_guide.shape[0], target_guide.shape[1]))
     if params.method == "pixels":
         match = rng.integers(0, shape, (*size, 2), dtype=np.int64).astype(np.uint32)
     else:

@@ -52,10 +52,10 @@ class OptimiseParams(CoarseToFineParams):
     }
 
     preset: Literal["kaspar2015", "default", "fast"] = "default"
-    """`kaspar2015`: the paper, and its authors' code for what the paper does not state; `default`: random search at
-    every scale, lattices enforced, strong uniformity at coarse scales, sharper last vote, early stop, patches of
-    12 px, the best of several starts; `fast`: the same with patches of 10 px, one start, and fewer scales and
-    iterations"""
+    """`kaspar2015`: the paper, and its authors' code for what the paper does not state, of this stage alone (the
+    flow `kaspar2015` has its lattice and start too); `default`: random search at every scale, lattices enforced,
+    strong uniformity at coarse scales, sharper last vote, early stop, patches of 12 px, the best of several starts;
+    `fast`: the same with patches of 10 px, one start, and fewer scales and iterations"""
     patch_size: int = Field(12, ge=3, le=32)
     tileable: Tileable | None = None
     """the result continues across its borders: x left to right, y top to bottom, both, off; null: as a picture does

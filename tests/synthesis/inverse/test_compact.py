@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import Any
 
@@ -16,6 +17,7 @@ from texloom.stages.common.features.control import resize_control
 from texloom.stages.synthesis.control_maps.coarse_level import CoarseLevelParams, coarse_level
 from texloom.stages.synthesis.control_maps.control_features import ControlFeaturesParams, control_features
 from texloom.stages.synthesis.inverse.best_crop import BestCropParams, best_crop
+from texloom.stages.synthesis.inverse.bound import mean_energy, patch_energy, way
 from texloom.stages.synthesis.inverse.compact import Compacted, CompactLevel, CompactParams, compact
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
 from texloom.stages.synthesis.inverse.level import Matching, TextureLevel, Tree
@@ -216,11 +218,33 @@ def test_progress_rises_to_the_end(texture: Image, control: Image) -> None:
     np.testing.assert_array_equal(last.preview().pixels, result.image.pixels)
 
 
-def test_automatic_size_is_a_quarter_of_the_clusters(texture: Image) -> None:
-    _, tree, _ = prepared(texture, None)
-    height, width = run(texture, None, size="auto", iterations=1).image.pixels.shape[:2]
-    assert height * width == pytest.approx(0.25 * tree.clusters, rel=0.05)
-    assert height / width == pytest.approx(SHAPE[0] / SHAPE[1], rel=0.05)
+def test_automatic_size_is_the_knee_of_the_error(texture: Image) -> None:
+    result = run(texture, None, size="auto", iterations=1)
+    assert result.sizes is not None
+    rows = result.sizes["rows"]
+    shares, errors = ([row[name] for row in rows] for name in ("share", "error"))
+    assert errors == sorted(errors, reverse=True)
+    assert result.sizes["knee"] in shares[1:-1]
+    assert math.prod(result.sides) == pytest.approx(result.sizes["knee"] * math.prod(SHAPE), rel=0.05)
+    assert result.sides[0] / result.sides[1] == pytest.approx(SHAPE[0] / SHAPE[1], rel=0.05)
+    assert run(texture, None, iterations=1).sizes is None
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+def test_a_compaction_gets_half_of_the_way_to_separate_neighbourhoods(texture: Image, tileable: bool) -> None:
+    features, tree, _ = prepared(texture, None)
+    exact = ExactEnergy(features, 5, 4000)
+    source = best_crop(texture, features, BestCropParams(size=(32, 32), neighbourhood=5)).source
+    crop = exact.inverse_of(features[source[..., 0], source[..., 1]])
+    bound = patch_energy(exact, tree.nodes, tree.leaf, 32 * 32, 4)
+    assert mean_energy(exact, tree.nodes, tree.leaf, 32 * 32) < bound < 0.9 * crop
+    ways = []
+    for toward in (0.0, 0.6):
+        made = run(texture, None, size=(32, 32), tileable=tileable, toward_bound=toward)
+        extra = ((0, 4 * tileable), (0, 4 * tileable), (0, 0))
+        planes = np.pad(features[made.source[..., 0], made.source[..., 1]], extra, mode="wrap")
+        ways.append(way(exact.inverse_of(planes), crop, bound))
+    assert ways[1] > max(0.5, ways[0] - 0.01)
 
 
 def test_size_as_a_share_of_the_pixels(texture: Image) -> None:

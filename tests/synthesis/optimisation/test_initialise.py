@@ -186,6 +186,15 @@ def test_cuts_pass_between_objects(rng: np.random.Generator) -> None:
     assert torn() < 0.1 * torn(margin=0)
 
 
+@pytest.mark.parametrize(("times", "size"), [(2.0, (192, 240)), (0.5, (48, 60))])
+def test_a_result_of_several_times_the_exemplar(image: Image, times: float, size: tuple[int, int]) -> None:
+    result = start(image, size=None, times=times, method="pixels")
+    assert result.match.shape[:2] == size
+    params = InitialiseParams(size=None, times=times)
+    assert find_stage("synthesis.initialise").outlines(params, {"image": image})["match"].shape[:2] == size
+    assert start(image, size=(50, 60), times=times, method="pixels").match.shape[:2] == (50, 60)
+
+
 def test_blocks_are_searched_everywhere(rng: np.random.Generator) -> None:
     """Bands of which an exemplar holds few: what continues them is far from most places."""
     band = 70
