@@ -83,11 +83,11 @@ class CompactParams(Params):
     """`cover`: blocks that together cover most of the texture's clusters and fit each other; `random`: random
     blocks, as in the paper; `best`: `cover` or the best crop of the texture, whichever gives the lower energy; one
     that wraps around may be slightly worse than the crop, since its ends must meet"""
-    toward_bound: float = Field(0.6, ge=0, lt=1)
+    toward_bound: float = Field(0.0, ge=0, lt=1)
     """share of the way from the energy of the best crop to the bound, that of as many separate neighbourhoods of
     the texture, which a compaction with the start `best` should cover: until it does, visible seams weigh half as
-    much, down to a sixteenth of ``seams``; two thirds of that share where crop and bound are within a tenth; 0
-    keeps ``seams``, for textures that are made from the compaction, and would show its joints"""
+    much, down to a sixteenth of ``seams``; two thirds of that share where crop and bound are within a tenth. That
+    lowers the energy, but more joints are seen; 0 keeps ``seams``"""
     start_seams: float | None = Field(None, ge=0, le=100)
     """weight of the seam cost in the choice of blocks for `cover`; null: that of ``seams``"""
 
