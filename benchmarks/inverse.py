@@ -38,7 +38,7 @@ from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.kernels.core.threads import thread_count
 from texloom.stages.synthesis.control_maps.control_features import ControlFeaturesParams, control_features
 from texloom.stages.synthesis.inverse.compact import Compacted, CompactParams, compact
-from texloom.stages.synthesis.inverse.level import Level, Matching, Tree
+from texloom.stages.synthesis.inverse.level import Matching, TextureLevel, Tree
 from texloom.stages.synthesis.per_pixel.per_pixel import PerPixelParams, per_pixel
 from texloom.stages.synthesis.reconstruction.reconstruct import ReconstructParams, reconstruct
 from texloom.stages.vocabulary.arrays import Image
@@ -82,7 +82,7 @@ class Prepared:
     def energy(self, result: Compacted) -> float:
         """Inverse plus forward term of a result, by exhaustive search."""
         tree = Tree(self.tree.nodes, self.tree.leaf, self.candidates)
-        level = Level(self.features, 7, 2, tree, TsvqParams(), KCoherenceParams())
+        level = TextureLevel(self.features, 7, 2, tree, TsvqParams(), KCoherenceParams())
         source = np.ascontiguousarray(np.moveaxis(result.source.astype(np.int32), 2, 0))
         matching = Matching(level, source, 0.01, 0.0)
         matching.match_inverse(matching.propose_by_search())

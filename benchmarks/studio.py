@@ -32,8 +32,8 @@ from texloom.pipelines.store import exr
 from texloom.pipelines.studio.messages.message import Message
 from texloom.pipelines.studio.messages.recipes import PatchRecipe, PhotoRecipe, Recipe
 from texloom.pipelines.studio.messages.requests import (
-    Lattice,
     LatticeRequest,
+    LatticeVertices,
     PaintDabRequest,
     PaintOpenRequest,
     PhotoRequest,
@@ -136,7 +136,7 @@ def preview(page: Page, server: int, exemplar: str, seed: int) -> str:
 
 def time_lattices(page: Page) -> None:
     """Print the time until a lattice one of whose vertices is dragged is there, with the straightened exemplar."""
-    placed = Lattice(vertices=((0, 0, 100.0, 100.0),), generators=((60.0, 0.0), (0.0, 120.0)))
+    placed = LatticeVertices(vertices=((0, 0, 100.0, 100.0),), generators=((60.0, 0.0), (0.0, 120.0)))
     seconds = []
     for step in range(DRAGS):
         moved = placed.model_copy(update={"vertices": (*placed.vertices, (1, 1, 160.0 + step % 10, 220.0))})

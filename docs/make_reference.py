@@ -18,7 +18,7 @@ import click
 from texloom.pipelines.cli import describe
 from texloom.pipelines.cli.main import texloom
 from texloom.pipelines.flow.shipped import GROUPS as FLOW_GROUPS
-from texloom.pipelines.flow.shipped import FlowEntry, flow_catalogue
+from texloom.pipelines.flow.shipped import CatalogueEntry, flow_catalogue
 from texloom.pipelines.media.conventions import LAYOUTS
 
 ROOT = Path(__file__).parents[1]
@@ -135,7 +135,7 @@ def term(match: re.Match[str]) -> str:
 # -- flows
 
 
-def flow_index(flows: dict[str, FlowEntry]) -> str:
+def flow_index(flows: dict[str, CatalogueEntry]) -> str:
     """The tables of all flows by group, as `texloom flows` shows them."""
     text = "Pictures and times are in the [gallery](../gallery.md); [flows](../flows.md) explains how to write one."
     parts = ["# Flows", "", text, ""]

@@ -16,7 +16,7 @@ from texloom.pipelines.flow.model import Flow, Reference
 from texloom.pipelines.media.arrays import Picture, kinds_of
 from texloom.pipelines.media.material_export import channels_of, codes_of, write_maps
 from texloom.pipelines.media.sources import Source
-from texloom.pipelines.media.writers.registry import WRITERS, Job, write, writer_of
+from texloom.pipelines.media.writers.registry import WRITERS, WriteJob, write, writer_of
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.png_file import png, with_facts
 from texloom.pipelines.store.store import Artifact, Store
@@ -198,7 +198,7 @@ class Texture:
         if is_folder:
             write_maps(self._linear, target, self._source.maps, provenance, fed=self._source.map_bits)
         elif target.suffix != ".png":
-            write(Job(target, self._linear, Image, provenance, bits=self._source.map_bits))
+            write(WriteJob(target, self._linear, Image, provenance, bits=self._source.map_bits))
         else:
             names = channels_of("albedo", self._linear.channels)
             names = ["Y", *names[3:]] if names[0] == "Y" else names

@@ -14,7 +14,7 @@ from . import images, material_requests, materials, pixels, requests, surfaces
 from .running import Running, Task
 from .session import JOBS
 from .settings import properties
-from .texloom_client import Result, TexloomError
+from .texloom_client import RunResult, TexloomError
 
 
 def current(context: bpy.types.Context) -> bpy.types.Image | None:
@@ -80,7 +80,7 @@ class _OfPicture(Running):
         return Task(asked, partial(_add_images, names, f"{Path(source.name).stem} {self.suffix}", _Place(context)))
 
 
-def _add_images(names: tuple[str, str], name: str, place: _Place, results: list[Result]) -> str:
+def _add_images(names: tuple[str, str], name: str, place: _Place, results: list[RunResult]) -> str:
     like = bpy.data.images.get(names[0])
     made = [images.new(name, one.maps["albedo"], like, names[1]) for one in results]
     place.show(made[0])
@@ -198,7 +198,7 @@ class Material(Running, bpy.types.Operator):
         return Task(asked, partial(_add_material, Path(path.rstrip("/\\")).stem, target, self.texel_size))
 
 
-def _add_material(name: str, target: str, texel_size: float, results: list[Result]) -> str:
+def _add_material(name: str, target: str, texel_size: float, results: list[RunResult]) -> str:
     material, notes = materials.from_files(name, results[0].files, texel_size=texel_size)
     where = bpy.data.objects.get(target)
     if where is not None:
@@ -254,7 +254,7 @@ class OnMesh(Running, bpy.types.Operator):
 
 
 def _add_surface(
-    target: str, name: str, surface: surfaces.Surface, exemplar: str, texel_size: float, results: list[Result]
+    target: str, name: str, surface: surfaces.Surface, exemplar: str, texel_size: float, results: list[RunResult]
 ) -> str:
     where = bpy.data.objects.get(target)
     if where is None or where.type != "MESH":

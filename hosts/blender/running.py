@@ -9,7 +9,7 @@ import bpy
 
 from .controller import Job, Request, step
 from .session import JOBS
-from .texloom_client import CancelledError, Result, TexloomError
+from .texloom_client import CancelledError, RunResult, TexloomError
 
 _SECONDS = 0.2  # between looks
 
@@ -18,7 +18,7 @@ class Task(NamedTuple):
     """What an operator asks for, and what it does with the results; it holds names, as undo moves what has them."""
 
     requests: Sequence[Request]
-    apply: Callable[[list[Result]], str]
+    apply: Callable[[list[RunResult]], str]
     """changes the file, and tells what it has made in one line"""
     cleanup: Callable[[], None] = lambda: None
 

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from PIL import Image
 
-from .texloom_client import Client, Pixels, Result, Run
+from .texloom_client import Client, Pixels, RunHandle, RunResult
 
 _CLIENT = Client()
 _LEVELS = {"uint8": 255, "uint16": 65535}
@@ -64,7 +64,7 @@ def image(made: list[Pixels]) -> Any:
     return torch.from_numpy(np.stack([one if one.ndim == 3 else one[..., None].repeat(3, 2) for one in values]))
 
 
-def run_all(flow: str, sources: list[dict[str, Any]], *, seed: int = 0, **how: Any) -> list[Result]:
+def run_all(flow: str, sources: list[dict[str, Any]], *, seed: int = 0, **how: Any) -> list[RunResult]:
     """Run a flow on each picture of a batch, the first with this seed, the next with the one after it."""
     bar = comfy.utils.ProgressBar(_STEPS * len(sources))
     made = []
@@ -76,7 +76,7 @@ def run_all(flow: str, sources: list[dict[str, Any]], *, seed: int = 0, **how: A
     return made
 
 
-def _finished(run: Run, bar: Any, number: int) -> Result:
+def _finished(run: RunHandle, bar: Any, number: int) -> RunResult:
     shown = None
     while True:
         try:

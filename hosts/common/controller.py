@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from .texloom_client import CancelledError, Client, Pixels, Result, Run, TexloomError
+from .texloom_client import CancelledError, Client, Pixels, RunHandle, RunResult, TexloomError
 
 _PAUSE = 0.05  # seconds between looks, of scripts
 
@@ -40,13 +40,13 @@ class Job:
         if not requests:
             raise TexloomError(f"{title}: there is nothing to make")
         self.title = title
-        self.results: list[Result] = []
+        self.results: list[RunResult] = []
         self.progress = Progress("running", 0.0, f"{title}: texloom starts")
         self._client, self._requests = client, list(requests)
         self._is_cancelled = False
         self._run = self._submitted()
 
-    def _submitted(self) -> Run:
+    def _submitted(self) -> RunHandle:
         asked = self._requests[len(self.results)]
         return self._client.submit(asked.flow, asked.sources, asked.params, files=asked.files, **asked.options)
 
@@ -101,7 +101,7 @@ class Job:
             self._is_cancelled = True
             self._run.cancel()
 
-    def wait(self, tell: Callable[[Progress], None] = lambda _: None) -> list[Result]:
+    def wait(self, tell: Callable[[Progress], None] = lambda _: None) -> list[RunResult]:
         """The results, once they are there; for scripts, which may block.
 
         Raises
@@ -124,7 +124,7 @@ class Step(NamedTuple):
     text: str
 
 
-def step(job: Job, apply: Callable[[list[Result]], str]) -> Step:
+def step(job: Job, apply: Callable[[list[RunResult]], str]) -> Step:
     """Look at a job, and apply its results once they are all there."""
     progress = job.tick()
     if progress.state in ("running", "cancelled", "failed"):

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from . import layers, requests
 from .controller import Request
-from .texloom_client import Result, TexloomError
+from .texloom_client import RunResult, TexloomError
 
 
 class Task(NamedTuple):
@@ -15,7 +15,7 @@ class Task(NamedTuple):
 
     title: str
     requests: Sequence[Request]
-    apply: Callable[[list[Result]], str]
+    apply: Callable[[list[RunResult]], str]
     """adds the result, and tells what it has made in one line"""
     notes: tuple[str, ...]
 
@@ -38,7 +38,7 @@ def larger(
     if not new_picture:
         return Task("Larger Texture", asked, _layer(shown, "larger"), shown.notes)
 
-    def apply(results: list[Result]) -> str:
+    def apply(results: list[RunResult]) -> str:
         made = results[0].maps["albedo"]
         return _told(layers.open_new(shown.place, made, f"{shown.name} larger"), made)
 
@@ -73,8 +73,8 @@ def revise(exemplar: str, tileable: str, preset: str, seed: int) -> Task:
     return Task("Revise Selection", asked, _layer(shown, "revised", levels), (*shown.notes, *like.notes))
 
 
-def _layer(shown: layers.Shown, suffix: str, levels: bytes | None = None) -> Callable[[list[Result]], str]:
-    def apply(results: list[Result]) -> str:
+def _layer(shown: layers.Shown, suffix: str, levels: bytes | None = None) -> Callable[[list[RunResult]], str]:
+    def apply(results: list[RunResult]) -> str:
         made: Any = results[0].maps["albedo"]
         name = layers.add_above(shown.place, made, f"{shown.name} {suffix}", levels)
         canvas = (shown.place.document.height(), shown.place.document.width())

@@ -94,7 +94,7 @@ class Status(NamedTuple):
         return self.state in ("done", "failed", "cancelled")
 
 
-class Result(NamedTuple):
+class RunResult(NamedTuple):
     """What a run has made."""
 
     maps: dict[str, Pixels]
@@ -112,7 +112,7 @@ Source = Union[str, os.PathLike, bytes, Pixels, Any, Mapping[str, Any]]
 """a path; `Pixels` or a NumPy array; (name, bytes) of a file; or the maps of a material, name to one of the two"""
 
 
-class Run:
+class RunHandle:
     """A run, which goes on in a thread of its own."""
 
     def __init__(
@@ -121,13 +121,13 @@ class Run:
     ):  # fmt: skip
         self._before, self._asking = before, asking
         self._client, self._asked, self._sources = client, asked, dict(sources)
-        self._callback: Callable[[Run], None] | None = how["callback"]
+        self._callback: Callable[[RunHandle], None] | None = how["callback"]
         self._files: Sequence[str] = how["files"]
         self._previews: bool = how["previews"]
         self._ended, self._is_cancelled = threading.Event(), threading.Event()
         self._status = Status()
         self._preview: Pixels | None = None
-        self._result: Result | None = None
+        self._result: RunResult | None = None
         self._id = ""
         threading.Thread(target=self._work, name="texloom run", daemon=True).start()
 
@@ -145,7 +145,7 @@ class Run:
         if self._id and not self._ended.is_set():
             threading.Thread(target=self._delete, daemon=True).start()
 
-    def wait(self, timeout: float | None = None) -> Result:
+    def wait(self, timeout: float | None = None) -> RunResult:
         """The result, once it is there.
 
         Raises
@@ -221,7 +221,7 @@ class Run:
             return os.path.abspath(path) if os.path.exists(path) else path  # noqa: PTH100, PTH110
         return {"picture": self._client._send(given)}
 
-    def _fetched(self, now: Mapping[str, Any]) -> Result:
+    def _fetched(self, now: Mapping[str, Any]) -> RunResult:
         place, quote = f"/runs/{self._id}", urllib.parse.quote
         wanted = {asked: fnmatch.filter(now["files"], asked) for asked in self._files}
         if lacking := [asked for asked, names in wanted.items() if not names]:
@@ -229,7 +229,7 @@ class Run:
         maps = {one["name"]: self._client._pixels(f"{place}/maps/{quote(one['name'])}") for one in now["maps"]}
         named = [name for names in wanted.values() for name in names]
         files = {name: self._client._request("GET", f"{place}/files/{quote(name)}")[1] for name in named}
-        return Result(maps, files, tuple(now["files"]), tuple(now["notes"]), now["scores"])
+        return RunResult(maps, files, tuple(now["files"]), tuple(now["notes"]), now["scores"])
 
     def _delete(self) -> None:
         with contextlib.suppress(TexloomError, _LostError):  # it is gone already
@@ -265,9 +265,9 @@ class Client:
 
     def submit(
         self, flow: str, sources: Mapping[str, Source], params: Mapping[str, Any] | None = None, *,
-        callback: Callable[[Run], None] | None = None, files: Sequence[str] = (), previews: bool = True,
+        callback: Callable[[RunHandle], None] | None = None, files: Sequence[str] = (), previews: bool = True,
         **options: Any,
-    ) -> Run:  # fmt: skip
+    ) -> RunHandle:  # fmt: skip
         """Begin a run, at once.
 
         Parameters
@@ -277,14 +277,14 @@ class Client:
         params : of the flow, or of a step: ``{"STEP.PARAM": value}``.
         callback : called with the run whenever its status changes, from another thread.
         files : the exports whose bytes are wanted, such as ``texture.exr``, or patterns, as ``maps/*``.
-        previews : whether `Run.preview` is wanted.
+        previews : whether `RunHandle.preview` is wanted.
         options : size, tileable, preset, seed, crop, reduce, layout, texel_size, as of ``texloom run``.
         """
         asked = {"flow": flow, "params": dict(params or {}), **options}
         asking = threading.Event()
         with self._order:
             before, self._asking = self._asking, asking
-        return Run(self, asked, sources, before, asking, callback=callback, files=files, previews=previews)
+        return RunHandle(self, asked, sources, before, asking, callback=callback, files=files, previews=previews)
 
     def hello(self) -> dict[str, Any]:
         """The version of texloom and its flows; this waits for the server."""

@@ -16,7 +16,7 @@ from texloom.pipelines.cli.options import complete, json_option
 from texloom.pipelines.cli.output import print_json, say
 
 if TYPE_CHECKING:
-    from texloom.pipelines.flow.shipped import FlowEntry
+    from texloom.pipelines.flow.shipped import CatalogueEntry
 
 _PAPERS = re.compile(r"(?<! of) \[[A-Za-z]+\d{4}[^\]]*\]")
 """what a list of flows leaves out of a sentence"""
@@ -106,7 +106,7 @@ def _print_stages(entries: dict[str, str], as_json: bool) -> int:
     return Exit.DONE
 
 
-def _print_flows(entries: dict[str, FlowEntry], studies: bool) -> int:
+def _print_flows(entries: dict[str, CatalogueEntry], studies: bool) -> int:
     """Print the flows that are listed, by group, and the names of others; or the studies."""
     from texloom.pipelines.flow.shipped import GROUPS, STUDIES
 

@@ -17,7 +17,7 @@ from texloom.pipelines.cli.options import json_option, request_option, store_opt
 from texloom.pipelines.cli.output import complain, print_json, say
 
 if TYPE_CHECKING:
-    from texloom.pipelines.store.housekeeping import Entry
+    from texloom.pipelines.store.housekeeping import StoreEntry
     from texloom.pipelines.store.run_log import LoggedRun
     from texloom.pipelines.store.store import Store
 
@@ -71,16 +71,16 @@ def _users_of(opened: Store) -> _Users:
     return users
 
 
-def _print_entries(results: Sequence[Entry], others: Sequence[Entry], users: _Users) -> None:
+def _print_entries(results: Sequence[StoreEntry], others: Sequence[StoreEntry], users: _Users) -> None:
     rows = [("FLOW", "PICTURE", "STEP", "SIZE", "LAST USED"), *_rows(results, users)]
     _print_table(
         [*rows, *(("", "", _other(entry), format_byte_size(entry.size), _age(entry.used)) for entry in others)]
     )
 
 
-def _rows(results: Sequence[Entry], users: _Users) -> Iterable[tuple[str, ...]]:
+def _rows(results: Sequence[StoreEntry], users: _Users) -> Iterable[tuple[str, ...]]:
     """A row for each step of each run, the last run first; over a set, one for all items of a step."""
-    groups: dict[int, dict[str, list[Entry]]] = defaultdict(lambda: defaultdict(list))
+    groups: dict[int, dict[str, list[StoreEntry]]] = defaultdict(lambda: defaultdict(list))
     runs: dict[int, LoggedRun | None] = {}
     for entry in results:
         run, step = users.get(entry.key, (None, str(entry.stage)))
@@ -102,11 +102,11 @@ def _pictures(run: LoggedRun) -> str:
     return ", ".join("array" if _ARRAY.fullmatch(name) else name for name in names)
 
 
-def _other(entry: Entry) -> str:
+def _other(entry: StoreEntry) -> str:
     return f"{entry.folder.parent.name}/{entry.folder.name}"
 
 
-def _described(entry: Entry, run: LoggedRun | None, step: str | None) -> dict[str, Any]:
+def _described(entry: StoreEntry, run: LoggedRun | None, step: str | None) -> dict[str, Any]:
     """An entry for JSON, with the last run that used it."""
     item, _, name = (step or "").rpartition("/")
     return {
@@ -282,7 +282,7 @@ def _parsed(size: str) -> int:
     return most
 
 
-def _print_removed(removed: Sequence[Entry], users: _Users, verb: str, as_json: bool) -> int:
+def _print_removed(removed: Sequence[StoreEntry], users: _Users, verb: str, as_json: bool) -> int:
     """List by run what goes; ``users`` as they were before."""
     if as_json:
         return print_json([_entry(entry) for entry in removed])
@@ -313,7 +313,7 @@ def _existing(folder: Path) -> Store:
 # -- words
 
 
-def _entry(entry: Entry) -> dict[str, Any]:
+def _entry(entry: StoreEntry) -> dict[str, Any]:
     return {**dataclasses.asdict(entry), "folder": str(entry.folder)}
 
 

@@ -19,7 +19,7 @@ from typing import TypeVar
 from texloom.pipelines.engine.chosen_steps import may_refuse
 from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, Shared, State, StepReport, warning_of
 from texloom.pipelines.engine.executors.choice import executor_of
-from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
+from texloom.pipelines.engine.executors.executor import Executor, Outcome, StepTask
 from texloom.pipelines.engine.exporter import Exporter
 from texloom.pipelines.engine.keys import KeyParts
 from texloom.pipelines.engine.run import Run, StepFailedError
@@ -101,7 +101,7 @@ def _tidy(store: Store, listener: Listener) -> None:
 
 
 @dataclasses.dataclass
-class InFlight(Task):
+class InFlight(StepTask):
     """A task that is being computed, and the steps that wait for its key."""
 
     wanted: list[tuple[ScopeRun, Step]] = dataclasses.field(default_factory=list)

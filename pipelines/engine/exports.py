@@ -26,7 +26,7 @@ from texloom.pipelines.media.delivery import AS_IS, SAME, Delivery
 from texloom.pipelines.media.material_maps import Map
 from texloom.pipelines.media.stack import ROLE
 from texloom.pipelines.media.writers import registry
-from texloom.pipelines.media.writers.registry import Job
+from texloom.pipelines.media.writers.registry import WriteJob
 from texloom.pipelines.store import written
 from texloom.pipelines.store.atomic import file_digest
 from texloom.pipelines.store.history import file_state
@@ -215,7 +215,7 @@ class Export:
 
             files = {"": write_deep_png(value, self.path, provenance)}
         else:
-            files = registry.write(Job(self.path, value, hint, provenance, self.delivery, mesh, self.bits))
+            files = registry.write(WriteJob(self.path, value, hint, provenance, self.delivery, mesh, self.bits))
         self._note_below(store.root / "runs", files, store)
         # Without a note it is written again next time, no more. The temporary file is in a small folder, which the
         # end of each run looks through.

@@ -60,7 +60,7 @@ _MOST_STEPS = 10_000
 
 
 @dataclasses.dataclass
-class Extent:
+class Tally:
     """How much has been composed so far, in all files."""
 
     variants: int = 0
@@ -81,7 +81,7 @@ def compose(
     path: Path,
     values: Mapping[str, Any],
     stack: tuple[Path, ...] = (),
-    extent: Extent | None = None,
+    tally: Tally | None = None,
 ) -> Draft:
     """Compose a flow from a document and the files that it includes.
 
@@ -90,14 +90,14 @@ def compose(
     document : what the file at ``path`` holds.
     values : for the flow's params; those that stand for `STRUCTURAL` fields are used here.
     stack : the files that include this one, outermost first.
-    extent : what they have composed before it.
+    tally : what they have composed before it.
 
     Raises
     ------
     InputError : the structure of a file is wrong, it includes what cannot be, or makes too many variants or steps.
     """
     part = _with_structure(parse_flow(document, path), path, values)
-    return _Composer(part, path, values, stack, extent or Extent()).draft()
+    return _Composer(part, path, values, stack, tally or Tally()).draft()
 
 
 def is_structural(target: str) -> bool:
@@ -127,10 +127,10 @@ class _Composer:
     """One file, with what it includes."""
 
     def __init__(
-        self, part: FlowPart, path: Path, values: Mapping[str, Any], stack: tuple[Path, ...], extent: Extent
+        self, part: FlowPart, path: Path, values: Mapping[str, Any], stack: tuple[Path, ...], tally: Tally
     ):
         self.part = part
-        self.extent = extent
+        self.tally = tally
         self.path = path
         self.values = values
         self.stack = (*stack, path.resolve())
@@ -144,7 +144,7 @@ class _Composer:
         if part.for_ and part.repeat is not None:
             raise self.entry(None, "repeat").fail("a flow has either 'for' or 'repeat'")
         if part.repeat is not None:
-            self.extent.add(self.entry(None, "repeat"), variants=part.repeat)
+            self.tally.add(self.entry(None, "repeat"), variants=part.repeat)
             rounds = [f"round_{index + 1}" for index in range(part.repeat)]
             return merged({label: self.variant(None, "", label == rounds[0]) for label in rounds}, are_rounds=True)
         if part.for_:
@@ -184,7 +184,7 @@ class _Composer:
             if not listing:
                 raise self.entry(None, "for", name).fail("must list at least one value, got []")
         count = math.prod(map(len, listed.values())) if listed else len(variants)
-        self.extent.add(self.entry(None, "for"), variants=count)
+        self.tally.add(self.entry(None, "for"), variants=count)
         if listed:
             for values in itertools.product(*listed.values()):
                 chosen = dict(zip(listed, values, strict=True))
@@ -233,7 +233,7 @@ class _Composer:
         _take_last_rounds(draft)
         if self.has_variants or len(self.stack) == 1:
             field = "for" if part.for_ else "steps" if part.repeat is None else "repeat"
-            self.extent.add(self.entry(None, field), steps=len(draft.steps))
+            self.tally.add(self.entry(None, field), steps=len(draft.steps))
         if part.repeat is not None and first:
             draft.steps = {name: step.with_references(_unless_former) for name, step in draft.steps.items()}
         return draft
@@ -287,7 +287,7 @@ class _Composer:
         if path.resolve() in self.stack or len(self.stack) > _DEEPEST:
             raise at.fail(f"{flow} includes itself" if path.resolve() in self.stack else "nested too deeply")
         known = dict(itertools.chain(self.values.items(), *(more.items() for more in values)))
-        base = compose(read_document(path), path, known, self.stack, self.extent)
+        base = compose(read_document(path), path, known, self.stack, self.tally)
         base.included = [path, *base.included]
         return base
 

@@ -57,7 +57,7 @@ def plugin_flows() -> dict[str, tuple[Path, str]]:
 
 
 @dataclasses.dataclass(frozen=True)
-class FlowEntry:
+class CatalogueEntry:
     """A flow in the catalogue."""
 
     about: str
@@ -68,7 +68,7 @@ class FlowEntry:
     """whether lists of flows show it first, and not only by its name"""
 
 
-def flow_catalogue() -> dict[str, FlowEntry]:
+def flow_catalogue() -> dict[str, CatalogueEntry]:
     """Name to entry, by group; flows that are listed come first, `STUDIES` and flows without a group last."""
     found = {name: _entry(path, "") for name, path in shipped_flows().items()}
     found |= {name: _entry(path, f" [{origin}]") for name, (path, origin) in plugin_flows().items()}
@@ -76,11 +76,11 @@ def flow_catalogue() -> dict[str, FlowEntry]:
     return dict(sorted(found.items(), key=lambda item: (order.index(item[1].group), not item[1].listed)))
 
 
-def _entry(path: Path, origin: str) -> FlowEntry:
+def _entry(path: Path, origin: str) -> CatalogueEntry:
     fields = dict(re.findall(r"^(group|listed): *(\w+)", path.read_text(encoding="utf-8"), flags=re.MULTILINE))
     group = fields.get("group") if fields.get("group") in GROUPS else None
     about = re.split(r"(?<=\.) ", flow_head(path).partition("\n\n")[0], maxsplit=1)[0]
-    return FlowEntry(about + origin, group, fields.get("listed") != "false" and group != STUDIES)
+    return CatalogueEntry(about + origin, group, fields.get("listed") != "false" and group != STUDIES)
 
 
 def flow_head(path: Path) -> str:

@@ -89,7 +89,7 @@ def is_pattern(reference: str) -> bool:
     return bool(set("*?[") & set(reference)) and not Path(reference).exists()
 
 
-class Matching(NamedTuple):
+class MatchedFiles(NamedTuple):
     """What a pattern matches."""
 
     files: list[str]
@@ -97,7 +97,7 @@ class Matching(NamedTuple):
     """of files that are left out; empty: there are none"""
 
 
-def matching(pattern: str) -> Matching:
+def matching(pattern: str) -> MatchedFiles:
     """The files and folders that an absolute pattern matches, by name.
 
     Where pictures or folders are among them, without files that lie beside such, as ``Thumbs.db`` or ``moss.mtlx``.
@@ -108,13 +108,13 @@ def matching(pattern: str) -> Matching:
     files = [one for one in others if not isdir(one)]  # noqa: PTH112
     has_pictures = any(kind in formats.SUFFIXES for kind in kinds.values())
     if not has_pictures and len(files) == len(others):
-        return Matching(found, "")
+        return MatchedFiles(found, "")
     left = [one for one in files if has_pictures or kinds[one] not in MESHES]
     if not left:
-        return Matching(found, "")
+        return MatchedFiles(found, "")
     shown = ", ".join(map(basename, left[:_LISTED])) + (", ..." if len(left) > _LISTED else "")
     count = "1 file" if len(left) == 1 else f"{len(left)} files"
-    return Matching([one for one in found if one not in {*left}], f"{count} beside the others ignored: {shown}")
+    return MatchedFiles([one for one in found if one not in {*left}], f"{count} beside the others ignored: {shown}")
 
 
 def _is_library(reference: str, takes_maps: bool) -> bool:

@@ -26,7 +26,7 @@ _ROUGH = "is CMYK without a profile, so its colours are rough: each is (1 - ink)
 
 
 @dataclasses.dataclass(frozen=True)
-class Tables:
+class ColorTransform:
     """How codes of over 8 bits become linear Rec.709 light where no matrix with curves says it."""
 
     profile: bytes | None
@@ -58,15 +58,15 @@ class Tables:
         return np.asarray(found, np.float32)[..., : min(codes.shape[2], 3)]
 
 
-def of_tables(profile: bytes | None) -> tuple[Tables, str]:
+def of_tables(profile: bytes | None) -> tuple[ColorTransform, str]:
     """How codes of over 8 bits are decoded, and what the user is told; `ValueError` where they cannot be."""
     if profile is None:
-        return Tables(None), _ROUGH
+        return ColorTransform(None), _ROUGH
     if importlib.util.find_spec("imagecodecs") is None:
         raise ValueError(
             "has an ICC profile of tables and over 8 bits, which needs imagecodecs; pip install 'texloom[photos]'"
         )
-    return Tables(profile), "its colour is converted by its ICC profile by littleCMS"
+    return ColorTransform(profile), "its colour is converted by its ICC profile by littleCMS"
 
 
 def conversion_of(image: Any, profile: bytes | None) -> tuple[Callable[[Any], Any], str]:

@@ -30,7 +30,7 @@ def role_of(plane: str) -> tuple[str, bool]:
 
 
 @dataclasses.dataclass(frozen=True)
-class Part:
+class LayoutFile:
     """A file of a layout."""
 
     suffix: str
@@ -57,7 +57,7 @@ class Layout:
     """How a program or library names and packs the files of a material."""
 
     title: str
-    parts: tuple[Part, ...]
+    parts: tuple[LayoutFile, ...]
     prefix: str = ""
     green: str = ""
     """where it points in normals, up or down; empty: either on reading, up on writing"""
@@ -74,17 +74,17 @@ class Layout:
         return self.green == "down"
 
     @property
-    def written(self) -> tuple[Part, ...]:
+    def written(self) -> tuple[LayoutFile, ...]:
         """The files that are written."""
         return tuple(part for part in self.parts if part.written)
 
 
-def _one(suffix: str, role: str, bits: int = 8, *also: str) -> Part:
-    return Part(suffix, (role,), bits, also)
+def _one(suffix: str, role: str, bits: int = 8, *also: str) -> LayoutFile:
+    return LayoutFile(suffix, (role,), bits, also)
 
 
-def _read(suffix: str, *planes: str, rare: bool = False) -> Part:
-    return Part(suffix, planes, written=False, rare=rare)
+def _read(suffix: str, *planes: str, rare: bool = False) -> LayoutFile:
+    return LayoutFile(suffix, planes, written=False, rare=rare)
 
 
 _ORM = ("ao", "roughness", "metallic")
@@ -140,7 +140,11 @@ LAYOUTS: Mapping[str, Layout] = {
     "unreal": Layout(
         "Unreal Engine",
         (
-            *(_one("BC", "albedo", 8, "D", "diff"), Part("ORM", _ORM, 8, ("ARM",)), _one("N", "normal", 8, "NM")),
+            *(
+                _one("BC", "albedo", 8, "D", "diff"),
+                LayoutFile("ORM", _ORM, 8, ("ARM",)),
+                _one("N", "normal", 8, "NM"),
+            ),
             *(_one("H", "height", 16), _one("S", "specular"), _one("O", "opacity"), _one("E", "emissive")),
             *(_read("R", "roughness"), _read("M", "metallic"), _read("AO", "ao"), _read("MSK", "mask")),
         ),
@@ -151,7 +155,7 @@ LAYOUTS: Mapping[str, Layout] = {
         "Unity, HDRP",
         (
             _one("BaseMap", "albedo", 8, "BaseColorMap", "Albedo"),
-            Part("MaskMap", ("metallic", "ao", "", GLOSS)),
+            LayoutFile("MaskMap", ("metallic", "ao", "", GLOSS)),
             *(_one("Normal", "normal", 8, "NormalMap"), _one("HeightMap", "height", 16)),
             *(_one("Opacity", "opacity"), _one("Emissive", "emissive", 8, "EmissiveColorMap", "EmissionMap")),
         ),
@@ -161,7 +165,7 @@ LAYOUTS: Mapping[str, Layout] = {
         "Unity, Standard and URP",
         (
             _one("AlbedoTransparency", "albedo", 8, "Albedo", "BaseMap", "MainTex"),
-            Part("MetallicSmoothness", ("metallic", "", "", GLOSS), 8, ("MetallicGlossMap", "MetallicGloss")),
+            LayoutFile("MetallicSmoothness", ("metallic", "", "", GLOSS), 8, ("MetallicGlossMap", "MetallicGloss")),
             *(_one("Normal", "normal", 8, "NormalMap", "BumpMap"), _one("Occlusion", "ao", 8, "OcclusionMap")),
             *(_one("Height", "height", 16, "ParallaxMap"), _one("Emission", "emissive", 8, "EmissionMap")),
         ),
@@ -179,7 +183,7 @@ LAYOUTS: Mapping[str, Layout] = {
     "gltf": Layout(
         "glTF",
         (
-            *(_one("baseColor", "albedo"), Part("occlusionRoughnessMetallic", _ORM)),
+            *(_one("baseColor", "albedo"), LayoutFile("occlusionRoughnessMetallic", _ORM)),
             *(_one("normal", "normal"), _one("emissive", "emissive")),
             *(_read("metallicRoughness", "", "roughness", "metallic"), _read("occlusion", "ao")),
         ),
@@ -189,7 +193,7 @@ LAYOUTS: Mapping[str, Layout] = {
     "godot": Layout(
         "Godot",
         (
-            *(_one("albedo", "albedo"), Part("orm", _ORM), _one("normal", "normal")),
+            *(_one("albedo", "albedo"), LayoutFile("orm", _ORM), _one("normal", "normal")),
             *(_one("height", "height", 16), _one("emission", "emissive")),
             *(_read("roughness", "roughness"), _read("metallic", "metallic"), _read("ao", "ao")),
         ),
@@ -240,7 +244,12 @@ LAYOUTS: Mapping[str, Layout] = {
         "Poly Haven",
         (
             *(_one("diff", "albedo", 8, "diffuse", "col"), _one("nor_gl", "normal", 16, "nor_dx")),
-            *(Part("arm", _ORM), _one("disp", "height", 16), _one("spec", "specular"), _one("alpha", "opacity")),
+            *(
+                LayoutFile("arm", _ORM),
+                _one("disp", "height", 16),
+                _one("spec", "specular"),
+                _one("alpha", "opacity"),
+            ),
             *(_read("rough", "roughness"), _read("ao", "ao"), _read("metal", "metallic")),
         ),
         green="up",
@@ -258,7 +267,7 @@ LAYOUTS: Mapping[str, Layout] = {
     "poliigon": Layout(
         "Poliigon",
         (
-            *(_one("COL", "albedo"), _one("NRM", "normal", 8, "NRM16"), Part("GLOSS", (GLOSS,))),
+            *(_one("COL", "albedo"), _one("NRM", "normal", 8, "NRM16"), LayoutFile("GLOSS", (GLOSS,))),
             *(_one("METALNESS", "metallic"), _one("AO", "ao"), _one("DISP16", "height", 16, "DISP")),
             *(_one("REFL", "specular"), _one("ALPHAMASKED", "opacity"), _one("BUMP", "bump", 8, "BUMP16")),
             *(_one("TRANSMISSION", "translucency"), _read("ROUGHNESS", "roughness")),
@@ -313,7 +322,7 @@ LAYOUTS: Mapping[str, Layout] = {
     "short_specular": Layout(
         "short names, specular",
         (
-            *(_one("d", "albedo"), _one("n", "normal"), _one("s", "specular"), Part("g", (GLOSS,))),
+            *(_one("d", "albedo"), _one("n", "normal"), _one("s", "specular"), LayoutFile("g", (GLOSS,))),
             *(_one("m", "mask"), _one("h", "height", 16), _one("e", "emissive")),
         ),
     ),

@@ -31,12 +31,12 @@ from texloom.pipelines.media import (
     strokes,
     tiff_pictures,
 )
-from texloom.pipelines.media.headers import Picture, Refusal, check_size
+from texloom.pipelines.media.headers import OpenedPicture, Refusal, check_size
 from texloom.pipelines.media.pixel_values import decoded_by_opencv, decoding_of, floats
 from texloom.pipelines.store.capture import capture_output
 
 
-def read_header(file: BinaryIO, data: bool = False, layered: bool = False) -> Picture:
+def read_header(file: BinaryIO, data: bool = False, layered: bool = False) -> OpenedPicture:
     """The header of a picture file, whose content decides the format; `Refusal` where it cannot be read.
 
     What ``decode`` returns is contiguous, finite and in linear light; integers of ``data`` are divided by their
@@ -107,7 +107,7 @@ def _check_finite(pixels: Float32[np.ndarray, "h w c"], channels: tuple[str, ...
             raise Refusal(f"channel '{channel}' has {bad} of {plane.size} values NaN or infinite")
 
 
-def _hdr_header(file: BinaryIO) -> Picture:
+def _hdr_header(file: BinaryIO) -> OpenedPicture:
     """Radiance HDR: linear light, by OpenCV."""
     try:
         header = radiance.header_of(file)
@@ -121,10 +121,10 @@ def _hdr_header(file: BinaryIO) -> Picture:
         pixels = np.ascontiguousarray(decoded_by_opencv(file, ("R", "G", "B")), np.float32)
         return pixels if header.matrix is None else color_spaces.converted(pixels, header.matrix)
 
-    return Picture(height, width, ("R", "G", "B"), 32, height * width * 36, decode, note=note)
+    return OpenedPicture(height, width, ("R", "G", "B"), 32, height * width * 36, decode, note=note)
 
 
-def _psd_header(file: BinaryIO, data: bool) -> Picture:
+def _psd_header(file: BinaryIO, data: bool) -> OpenedPicture:
     """PSD, flattened: Pillow reads those of 8 bits, psd-tools the others."""
     start = file.read(26)
     height, width = (int.from_bytes(start[at : at + 4]) for at in (14, 18))
@@ -148,13 +148,13 @@ def _psd_header(file: BinaryIO, data: bool) -> Picture:
         return floats(deep_psd.values_of(file, header, planes), planes if data else alpha, decoding)
 
     memory = height * width * (header.channels * header.depth // 4 + planes * 8)
-    return Picture(height, width, channels, header.depth, memory, decode, note=note)
+    return OpenedPicture(height, width, channels, header.depth, memory, decode, note=note)
 
 
-def _strokes_header(file: BinaryIO) -> Picture:
+def _strokes_header(file: BinaryIO) -> OpenedPicture:
     try:
         drawn = strokes.parse(file.read())
     except ValueError as error:
         raise Refusal(f"is JSON, but not of strokes: {error}") from None
     check_size(drawn.height, drawn.width)
-    return Picture(drawn.height, drawn.width, ("Y",), 8, 9 * drawn.height * drawn.width, drawn.draw)
+    return OpenedPicture(drawn.height, drawn.width, ("Y",), 8, 9 * drawn.height * drawn.width, drawn.draw)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.pipelines.media import color_spaces, exr_channels
-from texloom.pipelines.media.headers import Picture, Refusal, check_size
+from texloom.pipelines.media.headers import OpenedPicture, Refusal, check_size
 from texloom.pipelines.store import codec, exr
 from texloom.stages.vocabulary.frame_stacks import stack_channels
 
@@ -38,7 +38,7 @@ def _exr_parts(file: BinaryIO) -> tuple[list[Any], int]:
     return headers, values
 
 
-def header_of(file: BinaryIO, data: bool) -> Picture:
+def header_of(file: BinaryIO, data: bool) -> OpenedPicture:
     """The colour, or the map if it is ``data``, of the first part that has one; `Refusal` if none has."""
     headers, values = _exr_parts(file)
     index, names, note = _exr_channels([_channel_names(header) for header in headers], data)
@@ -54,10 +54,10 @@ def header_of(file: BinaryIO, data: bool) -> Picture:
     bits = codec.original_bits(headers[0])
     texel_size = codec.texel_size_in(headers[0], part, height, width)
     known = facts, note, bits, texel_size, codec.names_of_maps(headers[0])
-    return Picture(height, width, tuple(names.values()), 32, memory, decode, *known)
+    return OpenedPicture(height, width, tuple(names.values()), 32, memory, decode, *known)
 
 
-def stack_header_of(file: BinaryIO) -> Picture:
+def stack_header_of(file: BinaryIO) -> OpenedPicture:
     """The colour and alpha of all parts as a frame stack."""
     headers, values = _exr_parts(file)
     if len(headers) > MAX_FRAMES:
@@ -77,7 +77,7 @@ def stack_header_of(file: BinaryIO) -> Picture:
 
     channels = stack_channels(tuple(names[0].values()), len(headers))
     memory = 4 * (values + height * width * len(channels))
-    return Picture(height, width, channels, 32, memory, decode)
+    return OpenedPicture(height, width, channels, 32, memory, decode)
 
 
 def _exr_channels(parts: list[list[str]], data: bool = False) -> tuple[int, dict[str, str], str]:

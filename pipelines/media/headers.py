@@ -34,7 +34,7 @@ class Header:
 
 
 @dataclasses.dataclass(frozen=True)
-class Picture(Header):
+class OpenedPicture(Header):
     """A picture of which the header was read."""
 
     decode: Callable[[], Float32[np.ndarray, "h w c"]]

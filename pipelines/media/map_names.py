@@ -32,7 +32,7 @@ class Reading:
     """What a file's name may mean."""
 
     planes: tuple[str, ...]
-    """as of `texloom.pipelines.media.conventions.Part`"""
+    """as of `texloom.pipelines.media.conventions.LayoutFile`"""
     layouts: frozenset[str]
     rare: bool
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from texloom.pipelines.media import cicp, color_management, icc, picture_facts
-from texloom.pipelines.media.headers import Picture, Refusal, check_size
+from texloom.pipelines.media.headers import OpenedPicture, Refusal, check_size
 from texloom.pipelines.media.pixel_values import decoded_by_opencv, decoding_of, floats
 from texloom.pipelines.store.png_file import PROVENANCE, facts_in, texel_size_in
 
@@ -42,7 +42,7 @@ def _opened(kind: str, file: BinaryIO) -> Any:
         PIL.Image.MAX_IMAGE_PIXELS = most
 
 
-def header_of(kind: str, file: BinaryIO, data: bool) -> Picture:
+def header_of(kind: str, file: BinaryIO, data: bool) -> OpenedPicture:
     """The header of a picture that Pillow opens, of one of the kinds of `texloom.pipelines.media.formats`."""
     if kind == "WebP":
         file.seek(0)
@@ -101,7 +101,7 @@ def header_of(kind: str, file: BinaryIO, data: bool) -> Picture:
         "has several frames, of which the first is read" if kind != "TIFF" and _is_animated(image) else "",
         "is turned as its EXIF orientation says" if orientation > 1 else "",
     ]
-    return Picture(
+    return OpenedPicture(
         *(height, width, channels, bits, memory, decode, facts, "; ".join(filter(None, notes))),
         texel_size=texel_size_in(image.info.get(PROVENANCE), height, width),
     )

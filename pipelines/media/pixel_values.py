@@ -17,7 +17,7 @@ from texloom.stages.vocabulary.color import linear_from_codes
 
 def decoding_of(
     info: Mapping[str, Any], planes: int, chunk: bytes | None = None
-) -> tuple[Decoding | color_management.Tables | None, str]:
+) -> tuple[Decoding | color_management.ColorTransform | None, str]:
     """How a picture that is not sRGB is decoded, and what was assumed; ``chunk``: the content of cICP."""
     profile = info.get("icc_profile")
     try:
@@ -53,7 +53,9 @@ def decoded_by_opencv(file: BinaryIO, channels: tuple[str, ...]) -> np.ndarray:
 
 
 def floats(
-    values: np.ndarray, straight_planes: int, decoding: Decoding | color_management.Tables | Lab | None = None
+    values: np.ndarray,
+    straight_planes: int,
+    decoding: Decoding | color_management.ColorTransform | Lab | None = None,
 ) -> Float32[np.ndarray, "h w c"]:
     """Linear light of sRGB integers of 8 or 16 bits, or of floats, which are linear already.
 

@@ -10,13 +10,13 @@ from jaxtyping import Float32
 
 from texloom.pipelines.media import pillow_pictures, tiff_values
 from texloom.pipelines.media.cie_lab import Lab
-from texloom.pipelines.media.headers import Picture, Refusal, check_size
+from texloom.pipelines.media.headers import OpenedPicture, Refusal, check_size
 from texloom.pipelines.media.pixel_values import decoded_by_opencv, decoding_of, floats
 
 _CIE_LAB, _OTHER_LAB = 8, (9, 10)  # photometric interpretations; ICC and ITU Lab have other codes
 
 
-def header_of(file: BinaryIO, data: bool) -> Picture:
+def header_of(file: BinaryIO, data: bool) -> OpenedPicture:
     """The header of a TIFF, with what of it is not read."""
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
@@ -35,7 +35,7 @@ def header_of(file: BinaryIO, data: bool) -> Picture:
     return dataclasses.replace(found, note="; ".join(filter(None, notes)))
 
 
-def _tiff_page(file: BinaryIO, tags: Any, data: bool) -> Picture:
+def _tiff_page(file: BinaryIO, tags: Any, data: bool) -> OpenedPicture:
     """The first page of a TIFF: Pillow reads up to 8 bits, OpenCV 16 bits and floats."""
     width, height, planes = tags[256], tags[257], tags.get(277, 1)
     bits, kinds = set(tags.get(258, (1,))), set(tags.get(339, (1,)))
@@ -66,10 +66,10 @@ def _tiff_page(file: BinaryIO, tags: Any, data: bool) -> Picture:
         return floats(decoded_by_opencv(file, tuple(names)), planes if data else planes == 4, decoding)
 
     memory = height * width * (4 + planes * (max(bits) // 4 + 4))
-    return Picture(height, width, tuple(names), max(bits), memory, decode, note=note)
+    return OpenedPicture(height, width, tuple(names), max(bits), memory, decode, note=note)
 
 
-def _lab_header(file: BinaryIO, tags: Any) -> Picture:
+def _lab_header(file: BinaryIO, tags: Any) -> OpenedPicture:
     """TIFF of CIE L*a*b* with 16 bits a channel, by tifffile."""
     kinds, bits = set(tags.get(339, (1,))), set(tags.get(258, (1,)))
     if (tags.get(262), tags.get(277), kinds, bits) != (_CIE_LAB, 3, {1}, {16}):
@@ -84,10 +84,10 @@ def _lab_header(file: BinaryIO, tags: Any) -> Picture:
         return floats(tiff_values.values_of(file, 3), 0, Lab())
 
     note = "its colour is converted from CIE Lab (D50)"
-    return Picture(height, width, ("R", "G", "B"), 16, height * width * 72, decode, note=note)
+    return OpenedPicture(height, width, ("R", "G", "B"), 16, height * width * 72, decode, note=note)
 
 
-def _odd_tiff_header(file: BinaryIO, tags: Any, names: str, data: bool) -> Picture:
+def _odd_tiff_header(file: BinaryIO, tags: Any, names: str, data: bool) -> OpenedPicture:
     """TIFF of planes apart, of signed integers, or of half or double floats, by tifffile."""
     try:
         kinds, bits_of = set(tags.get(339, (1,))), set(tags.get(258, (1,)))
@@ -106,4 +106,4 @@ def _odd_tiff_header(file: BinaryIO, tags: Any, names: str, data: bool) -> Pictu
 
     memory = height * width * planes * (2 * kind.itemsize + 8)
     bits = 16 if kind == np.uint16 else 32
-    return Picture(height, width, tuple(names), bits, memory, decode, note=note)
+    return OpenedPicture(height, width, tuple(names), bits, memory, decode, note=note)

@@ -37,7 +37,7 @@ class Chunk:
 
 
 @dataclasses.dataclass(frozen=True)
-class Part:
+class ExrPart:
     """A part of a file, without its pixels."""
 
     attributes: Mapping[str, tuple[bytes, bytes]]
@@ -71,7 +71,7 @@ class Part:
         down, across = (-(-side // step) for side, step in zip(self.size, self.tile, strict=True))
         return down, across
 
-    def resized(self, height: int, width: int) -> Part:
+    def resized(self, height: int, width: int) -> ExrPart:
         """The same part of another size, in tiles, from pixel 0, 0 on."""
         window = struct.pack("<4i", 0, 0, width - 1, height - 1)
         part = dataclasses.replace(self, attributes={**self.attributes, "dataWindow": (b"box2i", window)})
@@ -82,7 +82,7 @@ class Part:
         return part
 
 
-def read_layout(file: BinaryIO) -> tuple[int, list[Part]]:
+def read_layout(file: BinaryIO) -> tuple[int, list[ExrPart]]:
     """The version of a file with its flags, and the parts.
 
     Raises
@@ -95,7 +95,7 @@ def read_layout(file: BinaryIO) -> tuple[int, list[Part]]:
         raise ValueError("not a whole EXR file") from None
 
 
-def _read_layout(file: BinaryIO) -> tuple[int, list[Part]]:
+def _read_layout(file: BinaryIO) -> tuple[int, list[ExrPart]]:
     file.seek(0)
     if file.read(4) != _MAGIC:
         raise ValueError("not an EXR file")
@@ -110,7 +110,7 @@ def _read_layout(file: BinaryIO) -> tuple[int, list[Part]]:
         given = attributes.get("type", (b"", b"tiledimage" if version & _TILED else b"scanlineimage"))[1]
         if given not in _IS_TILED:
             raise ValueError("not an image of pixels")
-        part = Part(attributes, _IS_TILED[given], ())
+        part = ExrPart(attributes, _IS_TILED[given], ())
         start = file.tell()
         if "chunkCount" in attributes:
             (count,) = struct.unpack("<i", attributes["chunkCount"][1])
@@ -147,7 +147,7 @@ def _word(file: BinaryIO) -> bytes:
     return bytes(word)
 
 
-def read_chunk(file: BinaryIO, version: int, part: Part, number: int) -> Chunk:
+def read_chunk(file: BinaryIO, version: int, part: ExrPart, number: int) -> Chunk:
     """A chunk of a part by its number; `ValueError` where the file is damaged."""
     extra = 4 if version & _MULTIPART else 0
     head = f"<{4 if part.is_tiled else 1}ii"
@@ -162,7 +162,7 @@ def read_chunk(file: BinaryIO, version: int, part: Part, number: int) -> Chunk:
     return Chunk(tuple(place), content)
 
 
-class Writer:
+class ChunkWriter:
     """Writes a file chunk by chunk.
 
     Parameters
@@ -172,7 +172,7 @@ class Writer:
     parts : with as many offsets as they will have chunks.
     """
 
-    def __init__(self, file: BinaryIO, version: int, parts: Sequence[Part]):
+    def __init__(self, file: BinaryIO, version: int, parts: Sequence[ExrPart]):
         self._file = file
         self._prefix = bool(version & _MULTIPART)
         file.write(_MAGIC + struct.pack("<I", version))
@@ -203,7 +203,7 @@ class Writer:
             self._file.write(table.tobytes())
 
 
-def single(version: int, part: Part) -> tuple[int, Part]:
+def single(version: int, part: ExrPart) -> tuple[int, ExrPart]:
     """Version and header of a file that has one of the parts of another file only."""
     flags = version & ~(_TILED | _MULTIPART) | (_TILED if part.is_tiled else 0)
     kept = {name: value for name, value in part.attributes.items() if name != "chunkCount"}

@@ -36,7 +36,7 @@ import numpy as np
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.atomic import atomic_path, file_digest, write_atomically
 from texloom.pipelines.store.capture import capture_output
-from texloom.pipelines.store.outputs import Array, Layout, outputs_of, prepared
+from texloom.pipelines.store.outputs import Array, PlaneLayout, outputs_of, prepared
 from texloom.pipelines.store.page import with_run
 from texloom.pipelines.store.png_file import length_of, png, write_png
 from texloom.pipelines.store.preview import picture
@@ -211,7 +211,7 @@ def read(kind: type[Any], folder: Path, names: Collection[str] | None = None) ->
 
 def _restored(output: str, hint: Hint, record: Mapping[str, Any], file: exr.Windows) -> Any:
     """An array from its part, band by band."""
-    layout = Layout.of(record["dtype"], tuple(record["shape"]), hint, tuple(record["channels"]))
+    layout = PlaneLayout.of(record["dtype"], tuple(record["shape"]), hint, tuple(record["channels"]))
     values = empty(layout.shape, layout.dtype)
     array = Array(values, layout)
     wrong = ValueError(f"part {output} does not hold what texloom.arrays says")

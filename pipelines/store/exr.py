@@ -140,7 +140,7 @@ def write(path: Path, parts: Mapping[str, Planes], attributes: Mapping[str, Any]
     sizes = [shapes[part.name or next(iter(parts))] for part in layout]
     layout = [part.resized(*size) if part.is_tiled else part for part, size in zip(layout, sizes, strict=True)]
     with path.open("wb") as file:
-        writer = chunks.Writer(file, version, layout)
+        writer = chunks.ChunkWriter(file, version, layout)
         for number, (name, part) in enumerate(zip(parts, layout, strict=True)):
             if not part.is_tiled:
                 writer.add(number, pieces[number])
@@ -188,7 +188,7 @@ def _write(parts: list[Any], target: Path | BinaryIO) -> None:
         raise OSError(f"{target}: {error}") from None
 
 
-def _encoded(parts: list[Any]) -> tuple[int, list[chunks.Part], list[list[chunks.Chunk]]]:
+def _encoded(parts: list[Any]) -> tuple[int, list[chunks.ExrPart], list[list[chunks.Chunk]]]:
     """Version, parts and chunks of a file in memory."""
     file = io.BytesIO()
     _write(parts, file)
@@ -347,7 +347,7 @@ class Windows:
         else:
             numbers = list(range(len(layout.offsets)))
         piece = io.BytesIO()
-        writer = chunks.Writer(piece, version, [shown])
+        writer = chunks.ChunkWriter(piece, version, [shown])
         with self.path.open("rb") as file:
             for number in numbers:
                 chunk = chunks.read_chunk(file, self._version, layout, number)

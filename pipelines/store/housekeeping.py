@@ -37,7 +37,7 @@ _ROOM = 10  # part of the limit that is made free at once
 
 
 @dataclasses.dataclass(frozen=True)
-class Entry:
+class StoreEntry:
     """A result, or something else that takes space in the store."""
 
     stage: str | None
@@ -51,7 +51,7 @@ class Entry:
     """seconds since 1970"""
 
 
-def entries(store: Store) -> list[Entry]:
+def entries(store: Store) -> list[StoreEntry]:
     """All results, by stage, the least recently used first."""
     unfinished = set(_keys(store, "checkpoints"))
     found = []
@@ -60,7 +60,7 @@ def entries(store: Store) -> list[Entry]:
         size = usage.size_of(folder)
         if (stage, key) in unfinished:
             size += usage.size_of(store.root / "checkpoints" / stage / key)
-        found.append(Entry(stage, key, folder, size, store.used(store.location(stage, key))))
+        found.append(StoreEntry(stage, key, folder, size, store.used(store.location(stage, key))))
     return sorted(found, key=lambda entry: (str(entry.stage), entry.used))
 
 
@@ -72,19 +72,19 @@ def _keys(store: Store, kind: str) -> Iterator[tuple[str, str]]:
                 yield stage, name
 
 
-def other_entries(store: Store) -> list[Entry]:
+def other_entries(store: Store) -> list[StoreEntry]:
     """Exports of runs without ``--out``, and arrays given by programs, the least recently used first."""
     runs = [store.root / "runs" / name for name in written.runs(store.root)]
     arrays = filter(removal.SOURCE.fullmatch, usage.names(store.root / "sources"))
     paths = [*(path for path in runs if path.is_dir()), *(store.root / "sources" / name for name in arrays)]
-    found = [Entry(None, None, path, usage.size_of(path), _last_time(path)) for path in paths]
+    found = [StoreEntry(None, None, path, usage.size_of(path), _last_time(path)) for path in paths]
     return sorted(found, key=lambda entry: entry.used)
 
 
 # -- verifying
 
 
-def verify(store: Store) -> Iterator[tuple[Entry, str | None]]:
+def verify(store: Store) -> Iterator[tuple[StoreEntry, str | None]]:
     """Every result and its problem, if any; every byte is compared. What is being computed is left out."""
     for entry in entries(store):
         problem = problem_of(store, entry)
@@ -98,7 +98,7 @@ def verify(store: Store) -> Iterator[tuple[Entry, str | None]]:
             yield entry, problem
 
 
-def problem_of(store: Store, entry: Entry) -> str | None:
+def problem_of(store: Store, entry: StoreEntry) -> str | None:
     """What is wrong with a result; every byte is compared."""
     try:
         if store.find(str(entry.stage), str(entry.key)) is None:
@@ -113,7 +113,7 @@ def problem_of(store: Store, entry: Entry) -> str | None:
 # -- removing
 
 
-def prune(store: Store, days: float, dry_run: bool = False) -> list[Entry]:
+def prune(store: Store, days: float, dry_run: bool = False) -> list[StoreEntry]:
     """Remove what no run has used for ``days`` days, and what nothing needs any more.
 
     What is at work is kept.
@@ -178,7 +178,7 @@ def set_limit(store: Store, size: int | None) -> None:
         folder.write(_SETTINGS, json.dumps(settings).encode(), durable=True)
 
 
-def keep_limit(store: Store, measure: bool = True) -> list[Entry]:
+def keep_limit(store: Store, measure: bool = True) -> list[StoreEntry]:
     """Remove the least recently used results, exports and arrays until the store is within its limit.
 
     Parameters
@@ -207,7 +207,7 @@ def keep_limit(store: Store, measure: bool = True) -> list[Entry]:
     return removed
 
 
-def over(store: Store, most: int | None) -> list[Entry]:
+def over(store: Store, most: int | None) -> list[StoreEntry]:
     """What `keep_limit` would remove under a limit of so many bytes."""
     size = usage.size_of(store.root)
     found = []
@@ -219,7 +219,7 @@ def over(store: Store, most: int | None) -> list[Entry]:
     return found
 
 
-def _unprotected(store: Store, protected: float) -> Iterator[Entry]:
+def _unprotected(store: Store, protected: float) -> Iterator[StoreEntry]:
     """All that was last used before a time, what was least recently used first."""
     for entry in sorted((*entries(store), *other_entries(store)), key=lambda entry: entry.used):
         if entry.used >= protected:
@@ -237,7 +237,7 @@ def tidy(store: Store) -> None:
             folder.remove_abandoned()
 
 
-def _remove(store: Store, entry: Entry, oldest: float) -> bool:
+def _remove(store: Store, entry: StoreEntry, oldest: float) -> bool:
     """Remove an entry that was last used before ``oldest``; whether it is gone, so that nobody uses it."""
     if entry.stage is None or entry.key is None:
         if _last_time(entry.folder) >= oldest:

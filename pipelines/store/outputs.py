@@ -24,7 +24,7 @@ _ROWS = 64  # of a smaller picture that are copied at a time
 
 
 @dataclasses.dataclass(frozen=True)
-class Layout:
+class PlaneLayout:
     """How an array is divided into planes."""
 
     dtype: str
@@ -36,7 +36,7 @@ class Layout:
     is_image: bool
 
     @classmethod
-    def of(cls, dtype: str, shape: tuple[int, ...], hint: Hint, channels: tuple[str, ...] = ()) -> Layout:
+    def of(cls, dtype: str, shape: tuple[int, ...], hint: Hint, channels: tuple[str, ...] = ()) -> PlaneLayout:
         """The layout of an array; ``channels`` are those of an `Image`. `TypeError` if ``hint`` does not match."""
         is_image, axis = hint.plain is Image, None
         if hint.admits(dtype, shape):
@@ -75,7 +75,7 @@ class Array:
     """An array and its layout."""
 
     values: np.ndarray
-    layout: Layout
+    layout: PlaneLayout
     facts: Facts = UNKNOWN
     """of an `Image`"""
 
@@ -136,7 +136,7 @@ def prepared(value: Any, hint: Hint) -> Any:
         values = np.asarray(value.pixels if isinstance(value, Image) else value)
         values = values.astype(values.dtype.newbyteorder("="), copy=False)
         channels, facts = (value.channels, value.facts) if isinstance(value, Image) else ((), Facts())
-        return Array(values, Layout.of(values.dtype.name, values.shape, hint, tuple(channels)), facts)
+        return Array(values, PlaneLayout.of(values.dtype.name, values.shape, hint, tuple(channels)), facts)
     if hint.is_table:
         return json.loads(json.dumps(value, default=_number))
     kept = _number(value) if isinstance(value, np.generic) else value

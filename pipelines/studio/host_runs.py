@@ -15,7 +15,7 @@ from texloom.pipelines.media.arrays import Picture
 from texloom.pipelines.media.conventions import COLORS
 from texloom.pipelines.media.map_names import recognised
 from texloom.pipelines.results import main_result
-from texloom.pipelines.studio.messages.hosts import Maps, OnePicture, Pixels, ResultMap, space_of
+from texloom.pipelines.studio.messages.hosts import Maps, OnePicture, PixelFormat, ResultMap, space_of
 from texloom.pipelines.studio.runs import Reporter
 from texloom.pipelines.studio.work import HostRan, HostWork, Places, Received
 from texloom.stages.vocabulary.declare import InputError
@@ -86,7 +86,7 @@ def _written(name: str, values: np.ndarray, folder: Path) -> ResultMap:
     kept.astype(kept.dtype.newbyteorder("<"), copy=False).tofile(folder / MAP.format(name))
     role = (recognised(name) or (name,))[0]
     space = space_of(kept.dtype.name) if role in COLORS else "data"
-    pixels = Pixels.model_validate({"shape": kept.shape, "dtype": kept.dtype.name, "color_space": space})
+    pixels = PixelFormat.model_validate({"shape": kept.shape, "dtype": kept.dtype.name, "color_space": space})
     return ResultMap(name=name, pixels=pixels)
 
 

@@ -28,7 +28,7 @@ from texloom.pipelines.studio.messages.hosts import (
     HostRun,
     Maps,
     OnePicture,
-    Pixels,
+    PixelFormat,
     Submitted,
 )
 from texloom.pipelines.studio.messages.message import unpacked
@@ -68,7 +68,7 @@ class HostRuns(RunQueue[HostRun]):
         folder.mkdir()
         return folder / (name or "pixels.raw")
 
-    def keep(self, file: Path, pixels: Pixels | None) -> str:
+    def keep(self, file: Path, pixels: PixelFormat | None) -> str:
         """Take a picture that has been received; its id. Of those that no run waits for, the oldest go.
 
         Raises
@@ -148,7 +148,7 @@ class HostRuns(RunQueue[HostRun]):
         if running.height:
             self.previews[job] = bytes(payload)
             shape = (running.height, running.width, 4)
-            changes["preview"] = Pixels(shape=shape, dtype="uint8", color_space="srgb")
+            changes["preview"] = PixelFormat(shape=shape, dtype="uint8", color_space="srgb")
             changes["previews"] = self.jobs[job].previews + 1
         self._change(job, **changes)
 
@@ -225,7 +225,7 @@ def _add_runs(app: FastAPI, runs: HostRuns) -> None:
     ) -> str:
         if name and safe_name(name) != name:
             raise InputError(one_line(f"name: {name} is no name of a file"))
-        pixels = None if name else Pixels.of(shape, dtype, color_space)
+        pixels = None if name else PixelFormat.of(shape, dtype, color_space)
         file, size = runs.new_file(name), 0
         try:
             with file.open("wb") as opened:
@@ -279,5 +279,5 @@ def _add_results(app: FastAPI, runs: HostRuns) -> None:
         return FileResponse(file, media_type="application/octet-stream")
 
 
-def _described(pixels: Pixels) -> dict[str, str]:
+def _described(pixels: PixelFormat) -> dict[str, str]:
     return {"x-texloom-pixels": json.dumps(pixels.model_dump())}

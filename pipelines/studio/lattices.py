@@ -8,7 +8,7 @@ import numpy as np
 
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.studio.messages.answers import LatticePicture
-from texloom.pipelines.studio.messages.requests import Lattice, LatticeRequest
+from texloom.pipelines.studio.messages.requests import LatticeRequest, LatticeVertices
 from texloom.pipelines.studio.work import Places, library_of
 from texloom.stages.interactive.lattice_session import LatticeSession
 
@@ -30,7 +30,7 @@ class Lattices:
             session.detect()
         else:
             session.restore(work.lattice.model_dump())
-        known = Lattice.model_validate(session.content())
+        known = LatticeVertices.model_validate(session.content())
         problem = session.validity()
         if problem is not None:
             send(LatticePicture(number=work.number, lattice=known, problem=problem))

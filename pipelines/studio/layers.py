@@ -13,8 +13,8 @@ import yaml
 
 from texloom.pipelines.store import codec, exr
 from texloom.pipelines.store.capture import capture_output
-from texloom.pipelines.studio.messages.runs import Layer, Layers
-from texloom.pipelines.studio.work import Described, LayersWork
+from texloom.pipelines.studio.messages.runs import ExrContents, Layer
+from texloom.pipelines.studio.work import LayersRead, LayersWork
 from texloom.stages.vocabulary.declare import InputError
 
 _TOGETHER = ({*"RGB"}, {*"Y"}, {*"Lab"}, {"row", "column"})
@@ -22,7 +22,7 @@ _TOGETHER = ({*"RGB"}, {*"Y"}, {*"Lab"}, {"row", "column"})
 
 
 @dataclasses.dataclass(frozen=True)
-class Channels:
+class ExrLayer:
     """What is shown as one picture."""
 
     name: str
@@ -31,7 +31,7 @@ class Channels:
     size: tuple[int, int]
 
 
-def layers_of(path: Path) -> list[Channels]:
+def layers_of(path: Path) -> list[ExrLayer]:
     """Colours and positions, and every other channel by itself; `InputError` where it cannot be read."""
     headers = _headers(path)
     found = []
@@ -46,9 +46,9 @@ def layers_of(path: Path) -> list[Channels]:
             names = {channel.rpartition(".")[2] for channel in channels}
             label = f"{part}.{layer}" if len(headers) > 1 and part != layer else layer
             if any(together <= names for together in _TOGETHER):
-                found.append(Channels(label, part, tuple(channels), size))
+                found.append(ExrLayer(label, part, tuple(channels), size))
             else:
-                found += [Channels(_of(label, channel), part, (channel,), size) for channel in channels]
+                found += [ExrLayer(_of(label, channel), part, (channel,), size) for channel in channels]
     return found
 
 
@@ -83,4 +83,4 @@ def layers(work: LayersWork, send: Callable[..., None]) -> None:
             about[name] = json.loads(header[f"texloom.{name}"])
     told = tuple(Layer(name=one.name, height=one.size[0], width=one.size[1]) for one in known)
     text = yaml.safe_dump(about, sort_keys=False, allow_unicode=True, default_flow_style=None)
-    send(Described(layers=Layers(key=key, layers=told, about=text)))
+    send(LayersRead(layers=ExrContents(key=key, layers=told, about=text)))

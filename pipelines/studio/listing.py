@@ -39,7 +39,7 @@ class Listed:
 
 
 @dataclasses.dataclass
-class Scan:
+class FolderScan:
     """What there is in a folder."""
 
     found: list[Listed] = dataclasses.field(default_factory=list)
@@ -59,12 +59,12 @@ class Scan:
         return tuple(notes)
 
 
-def scan(root: Path, without: Iterable[Path]) -> Scan:
+def scan(root: Path, without: Iterable[Path]) -> FolderScan:
     """Look for pictures in a folder and all of its subfolders.
 
     Links to something in the folder count, each place once; hidden files and the folders ``without`` do not.
     """
-    made = Scan()
+    made = FolderScan()
     seen = {os.path.realpath(one) for one in without}
     entries = _MOST_LOOKED_AT
     waiting = [(root, 0)]

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from texloom.pipelines.studio.messages.catalogue import Choice
+from texloom.pipelines.studio.messages.catalogue import Picker
 from texloom.pipelines.studio.offer import Offer, number, setting
 
-_SHADOWS = Choice(
+_SHADOWS = Picker(
     label="Shadows",
     settings=(
         setting("removed where sure"),
@@ -14,7 +14,7 @@ _SHADOWS = Choice(
     ),
     card="light",
 )
-_DARK = Choice(
+_DARK = Picker(
     label="Dark is",
     settings=(
         setting("deep, if in doubt"),
@@ -29,12 +29,12 @@ _MAPS = (
     number("roughness.level", "Roughness", 0, 1, 0.7, ("glossy", "matt"), "maps"),
 )
 _PLANES = ("seen from the front", "first found", "second found", "third found")
-_SURFACE = Choice(
+_SURFACE = Picker(
     label="Surface",
     settings=(setting("the clearest"), *(setting(name, plane=index) for index, name in enumerate(_PLANES))),
     card="region",
 )
-_FOREIGN = Choice(
+_FOREIGN = Picker(
     label="Foreign parts", settings=(setting("left out"), setting("kept", unlike=1000.0)), card="region"
 )
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from texloom.pipelines.studio.messages.catalogue import (
     Card,
-    Choice,
     Control,
+    Picker,
     ResultPicture,
     Setting,
     SeveralPictures,
@@ -25,7 +25,7 @@ class Offer:
     """the pictures that it takes besides, and what the page calls them"""
     painted: dict[str, tuple[str, str]] = dataclasses.field(default_factory=dict)
     """those of them that can be painted, and what black and white mean"""
-    choices: tuple[Choice, ...] = ()
+    choices: tuple[Picker, ...] = ()
     controls: tuple[Control, ...] = ()
     views: tuple[ResultPicture, ...] = ()
     """what is shown of a result, the preview first; none: the texture"""
@@ -58,9 +58,9 @@ def setting(name: str, udim: str = "", /, **params: Any) -> Setting:
     return Setting(name=name, params=params, lists={}, udim=udim)
 
 
-def tiles(*sides: int) -> Choice:
+def tiles(*sides: int) -> Picker:
     """Sides of tiles, px."""
-    return Choice(
+    return Picker(
         label="Tile", settings=(setting("as fits"), *(setting(f"{side} px", tile=side) for side in sides))
     )
 

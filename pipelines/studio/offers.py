@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from texloom.pipelines.studio.material_offers import MATERIAL_SYNTHESIS, PHOTO_MATERIAL
-from texloom.pipelines.studio.messages.catalogue import Choice, ResultPicture, SeveralPictures
+from texloom.pipelines.studio.messages.catalogue import Picker, ResultPicture, SeveralPictures
 from texloom.pipelines.studio.offer import Offer, angles, curve, number, setting, switch, tiles
 from texloom.stages.synthesis.endless.triangle_grid import SHARE
 
@@ -36,7 +36,7 @@ OFFERS = {
         others={"map": "Map"},
         painted={"map": ("the first", "the last")},
         choices=(
-            Choice(
+            Picker(
                 label="Border",
                 settings=(
                     setting("patches of either"),
@@ -45,7 +45,7 @@ OFFERS = {
                     setting("small islands", patchiness=1.0, **{"mixture.patch": 24}),
                 ),
             ),
-            Choice(
+            Picker(
                 label="Direction",
                 settings=(setting("left to right"), *angles("mixture.angle")[1:]),
                 without="map",
@@ -65,7 +65,7 @@ OFFERS = {
         others={"target": "Trend of the result", "progression": "Trend of the exemplar"},
         painted={"target": ("as it begins", "as it ends")},
         choices=(
-            Choice(
+            Picker(
                 label="Trend",
                 settings=(
                     curve("as it is"),
@@ -77,7 +77,7 @@ OFFERS = {
                     curve("soon, then for long", 0.0, 0.7, 0.9, 1.0),
                 ),
             ),
-            Choice(label="Direction", settings=(setting("the picture's own"), *angles("angle")), without="target"),
+            Picker(label="Direction", settings=(setting("the picture's own"), *angles("angle")), without="target"),
         ),
         controls=(
             number("weight", "Hold to the trend", 0.3, 3, 1.0, ("freely", "closely")),
@@ -93,7 +93,7 @@ OFFERS = {
         "Another picture, made of the exemplar",
         others={"picture": "Picture that it is laid over"},
         choices=(
-            Choice(
+            Picker(
                 label="Style",
                 settings=(
                     setting("as the picture"),
@@ -111,7 +111,7 @@ OFFERS = {
     "vary": Offer(
         "Versions as tiles that fit in any order",
         choices=(
-            Choice(
+            Picker(
                 label="Versions",
                 settings=(
                     setting("8"),
@@ -137,7 +137,7 @@ OFFERS = {
         several=SeveralPictures(source="exemplars", least=2, most=3, ends=("the ground", "on top")),
         choices=(
             tiles(64, 128, 256, 512),
-            Choice(
+            Picker(
                 label="Versions",
                 settings=(
                     setting("1 of each"),
@@ -145,7 +145,7 @@ OFFERS = {
                     setting("4 of each", variants="2x2"),
                 ),
             ),
-            Choice(label="Sets", settings=(setting("corners, paths"), setting("corners, sooner", sets="corners"))),
+            Picker(label="Sets", settings=(setting("corners, paths"), setting("corners, sooner", sets="corners"))),
         ),
         controls=(
             number("waves", "Borders", 0, 0.5, 0.3, ("straight", "wandering")),
@@ -164,11 +164,11 @@ OFFERS = {
     "endless": Offer(
         "A plane without end for engines: textures and shaders; of noise, or of the cells of bricks and tiles",
         choices=(
-            Choice(
+            Picker(
                 label="Way",
                 settings=(setting("as suits"), setting("blended", way="noise"), setting("cells", way="cells")),
             ),
-            Choice(
+            Picker(
                 label="Look",
                 settings=(
                     setting("as published"),

@@ -29,7 +29,7 @@ from texloom.pipelines.studio.listing import PictureSorting
 from texloom.pipelines.studio.messages.catalogue import Picture, PicturePage, Problem, Start
 from texloom.pipelines.studio.messages.message import unpacked
 from texloom.pipelines.studio.messages.recipes import KeptPhoto, PhotoRecipe, Recipe
-from texloom.pipelines.studio.messages.runs import Described, FlowEntry, Job, Layers, PastRuns, PastStep
+from texloom.pipelines.studio.messages.runs import Described, ExrContents, FlowEntry, Job, PastRuns, PastStep
 from texloom.pipelines.studio.page import BUILT
 from texloom.pipelines.studio.projects.files import ProjectFiles
 from texloom.pipelines.studio.projects.routes import add_project
@@ -289,10 +289,10 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
         return FileResponse(history.artifact_file(root, key, file))
 
     @app.get("/api/layers")
-    async def layers(item: str) -> Layers:
+    async def layers(item: str) -> ExrContents:
         file = _exr(studio, item)
         header, _ = unpacked(await studio.keeper.answer(LayersWork(file=str(file))))
-        described = work.Described.model_validate_json(header).layers
+        described = work.LayersRead.model_validate_json(header).layers
         studio.opened[described.key] = file
         return described
 

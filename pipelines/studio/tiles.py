@@ -18,7 +18,7 @@ from texloom.pipelines.store import exr
 from texloom.pipelines.store.capture import capture_output
 from texloom.pipelines.store.png_file import png
 from texloom.pipelines.store.preview import picture, range_of
-from texloom.pipelines.studio.layers import Channels, layers_of
+from texloom.pipelines.studio.layers import ExrLayer, layers_of
 from texloom.pipelines.studio.work import Encoded, Places, TileWork
 from texloom.stages.vocabulary.declare import InputError
 
@@ -59,7 +59,7 @@ class Pyramid:
     """A layer at all levels, each of half the size of the one before."""
 
     path: Path
-    layer: Channels
+    layer: ExrLayer
     stem: Path
 
     def __post_init__(self) -> None:

@@ -9,7 +9,7 @@ from pydantic import Field, TypeAdapter
 
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.messages.catalogue import Picture
-from texloom.pipelines.studio.messages.hosts import Pixels, ResultMap, Submitted
+from texloom.pipelines.studio.messages.hosts import PixelFormat, ResultMap, Submitted
 from texloom.pipelines.studio.messages.message import Message
 from texloom.pipelines.studio.messages.recipes import PhotoRecipe, Recipe
 from texloom.pipelines.studio.messages.requests import (
@@ -20,7 +20,7 @@ from texloom.pipelines.studio.messages.requests import (
     PhotoRequest,
     PreviewRequest,
 )
-from texloom.pipelines.studio.messages.runs import Layers
+from texloom.pipelines.studio.messages.runs import ExrContents
 
 
 class Places(Message):
@@ -55,7 +55,7 @@ class Received(Message):
     """A picture that a program has sent."""
 
     path: str
-    pixels: Pixels | None = None
+    pixels: PixelFormat | None = None
     """of raw bytes; none of a file"""
 
 
@@ -103,7 +103,7 @@ class KeepWork(Message):
 
 
 class LayersWork(Message):
-    """Say what an EXR holds; `Described` comes back."""
+    """Say what an EXR holds; `LayersRead` comes back."""
 
     kind: Literal["layers"] = "layers"
     file: str
@@ -114,7 +114,7 @@ class TileWork(Message):
 
     kind: Literal["tile"] = "tile"
     key: str
-    """of `Layers`"""
+    """of `ExrContents`"""
     file: str
     layer: int = Field(ge=0)
     level: int = Field(ge=0, le=16)
@@ -217,11 +217,11 @@ class Saved(Message):
     out: str
 
 
-class Described(Message):
+class LayersRead(Message):
     """What an EXR holds."""
 
-    kind: Literal["described"] = "described"
-    layers: Layers
+    kind: Literal["layers_read"] = "layers_read"
+    layers: ExrContents
 
 
 class Encoded(Message):

@@ -53,7 +53,7 @@ Send = Callable[..., None]
 """``send(message, payload)``"""
 
 
-class CancelledError(BaseException):
+class WorkAborted(BaseException):
     """The work at hand is not wanted any more; nothing on its way catches it."""
 
 
@@ -61,10 +61,10 @@ def serve(connection: Connection, places: Places) -> None:
     """Work until the connection is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the server ends its workers
     logging.disable(logging.WARNING)
-    Worker(connection, places).run()
+    WorkLoop(connection, places).run()
 
 
-class Worker:
+class WorkLoop:
     """The state of the process."""
 
     def __init__(self, connection: Connection, places: Places):
@@ -104,7 +104,7 @@ class Worker:
         try:
             header, payload = unpacked(frame)
             self._work(header, bytes(payload))
-        except CancelledError:
+        except WorkAborted:
             return Ended(is_cancelled=True)
         except InputError as error:
             return Ended(problem=_PLACE.sub("", str(error)))
@@ -164,9 +164,9 @@ class Worker:
                 decoding.keep(work, self.places, self._send)
 
     def check(self) -> None:
-        """`CancelledError` if the work has been cancelled."""
+        """`WorkAborted` if the work has been cancelled."""
         if self.is_cancelled.is_set():
-            raise CancelledError
+            raise WorkAborted
 
     def _send(self, message: Message, payload: bytes = b"") -> None:
         try:

@@ -84,9 +84,9 @@ def _search(
     """Row and column of the most similar exemplar patch of every patch, and their squared distances."""
     from texloom.stages.kernels.patchmatch.search import (
         ALL_ACTIVE,
-        Exemplar,
         PatchShape,
         Scan,
+        SearchedExemplar,
         Target,
         match_distances,
         sweep,
@@ -108,7 +108,7 @@ def _search(
     if whole is not None:
         penalty[~whole] = 2**60
     none = np.zeros(1, np.int32)
-    own = Exemplar(source, penalty, np.int64(0), np.int64(0), none, none)
+    own = SearchedExemplar(source, penalty, np.int64(0), np.int64(0), none, none)
     # strips of one parity are searched together while those between them do not change
     strips = spans(patches[0], max(1, patches[0] // _STRIP))
     radii = np.full(params.tries, max(places))

@@ -109,6 +109,6 @@ def _lowest(lines: Scores, methods: Sequence[str]) -> str | None:
     return min(energies, key=lambda method: energies[method]) if len(energies) > 1 else None
 
 
-def _shown(image: Image | None, params: InverseReportParams) -> page.Shown | None:
+def _shown(image: Image | None, params: InverseReportParams) -> page.PagePicture | None:
     is_reduced = image is not None and max(image.height, image.width) > params.largest
     return page.shown(image, params.largest, params.quality if is_reduced else None)

@@ -11,7 +11,7 @@ from texloom.stages.common.regularity import lattice_cells
 from texloom.stages.common.regularity.excess_repetition import autocorrelation
 from texloom.stages.common.regularity.lattice_cells import Peaks, Tracked, reduced, track
 from texloom.stages.evaluation._measures.pictures import (
-    Picture,
+    MeasuredPicture,
     UnmeasurableError,
     channel_variances,
     prepare,
@@ -64,7 +64,7 @@ class _MeanCell:
     level: float
     """minimum correlation with it for a place to be a cell"""
 
-    def peaks(self, picture: Picture) -> Peaks:
+    def peaks(self, picture: MeasuredPicture) -> Peaks:
         """The places of such cells in a picture."""
         reach = max(2.0, lattice_cells.REACH * float(np.hypot(*self.generators.T).min()))
         return lattice_cells.peaks(
@@ -76,8 +76,8 @@ class _MeanCell:
 class _RegularityTask:
     """What measures read."""
 
-    exemplar: Picture
-    result: Picture
+    exemplar: MeasuredPicture
+    result: MeasuredPicture
     scale: int
     """factor by which both were reduced"""
     cell: _MeanCell
@@ -130,7 +130,7 @@ def _geometry(task: _RegularityTask) -> Figures:
     return Figures(value, floor, lattice_cells.REACH, more, unclear=_UNCLEAR)
 
 
-def _difference(picture: Picture, tracked: Tracked, offsets: np.ndarray) -> float:
+def _difference(picture: MeasuredPicture, tracked: Tracked, offsets: np.ndarray) -> float:
     """Standard deviation of corresponding pixels of all cells, relative to that of the picture, CIELAB."""
     cells = lattice_cells.cut(picture.lab, tracked.places, offsets)
     spread = cells.var(axis=0, dtype=np.float64, ddof=1).sum(axis=1).mean()
@@ -253,7 +253,7 @@ def _task(exemplar: Image, image: Image, generators: Vectors | None, params: Reg
     return _RegularityTask(source, result, scale, cell, peaks.chance(), track(pair, peaks), result_lattice)
 
 
-def _cell(exemplar: Picture, generators: np.ndarray, params: RegularityParams) -> _MeanCell:
+def _cell(exemplar: MeasuredPicture, generators: np.ndarray, params: RegularityParams) -> _MeanCell:
     """The exemplar's mean cell: of the origin at which cells are most alike, each moved to its best fit."""
     offsets = lattice_cells.cell_offsets(generators)
     shares = np.stack(np.meshgrid(*[np.arange(_PHASES) / _PHASES] * 2, indexing="ij"), axis=2).reshape(-1, 2)
@@ -274,7 +274,11 @@ def _cell(exemplar: Picture, generators: np.ndarray, params: RegularityParams) -
 
 
 def _fit(
-    exemplar: Picture, generators: np.ndarray, offsets: np.ndarray, places: np.ndarray, params: RegularityParams
+    exemplar: MeasuredPicture,
+    generators: np.ndarray,
+    offsets: np.ndarray,
+    places: np.ndarray,
+    params: RegularityParams,
 ) -> tuple[float, _MeanCell] | None:
     """The mean cell at ``places``, twice moved to the best fit, and how alike its cells are; None if few fit."""
     for _ in range(2):
@@ -299,7 +303,7 @@ def _leave_one_out(cells: Float64[np.ndarray, "n m"]) -> np.ndarray:
     return np.asarray((cells * others).sum(axis=1))
 
 
-def _reduced_in_size(picture: Picture, step: int) -> Picture:
+def _reduced_in_size(picture: MeasuredPicture, step: int) -> MeasuredPicture:
     """Squares of ``step`` px averaged; what does not fill a square is dropped."""
     import cv2
 
@@ -311,4 +315,4 @@ def _reduced_in_size(picture: Picture, step: int) -> Picture:
         cv2.resize(plane[inside], (width, height), interpolation=cv2.INTER_AREA)
         for plane in (picture.lab, picture.tone)
     )
-    return Picture(lab, tone)
+    return MeasuredPicture(lab, tone)

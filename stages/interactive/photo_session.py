@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float64, UInt8
 
 from texloom.stages.analysis.photographs import bezier
-from texloom.stages.analysis.photographs.field import Coverage, Distortion, coverage, distortion
+from texloom.stages.analysis.photographs.field import Coverage, PhotoDistortion, coverage, distortion
 from texloom.stages.analysis.photographs.geometry import Area, Geometry, Patch, parsed_geometry, pixels_inside
 from texloom.stages.common.grids.pyramid import reduced
 from texloom.stages.interactive.flow_file import flow_text, yaml_value
@@ -92,11 +92,11 @@ class PhotoSession(PhotoAreas):
 
     # -- results
 
-    def coarse(self) -> Distortion:
+    def coarse(self) -> PhotoDistortion:
         """The distortion in the reduced photograph, ``coarse_photo``."""
         return self._distortion(coarse=True)
 
-    def distortion(self) -> Distortion:
+    def distortion(self) -> PhotoDistortion:
         """The distortion in the photograph, bit-identical to that of `jacobian_field`."""
         return self._distortion(coarse=False)
 
@@ -235,7 +235,7 @@ class PhotoSession(PhotoAreas):
         else:
             content[name] = value
 
-    def _distortion(self, coarse: bool) -> Distortion:
+    def _distortion(self, coarse: bool) -> PhotoDistortion:
         geometry, shape = self.geometry(), self.shape
         if coarse:
             shape = (self.coarse_photo.height, self.coarse_photo.width)

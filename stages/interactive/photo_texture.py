@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from texloom.stages.analysis.photographs.feature_distance import FeatureDistanceParams, feature_distance
-from texloom.stages.analysis.photographs.field import Distortion
+from texloom.stages.analysis.photographs.field import PhotoDistortion
 from texloom.stages.analysis.photographs.gaussian_stack import GaussianStackParams, gaussian_stack
 from texloom.stages.analysis.photographs.unroll import UnrollParams, unroll
 from texloom.stages.analysis.regularity.lattice_selection import LatticeSelectionParams, lattice_selection
@@ -20,7 +20,7 @@ _EVEN = 0.8  # share of the slowly varying illumination that is removed
 
 
 def flat_texture(
-    photo: Image, surface: Distortion, size: tuple[int, int], tileable: bool | str, rng: np.random.Generator
+    photo: Image, surface: PhotoDistortion, size: tuple[int, int], tileable: bool | str, rng: np.random.Generator
 ) -> Image:
     """The texture.
 

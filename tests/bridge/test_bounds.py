@@ -9,7 +9,7 @@ import pytest
 
 from texloom.pipelines.studio import hosts
 from texloom.pipelines.studio.hosts import HostRuns
-from texloom.pipelines.studio.messages.hosts import OnePicture, Pixels, Submitted
+from texloom.pipelines.studio.messages.hosts import OnePicture, PixelFormat, Submitted
 from texloom.pipelines.studio.work import Places
 from texloom.stages.vocabulary.declare import InputError
 
@@ -25,7 +25,7 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> HostRuns:
 def sent(runs: HostRuns, size: int) -> str:
     file = runs.new_file("")
     file.write_bytes(bytes(size))
-    return runs.keep(file, Pixels(shape=(1, size), dtype="uint8", color_space="srgb"))
+    return runs.keep(file, PixelFormat(shape=(1, size), dtype="uint8", color_space="srgb"))
 
 
 def asked(*pictures: str) -> Submitted:

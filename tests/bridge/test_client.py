@@ -23,7 +23,7 @@ import pytest
 from tests.bridge.conftest import COMMAND, QUICK
 from tests.printed import next_line
 from texloom.pipelines.bridge import client as client_file
-from texloom.pipelines.bridge.client import CancelledError, Client, Pixels, Run, TexloomError
+from texloom.pipelines.bridge.client import CancelledError, Client, Pixels, RunHandle, TexloomError
 
 FILE = Path(client_file.__file__)
 SLOW: dict[str, Any] = {"size": 1024, "tileable": "both"}
@@ -217,12 +217,12 @@ def test_runs_are_made_in_the_order_in_which_they_were_submitted(client: Client,
     """Also where the first has more to send."""
     ended: list[int] = []
 
-    def note(run: Run) -> None:
+    def note(run: RunHandle) -> None:
         if run.poll().has_ended:
             ended.append(runs.index(run))
 
     large = np.tile(picture, (12, 12, 1))
-    runs: list[Run] = []
+    runs: list[RunHandle] = []
     for given in (large, picture, picture):
         runs.append(client.submit("quilting", {"exemplar": given}, size=48, seed=len(runs), callback=note))
     for run in runs:
@@ -279,7 +279,7 @@ def test_two_clients_at_once(client: Client, picture: np.ndarray) -> None:
     pictures = [picture, picture[::-1].copy()]
     wanted = [quilted(client, one) for one in pictures]
     both = [Client(address=address, token=token) for _ in pictures]
-    runs: list[list[Run]] = [[], []]
+    runs: list[list[RunHandle]] = [[], []]
 
     def submit(number: int) -> None:
         for seed in (3, 4):

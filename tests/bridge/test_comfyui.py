@@ -263,7 +263,7 @@ def test_interruption(comfy: tuple[Host, Any]) -> None:
         with pytest.raises(Interrupted):
             node.make(exemplar=loaded(exemplar()), seed=11, **how)
     host.is_interrupted = False
-    with pytest.raises(running.Run.__init__.__globals__["CancelledError"]):
+    with pytest.raises(running.RunHandle.__init__.__globals__["CancelledError"]):
         runs[0].wait(60)
 
 

@@ -28,7 +28,7 @@ from texloom.pipelines.engine.run import Run
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.media.sources import open_mesh, open_source
-from texloom.pipelines.media.writers.registry import Job, write
+from texloom.pipelines.media.writers.registry import WriteJob, write
 from texloom.pipelines.store import codec
 from texloom.pipelines.store.store import Store
 from texloom.stages.analysis.surfaces.surface_charts import SurfaceChartsParams, surface_charts
@@ -275,12 +275,12 @@ def _meshes() -> dict[str, bytes]:
     mesh, image = with_normals(square()), Image(np.full((2, 2, 3), 0.5, np.float32), ("R", "G", "B"))
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "square.glb"
-        write(Job(path, image, Image, {}, mesh=mesh))
+        write(WriteJob(path, image, Image, {}, mesh=mesh))
         made[".glb"] = path.read_bytes()
         if find_spec("pxr") is not None:
             from pxr import Sdf
 
-            write(Job(path.with_suffix(".usda"), image, Image, {}, mesh=mesh))
+            write(WriteJob(path.with_suffix(".usda"), image, Image, {}, mesh=mesh))
             Sdf.Layer.FindOrOpen(str(path.with_suffix(".usda"))).Export(str(path.with_suffix(".usdc")))
             made[".usdc"] = path.with_suffix(".usdc").read_bytes()
     return made

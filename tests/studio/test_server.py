@@ -33,7 +33,7 @@ from texloom.pipelines.studio.messages.message import numbered, packed
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.requests import PreviewRequest
 from texloom.pipelines.studio.work import PictureWork, Places, RunWork
-from texloom.pipelines.studio.worker import Worker
+from texloom.pipelines.studio.worker import WorkLoop
 from texloom.stages.vocabulary.declare import InputError
 
 RECIPE = {
@@ -440,7 +440,7 @@ def test_a_full_disk_is_told_and_can_be_freed(
 
     places = Places(folder=str(tmp_path), store=str(tmp_path / "store"), scratch=str(tmp_path / "scratch"))
     PIL.Image.fromarray(exemplar()).save(tmp_path / "blotches.png")
-    worker = Worker(_Sent(), places)  # type: ignore[arg-type]
+    worker = WorkLoop(_Sent(), places)  # type: ignore[arg-type]
     request = packed(RunWork(recipe=Recipe.model_validate(RECIPE)))
     with monkeypatch.context() as patch:
         patch.setattr(codec, "write", fail)

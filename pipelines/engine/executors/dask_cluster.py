@@ -17,7 +17,7 @@ from texloom.pipelines.engine import signals
 from texloom.pipelines.engine.events import Event
 from texloom.pipelines.engine.executors import worker
 from texloom.pipelines.engine.executors.dask_events import EventReceiver, compute_and_tell
-from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
+from texloom.pipelines.engine.executors.executor import Executor, Outcome, StepTask
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.errors import NoWorkersError, one_line
 from texloom.pipelines.interruption import interruption_of
@@ -94,7 +94,7 @@ class DaskExecutor(Executor):
         self._workers = workers
         self._cluster: DaskCluster | None = None
         self._numbers = itertools.count()
-        self._tasks: dict[int, Task] = {}
+        self._tasks: dict[int, StepTask] = {}
         """those that have been submitted and have not ended, by number"""
         self._futures: dict[int, Any] = {}
         """Dask forgets a task of which nobody holds the future"""
@@ -111,7 +111,7 @@ class DaskExecutor(Executor):
         """See `Executor`."""
         return self.slots()
 
-    def submit(self, task: Task) -> None:
+    def submit(self, task: StepTask) -> None:
         """See `Executor`."""
         with signals.deferred():
             if self._cluster is None and not worker.sources_are_fit(task):
@@ -146,7 +146,7 @@ class DaskExecutor(Executor):
         if task is not None:
             task.tell(event)
 
-    def _outcome(self, future: Any, task: Task, number: int) -> Outcome:
+    def _outcome(self, future: Any, task: StepTask, number: int) -> Outcome:
         self._tasks.pop(number, None)
         self._futures.pop(number, None)
         while not self._is_over:  # then nobody answers, and the thread of the callbacks would wait for ever

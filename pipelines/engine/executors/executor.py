@@ -28,7 +28,7 @@ class Outcome:
 
 
 @dataclasses.dataclass
-class Task:
+class StepTask:
     """A step to compute, and who hears of it."""
 
     spec: TaskSpec
@@ -65,7 +65,7 @@ class Executor(abc.ABC):
         return 0
 
     @abc.abstractmethod
-    def submit(self, task: Task) -> None:
+    def submit(self, task: StepTask) -> None:
         """Compute a task now or later and call its ``end``.
 
         Raises

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 from texloom.pipelines.engine import signals
 from texloom.pipelines.engine.events import Event, Shared, StepStarted
-from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
+from texloom.pipelines.engine.executors.executor import Executor, Outcome, StepTask
 from texloom.pipelines.engine.task import run_task
 from texloom.pipelines.interruption import interruption_of
 from texloom.pipelines.store.exchange import exchange_of
@@ -31,14 +31,14 @@ class InlineExecutor(Executor):
         self.store = store
         self._slots, self._on_threads = slots, on_threads
         self._threads: ThreadPoolExecutor | None = None
-        self._submitted: list[Task] = []
+        self._submitted: list[StepTask] = []
         """to the threads"""
 
     def slots(self) -> int:
         """See `Executor`."""
         return self._slots
 
-    def submit(self, task: Task) -> None:
+    def submit(self, task: StepTask) -> None:
         """See `Executor`."""
         if self._on_threads:
             with signals.deferred():
@@ -48,24 +48,24 @@ class InlineExecutor(Executor):
         else:
             self._compute(task)
 
-    def _submit_to_thread(self, task: Task) -> None:
+    def _submit_to_thread(self, task: StepTask) -> None:
         if self._threads is None:
             self._threads = ThreadPoolExecutor(self._slots)
         self._submitted.append(task)
         self._threads.submit(contextvars.copy_context().run, self._compute_on_thread, task)
 
-    def _compute_on_thread(self, task: Task) -> None:
+    def _compute_on_thread(self, task: StepTask) -> None:
         try:
-            with contextlib.suppress(Interruption):  # of `Task.interrupt`
+            with contextlib.suppress(Interruption):  # of `StepTask.interrupt`
                 self._compute(task)
         except BaseException as error:
             task.end(Outcome(error=error))
         finally:
             self._submitted.remove(task)
 
-    def _compute(self, task: Task) -> None:
+    def _compute(self, task: StepTask) -> None:
         def listener(event: Event) -> None:
-            task.tell(event)  # which may change meanwhile, see `Task.interrupt`
+            task.tell(event)  # which may change meanwhile, see `StepTask.interrupt`
 
         began = time.perf_counter()
         record, is_new, error = None, True, None

@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from typing import Any
 
 from texloom.pipelines.engine import signals
-from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
+from texloom.pipelines.engine.executors.executor import Executor, Outcome, StepTask
 from texloom.pipelines.engine.executors.process_pool import ProcessPool, WorkerDiedError
 from texloom.pipelines.engine.executors.worker import (
     Payload,
@@ -35,7 +35,7 @@ class ProcessExecutor(Executor):
         """See `Executor`."""
         return self.workers
 
-    def submit(self, task: Task) -> None:
+    def submit(self, task: StepTask) -> None:
         """See `Executor`."""
         with signals.deferred():
             if self._pool is None:
@@ -59,7 +59,7 @@ class ProcessExecutor(Executor):
             self._pool = None
 
 
-def _end(task: Task, future: Future[dict[str, Any]]) -> None:
+def _end(task: StepTask, future: Future[dict[str, Any]]) -> None:
     """Tell what has become of a task, unless the pool has cancelled it: nobody waits for it then."""
     if future.cancelled():
         return

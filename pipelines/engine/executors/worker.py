@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from texloom.pipelines.engine.events import Event, Listener, Note, Shared, StepProgress, StepStarted
-from texloom.pipelines.engine.executors.executor import Outcome, Task
+from texloom.pipelines.engine.executors.executor import Outcome, StepTask
 from texloom.pipelines.engine.task import Inputs, TaskSpec, check_same, run_task
 from texloom.pipelines.errors import format_error, is_resource_error, one_line
 from texloom.pipelines.media.sources import SourceError
@@ -75,7 +75,7 @@ def shared_part(store: Store, key: str) -> dict[str, Any]:
     }
 
 
-def sources_are_fit(task: Task) -> bool:
+def sources_are_fit(task: StepTask) -> bool:
     """Whether the sources are, before anything is written; the task has ended with what is wrong with them else."""
     scope = task.inputs.scope
     try:
@@ -152,7 +152,7 @@ def _threads(given: int | Mapping[str, int]) -> int:
     return max(1, thread_count() // given.get(socket.gethostname(), 1))
 
 
-def outcome_of(answer: Mapping[str, Any], task: Task) -> Outcome:
+def outcome_of(answer: Mapping[str, Any], task: StepTask) -> Outcome:
     """What has become of a task, from what `compute_once` returned."""
     for note in answer.get("notes", ()):
         task.tell(Note(**note))

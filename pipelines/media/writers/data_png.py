@@ -7,7 +7,7 @@ import hashlib
 import numpy as np
 
 from texloom.pipelines.media.writers.encodings import encoded
-from texloom.pipelines.media.writers.registry import Job
+from texloom.pipelines.media.writers.registry import WriteJob
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.outputs import prepared
@@ -16,7 +16,7 @@ from texloom.pipelines.store.types import Hint
 from texloom.stages.vocabulary.arrays import Image
 
 
-def write(job: Job) -> dict[str, str]:
+def write(job: WriteJob) -> dict[str, str]:
     """See `texloom.pipelines.media.writers.registry.write`."""
     if isinstance(job.value, Image):
         raise ArtifactError(f"{job.path}: an image is colour; export it as .png")

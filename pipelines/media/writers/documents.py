@@ -10,12 +10,12 @@ from texloom.pipelines.media.material_export import with_unit_normals
 from texloom.pipelines.media.materialx import document
 from texloom.pipelines.media.writers import usda
 from texloom.pipelines.media.writers.layouts import bound_maps, material_name, write_maps_of
-from texloom.pipelines.media.writers.registry import HEX_TILED, Job, writer_of
+from texloom.pipelines.media.writers.registry import HEX_TILED, WriteJob, writer_of
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.stages.common.surface.mesh import width_of
 
 
-def write(job: Job) -> dict[str, str]:
+def write(job: WriteJob) -> dict[str, str]:
     """See `texloom.pipelines.media.writers.registry.write`."""
     writer = writer_of(job.path.name)
     stem = job.path.name.removesuffix(writer.suffix if writer else job.path.suffix)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from texloom.pipelines.media.deep_zoom import write_deep_zoom
-from texloom.pipelines.media.writers.registry import Job
+from texloom.pipelines.media.writers.registry import WriteJob
 from texloom.pipelines.store.preview import colors_of
 from texloom.stages.vocabulary.scratch import release
 
 
-def write(job: Job) -> dict[str, str]:
+def write(job: WriteJob) -> dict[str, str]:
     """See `texloom.pipelines.media.writers.registry.write`."""
     image = job.value
     count = len(colors_of(image.channels))

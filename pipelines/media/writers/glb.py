@@ -15,7 +15,7 @@ from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import with_unit_normals
 from texloom.pipelines.media.relief import relief_of
 from texloom.pipelines.media.writers.layouts import levels_of, material_name, parts_of, with_bits
-from texloom.pipelines.media.writers.registry import Job
+from texloom.pipelines.media.writers.registry import WriteJob
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.png_file import png
@@ -32,7 +32,7 @@ _OPAQUE = 0.999
 _CUTOFF = 0.5
 
 
-def write(job: Job) -> dict[str, str]:
+def write(job: WriteJob) -> dict[str, str]:
     """See `texloom.pipelines.media.writers.registry.write`."""
     image = with_unit_normals(job.value, 8)
     try:

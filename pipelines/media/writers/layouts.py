@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.media import udim as udim_tiles
-from texloom.pipelines.media.conventions import COLORS, LAYOUTS, ROLES, Layout, Part, role_of
+from texloom.pipelines.media.conventions import COLORS, LAYOUTS, ROLES, Layout, LayoutFile, role_of
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import channels_of, codes_of, facts_of_file, with_unit_normals
 from texloom.pipelines.media.materialx import BoundMap, document
@@ -39,7 +39,7 @@ def material_name(text: str) -> str:
     return name if name[:1].isalpha() else f"material_{name}".rstrip("_")
 
 
-def parts_of(image: Image, layout: Layout) -> list[Part]:
+def parts_of(image: Image, layout: Layout) -> list[LayoutFile]:
     """The files that an image has maps for."""
     return [part for part in layout.written if any(_has(image, role) for role in part.planes)]
 
@@ -48,13 +48,13 @@ def _has(image: Image, role: str) -> bool:
     return bool(role) and bool(channels_of(role_of(role)[0], image.channels))
 
 
-def with_bits(part: Part, fed: Mapping[str, int]) -> Part:
+def with_bits(part: LayoutFile, fed: Mapping[str, int]) -> LayoutFile:
     """The part with 16 bits where a map in it is made from more than 8; ``fed``: role to bits."""
     roles = (role_of(plane)[0] for plane in part.planes)
     return dataclasses.replace(part, bits=16) if any(fed.get(role, 8) > 8 for role in roles) else part
 
 
-def levels_of(image: Image, part: Part, directx: bool) -> np.ndarray:
+def levels_of(image: Image, part: LayoutFile, directx: bool) -> np.ndarray:
     """The integers of a file, (h, w, c)."""
     if part.role:
         return codes_of(image, channels_of(part.role, image.channels), part.role, part.bits, directx)
@@ -152,7 +152,7 @@ def tiles_of(image: Image, udim: tuple[int, int] | None, folder: Path) -> Iterat
         yield str(number), areas[number]
 
 
-def _linear(image: Image, part: Part, layout: Layout, delivery: Delivery) -> np.ndarray:
+def _linear(image: Image, part: LayoutFile, layout: Layout, delivery: Delivery) -> np.ndarray:
     """The floats of a tx file, (h, w, c): linear colour, data as they are, normals as 0..1."""
     shown = delivery.encoded(image) if part.role in COLORS else image
     names = channels_of(part.role, image.channels)

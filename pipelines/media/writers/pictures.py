@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from texloom.pipelines.media.material_export import channels_of, codes_of
-from texloom.pipelines.media.writers.registry import Job
+from texloom.pipelines.media.writers.registry import WriteJob
 from texloom.pipelines.store.atomic import write_atomically
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.outputs import prepared
@@ -38,14 +38,14 @@ _OPTIONS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
 _HDR_LIMIT = 2.0**126
 
 
-def write(job: Job) -> dict[str, str]:
+def write(job: WriteJob) -> dict[str, str]:
     """See `texloom.pipelines.media.writers.registry.write`."""
     content = {".tif": _tiff, ".hdr": _hdr}.get(job.path.suffix, _eight_bits)(job)
     write_atomically(job.path, content)
     return {"": hashlib.sha256(content).hexdigest()}
 
 
-def _eight_bits(job: Job) -> bytes:
+def _eight_bits(job: WriteJob) -> bytes:
     import PIL.Image
 
     output = prepared(job.value, Hint.of(job.hint))
@@ -71,7 +71,7 @@ def _eight_bits(job: Job) -> bytes:
     return buffer.getvalue()
 
 
-def _tiff(job: Job) -> bytes:
+def _tiff(job: WriteJob) -> bytes:
     if isinstance(job.value, Image):
         names = channels_of("albedo", job.value.channels)
         names = ["Y"] if names == ["Y"] * 3 else names
@@ -87,7 +87,7 @@ def _tiff(job: Job) -> bytes:
     return _encoded(job, np.ascontiguousarray(levels[..., order]))
 
 
-def _hdr(job: Job) -> bytes:
+def _hdr(job: WriteJob) -> bytes:
     if isinstance(job.value, Image):
         names = channels_of("albedo", job.value.channels)
         planes = [job.value.pixels[..., job.value.channels.index(name)] for name in names if name != "A"]
@@ -105,7 +105,7 @@ def _hdr(job: Job) -> bytes:
     return _encoded(job, np.maximum(light, 0))
 
 
-def _encoded(job: Job, levels: np.ndarray) -> bytes:
+def _encoded(job: WriteJob, levels: np.ndarray) -> bytes:
     import cv2
 
     done, content = cv2.imencode(job.path.suffix, levels)

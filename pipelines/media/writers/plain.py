@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from texloom.pipelines.media.writers.registry import Job
+from texloom.pipelines.media.writers.registry import WriteJob
 from texloom.pipelines.store import codec
 from texloom.stages.vocabulary.arrays import Image
 
 
-def write(job: Job) -> dict[str, str]:
+def write(job: WriteJob) -> dict[str, str]:
     """See `texloom.pipelines.media.writers.registry.write`."""
     value, attributes = job.value, None
     if job.path.suffix == ".exr":

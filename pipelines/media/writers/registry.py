@@ -39,7 +39,7 @@ class Writer:
     """``array``: any array; ``data``: one that is no `Image`; ``picture``: one with rows and columns; ``image``: an
     `Image`; the others: that type"""
     module: str
-    """its ``write(job)`` writes a `Job` and returns names to digests"""
+    """its ``write(job)`` writes a `WriteJob` and returns names to digests"""
     needs: str = ""
     """a module that must be installed"""
     companions: str = ""
@@ -57,7 +57,7 @@ class Writer:
 
 
 @dataclasses.dataclass(frozen=True)
-class Job:
+class WriteJob:
     """A file to write."""
 
     path: Path
@@ -123,7 +123,7 @@ def writer_of(file: str) -> Writer | None:
     return next((writer for writer in WRITERS if file.endswith(writer.suffix)), None)
 
 
-def write(job: Job) -> dict[str, str]:
+def write(job: WriteJob) -> dict[str, str]:
     """Write a job; the digests (SHA-256) of its files.
 
     Returns

@@ -16,7 +16,7 @@ import numpy as np
 
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import channels_of
-from texloom.pipelines.media.writers.registry import Job
+from texloom.pipelines.media.writers.registry import WriteJob
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.atomic import atomic_path, file_digest, owned_file
 from texloom.pipelines.store.codec import ArtifactError
@@ -34,7 +34,7 @@ _HEIGHT = "height"
 _SLOPES = ("b0_h", "b1_dhds", "b2_dhdt", "b3_dhds2", "b4_dhdt2", "b5_dh2dsdt")
 
 
-def write(job: Job) -> dict[str, str]:
+def write(job: WriteJob) -> dict[str, str]:
     """See `texloom.pipelines.media.writers.registry.write`."""
     slopes = job.path.name.endswith(".slopes.tx")
     if not isinstance(job.value, Image):

@@ -7,7 +7,7 @@ from typing import Literal
 from texloom.pipelines.studio.messages.message import Message, Share
 from texloom.pipelines.studio.messages.projects import MaterialChanged, ProjectSaved
 from texloom.pipelines.studio.messages.recipes import Spots
-from texloom.pipelines.studio.messages.requests import Lattice
+from texloom.pipelines.studio.messages.requests import LatticeVertices
 from texloom.pipelines.studio.messages.runs import Job
 
 
@@ -136,7 +136,7 @@ class LatticePicture(Message):
 
     kind: Literal["lattice_picture"] = "lattice_picture"
     number: int
-    lattice: Lattice
+    lattice: LatticeVertices
     vertices: tuple[tuple[int, int, float, float], ...] = ()
     """all, also those that follow the placed ones"""
     problem: str = ""

@@ -90,7 +90,7 @@ class Setting(Message):
     """as of a recipe"""
 
 
-class Choice(Message):
+class Picker(Message):
     """Settings of which one is taken; the first has the flow's own values."""
 
     label: str
@@ -130,7 +130,7 @@ class Method(Message):
     others: tuple[OtherPicture, ...]
     several: SeveralPictures | None
     """in place of the exemplar"""
-    choices: tuple[Choice, ...]
+    choices: tuple[Picker, ...]
     controls: tuple[Control, ...]
     views: tuple[ResultPicture, ...]
     """what is shown of a result, the preview first; none: the texture"""

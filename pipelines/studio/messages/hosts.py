@@ -28,7 +28,7 @@ class Hello(Message):
     flows: tuple[str, ...]
 
 
-class Pixels(Message):
+class PixelFormat(Message):
     """What the raw bytes of a picture are: row by row from the top, channels last, little-endian."""
 
     shape: Annotated[tuple[_Side, ...], Field(min_length=2, max_length=3)]
@@ -44,7 +44,7 @@ class Pixels(Message):
         return math.prod(self.shape) * ITEM_SIZES[self.dtype]
 
     @classmethod
-    def of(cls, shape: str, dtype: str, color_space: str) -> Pixels:
+    def of(cls, shape: str, dtype: str, color_space: str) -> PixelFormat:
         """As a request has it; `InputError` names what is wrong."""
         fields = {"shape": shape.split(","), "dtype": dtype, "color_space": color_space or space_of(dtype)}
         try:
@@ -98,7 +98,7 @@ class ResultMap(Message):
     """A map of a result."""
 
     name: str
-    pixels: Pixels
+    pixels: PixelFormat
 
 
 class HostRun(Queued):
@@ -109,7 +109,7 @@ class HostRun(Queued):
     """rises whenever this changes; a request may wait for more than it has seen"""
     previews: int = 0
     """how many pictures of what it has made so far there were"""
-    preview: Pixels | None = None
+    preview: PixelFormat | None = None
     """the latest, R G B A"""
     maps: tuple[ResultMap, ...] = ()
     """the main result; ``albedo`` where it is a picture"""

@@ -88,7 +88,7 @@ class MaterialRequest(Message):
     file: _File | None = None
 
 
-class Entry(Message):
+class WallEntry(Message):
     """A material on the wall."""
 
     id: str
@@ -112,7 +112,7 @@ Sorting = Literal["changed", "made", "name"]
 class Wall(Message):
     """Some of the materials, and how many there are."""
 
-    shown: tuple[Entry, ...]
+    shown: tuple[WallEntry, ...]
     first: int
     """the number of those before them"""
     found: int

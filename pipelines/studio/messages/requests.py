@@ -81,7 +81,7 @@ class PhotoRequest(Message):
     """propose planes, and nothing else"""
 
 
-class Lattice(Message):
+class LatticeVertices(Message):
     """A lattice, as a file of vertices has it."""
 
     vertices: tuple[tuple[int, int, float, float], ...] = Field(max_length=40_000)
@@ -96,7 +96,7 @@ class LatticeRequest(Message):
     kind: Literal["lattice"] = "lattice"
     number: int
     picture: str
-    lattice: Lattice | None = None
+    lattice: LatticeVertices | None = None
     """None: detected"""
 
 

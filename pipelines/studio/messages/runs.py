@@ -138,7 +138,7 @@ class Layer(Message):
     width: int
 
 
-class Layers(Message):
+class ExrContents(Message):
     """What an EXR holds."""
 
     key: str

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from texloom.pipelines.studio.messages.projects import Entry, Material, Sorting, Wall
+from texloom.pipelines.studio.messages.projects import Material, Sorting, Wall, WallEntry
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.projects.project import Project
 
@@ -55,10 +55,10 @@ def _flow(material: Material) -> str:
     return material.variants[0].job.recipe.flow if material.variants else ""
 
 
-def _entry(material: Material) -> Entry:
+def _entry(material: Material) -> WallEntry:
     done = [one.job.id for one in material.variants if one.job.state == "done"]
     cover = material.shown if material.shown in done else done[-1] if done else ""
-    return Entry(
+    return WallEntry(
         id=material.id,
         name=material.name,
         tags=material.tags,

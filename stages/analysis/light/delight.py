@@ -168,7 +168,7 @@ def _light(
 
 
 @dataclasses.dataclass(frozen=True)
-class _Found:
+class _ShadowEstimate:
     shadow: Shadow
     share: ScalarMap
     confidence: float
@@ -176,9 +176,9 @@ class _Found:
     """whether it was found in what the median cell leaves"""
 
 
-def _likeliest(view: _View, by_cells: Iterable[bool]) -> _Found | None:
+def _likeliest(view: _View, by_cells: Iterable[bool]) -> _ShadowEstimate | None:
     """The shadow of greatest confidence, of several first guesses."""
-    best: _Found | None = None
+    best: _ShadowEstimate | None = None
     for cells in by_cells:
         colors = view.residual if cells else view.colors
         for guess in first_guesses(colors, view.valid):
@@ -188,12 +188,12 @@ def _likeliest(view: _View, by_cells: Iterable[bool]) -> _Found | None:
             share = light_left(shadow, view.valid)
             proof = evidence(shadow, share, view.valid)
             if proof is not None and (best is None or proof.confidence > best.confidence):
-                best = _Found(shadow, share, proof.confidence, cells)
+                best = _ShadowEstimate(shadow, share, proof.confidence, cells)
     return best
 
 
 def _at_full_size(
-    color: Float32[np.ndarray, "h w 3"], valid: Mask, generators: Vectors | None, found: _Found
+    color: Float32[np.ndarray, "h w 3"], valid: Mask, generators: Vectors | None, found: _ShadowEstimate
 ) -> tuple[ScalarMap, Float64[np.ndarray, "3"]]:
     """Share of direct light at every pixel, and the shift; the border is found again at a higher resolution."""
     import cv2
@@ -272,7 +272,7 @@ def _told_highlights(share: float) -> dict[str, Any]:
     return {"kind": "highlights", "confidence": 1.0, "removed": 1.0, "share": share, "why": why}
 
 
-def _told_shadow(found: _Found, valid: Mask, strength: float) -> dict[str, Any]:
+def _told_shadow(found: _ShadowEstimate, valid: Mask, strength: float) -> dict[str, Any]:
     share = float(found.shadow.mask[valid].mean())
     factors = " ".join(f"{factor:.2g}" for factor in np.asarray(exp(found.shadow.shift)))
     part = f"{share:.0%} of the picture, {factors} times less red, green and blue"

@@ -61,7 +61,7 @@ class OneOffParts:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Found:
+class _Detection:
     mask: Mask
     sure: bool
     unlike: float = 0.0
@@ -102,7 +102,7 @@ def one_off_parts(image: Image, params: OneOffPartsParams, generators: Vectors |
     """
     known = valid_pixels(image)
     valid = np.ones((image.height, image.width), np.bool_) if known is None else known
-    found = _Found(np.zeros(valid.shape, np.bool_), False)
+    found = _Detection(np.zeros(valid.shape, np.bool_), False)
     if params.one_off != "use" and min(valid.shape) >= _MIN_SIDE:
         found = _found(image, valid, generators)
     left_out = params.one_off == "leave_out" or (params.one_off == "auto" and found.sure)
@@ -141,7 +141,7 @@ def _drawn(planes: np.ndarray) -> Image:
     return Image(np.asarray(planes, np.float32), ("R", "G", "B"))
 
 
-def _found(image: Image, valid: Mask, generators: Vectors | None) -> _Found:
+def _found(image: Image, valid: Mask, generators: Vectors | None) -> _Detection:
     """The parts, and whether they surely are: sure ones, or where there are none, doubtful ones."""
     repeats = generators is not None and len(generators) == 2  # then its mean cell leaves little doubt
     thresholds = (_SURE,) if repeats else (_SURE, _DOUBTFUL)
@@ -154,7 +154,7 @@ def _found(image: Image, valid: Mask, generators: Vectors | None) -> _Found:
         if foreign.sum() > _MOST * valid.sum():
             if _pieces(foreign) > _FEW:  # as flowers and their ground are
                 foreign[:] = False
-            return _Found(foreign, False, unlike)
+            return _Detection(foreign, False, unlike)
         if foreign.any():
             if threshold == _SURE:
                 parts = foreign
@@ -174,7 +174,7 @@ def _found(image: Image, valid: Mask, generators: Vectors | None) -> _Found:
             break
         parts, lines = parts | line.mask, [*lines, line.stands_out]
     sure = bool(parts.any() and parts.sum() <= _MOST * valid.sum())
-    return _Found(parts if parts.any() else doubtful, sure, unlike, tuple(lines))
+    return _Detection(parts if parts.any() else doubtful, sure, unlike, tuple(lines))
 
 
 def _pieces(parts: Mask) -> int:
@@ -183,7 +183,7 @@ def _pieces(parts: Mask) -> int:
     return int(cv2.connectedComponents(parts.astype(np.uint8), connectivity=8)[0]) - 1
 
 
-def _why(done: str, share: float, found: _Found) -> str:
+def _why(done: str, share: float, found: _Detection) -> str:
     if done == "none":
         return ""
     what = "unlike all the rest" if not found.lines else "unlike all the rest, or in a line that crosses it once"

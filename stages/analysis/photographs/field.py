@@ -32,7 +32,7 @@ class Coverage:
 
 
 @dataclasses.dataclass(frozen=True)
-class Distortion:
+class PhotoDistortion:
     """Distortion and regions of the texture in a photograph; see `jacobian_field` beside it."""
 
     jacobian: Jacobian
@@ -80,7 +80,7 @@ def distortion(
     detail: float,
     magnify: float = 1.0,
     scale: float | None = None,
-) -> Distortion:
+) -> PhotoDistortion:
     """The distortion of all patches together.
 
     Parameters
@@ -104,7 +104,7 @@ def distortion(
         scale = float(np.quantile(stretch[inside], 1 - detail, method="nearest"))
     field = np.asarray(field * (magnify / scale), np.float32)
     level = np.asarray(-log2(np.maximum(stretch * (magnify / scale), 1e-6)), np.float32)
-    return Distortion(field, level, inside, hole, np.stack(features), float(scale))
+    return PhotoDistortion(field, level, inside, hole, np.stack(features), float(scale))
 
 
 def check_count(region: Mask, name: str) -> None:

@@ -10,7 +10,7 @@ from jaxtyping import Float32, Float64
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from texloom.stages.analysis.photographs.field import Distortion, check_count, coverage, distortion
+from texloom.stages.analysis.photographs.field import PhotoDistortion, check_count, coverage, distortion
 from texloom.stages.analysis.photographs.geometry import (
     Geometry,
     frontal,
@@ -47,7 +47,7 @@ class JacobianFieldParams(Params):
 
 
 @dataclasses.dataclass(frozen=True)
-class JacobianField(Distortion):
+class JacobianField(PhotoDistortion):
     """Distortion and regions of the texture in the photograph, and pictures of them."""
 
     grid: Image

@@ -28,7 +28,7 @@ _UNEVEN = 0.1  # of the shorter generator: a second difference of places that ha
 
 
 @dataclasses.dataclass(frozen=True)
-class _Found:
+class _TrackedPlane:
     """Vertices that were tracked in one plane, px of it."""
 
     peaks: lattice_cells.Peaks
@@ -118,16 +118,16 @@ def track_lattice(
 
 
 def _tracked(
-    plane: ScalarMap, generators: Float64[np.ndarray, "2 2"], reach: float, known: _Found | None = None
-) -> _Found:
+    plane: ScalarMap, generators: Float64[np.ndarray, "2 2"], reach: float, known: _TrackedPlane | None = None
+) -> _TrackedPlane:
     """The vertices by one plane; the first template is the mean of the cells at those by another, if known."""
     offsets = lattice_cells.cell_offsets(generators)
     radius = max(2.0, reach * float(np.hypot(*generators.T).min()))
 
-    def track_by(template: np.ndarray) -> _Found:
+    def track_by(template: np.ndarray) -> _TrackedPlane:
         likeness = lattice_cells.correlation(plane, offsets, lattice_cells.normalised(template[None])[0])
         peaks = lattice_cells.peaks(likeness, _MIN_CORRELATION, radius)
-        return _Found(peaks, lattice_cells.track(generators, peaks))
+        return _TrackedPlane(peaks, lattice_cells.track(generators, peaks))
 
     if known is not None and known.is_lattice:
         best = known

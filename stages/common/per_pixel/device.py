@@ -9,7 +9,7 @@ from jaxtyping import Float32, Integer
 
 from texloom.stages.common.per_pixel.levels import NOTHING, Level, Levels, Rect, Style
 from texloom.stages.common.per_pixel.tables import Tables
-from texloom.stages.common.per_pixel.target import Limits, Target
+from texloom.stages.common.per_pixel.target import Limits, TargetControl
 from texloom.stages.kernels.core.threads import run_spans, thread_count
 from texloom.stages.kernels.per_pixel.arguments import Distortion, Subpass
 from texloom.stages.vocabulary.declare import InputError
@@ -75,9 +75,9 @@ def levels_on(device: Device | None, tables: Tables, style: Style, window: Rect,
     return (_GpuLevels if on_gpu(device) else Levels)(tables, style, window, wrap)
 
 
-def target_on(levels: Levels, planes: Float32[np.ndarray, "H W k"], limits: Limits | None = None) -> Target:
-    """A `Target` on the device of ``levels``."""
-    return (_GpuTarget if isinstance(levels, _GpuLevels) else Target)(planes, levels, limits)
+def target_on(levels: Levels, planes: Float32[np.ndarray, "H W k"], limits: Limits | None = None) -> TargetControl:
+    """A `TargetControl` on the device of ``levels``."""
+    return (_GpuTarget if isinstance(levels, _GpuLevels) else TargetControl)(planes, levels, limits)
 
 
 class _GpuLevels(Levels):
@@ -184,8 +184,8 @@ class _GpuLevels(Levels):
         from numba import cuda
 
         from texloom.stages.kernels.per_pixel.cuda import (
-            Control,
-            Result,
+            ControlPyramid,
+            ResultPyramid,
             distorted,
             launch,
             planar,
@@ -204,8 +204,8 @@ class _GpuLevels(Levels):
         arrays, control = self._arrays, self.control
         staged = control["control"] if self._staged is None else self._staged
         arguments: tuple[Any, ...] = (
-            steps, Result(self._changed, arrays["states"], arrays["given"], arrays["pinned"]),
-            Control(control["control"], staged, control["lows"], control["spans"]), arrays["exemplar"],
+            steps, ResultPyramid(self._changed, arrays["states"], arrays["given"], arrays["pinned"]),
+            ControlPyramid(control["control"], staged, control["lows"], control["spans"]), arrays["exemplar"],
             arrays["contributions"], arrays["pieces"], arrays["repetition"], self.bonuses,
         )  # fmt: skip
         kernel = planar
@@ -281,7 +281,7 @@ class _GpuLevels(Levels):
         return table
 
 
-class _GpuTarget(Target):
+class _GpuTarget(TargetControl):
     """A control map on the GPU; its work goes to the steps of ``levels``, which must run or be updated after it."""
 
     levels: _GpuLevels
@@ -307,7 +307,7 @@ class _GpuTarget(Target):
         }
 
     def paint(self, values: Float32[np.ndarray, "h w k"], top: int, left: int) -> list[Rect]:
-        """Replace a rectangle; see `Target.paint`."""
+        """Replace a rectangle; see `TargetControl.paint`."""
         area = Rect(top, top + values.shape[0], left, left + values.shape[1])
         return [] if self.levels.begins(area, values) else super().paint(values, top, left)
 

@@ -11,7 +11,7 @@ from texloom.stages.common.per_pixel.phases import Phases
 from texloom.stages.common.per_pixel.tables import Tables
 from texloom.stages.kernels.core.elementary_functions import log2
 from texloom.stages.kernels.core.threads import run_all, spans, thread_count
-from texloom.stages.kernels.per_pixel.arguments import Bonuses, Distortion, LevelState, Pieces, Repetition, Subpass
+from texloom.stages.kernels.per_pixel.arguments import Bonuses, Distortion, LevelState, PhaseMaps, Pieces, Subpass
 from texloom.stages.vocabulary.arrays import Jacobian
 from texloom.stages.vocabulary.facts import Wraps
 from texloom.stages.vocabulary.progress import Progress, report
@@ -20,7 +20,7 @@ SUBPASSES = ((0, 0), (1, 1), (0, 1), (1, 0))
 """row and column, modulo 2, of the pixels of each subpass of a correction pass"""
 
 _MIN_SHARED_PIXELS = 3000  # of a subpass; fewer are left to one thread
-NO_REPETITION = Repetition(np.zeros((1, 2), np.uint32), np.zeros((1, 2), np.uint32), (0, 0, 0, 0))
+NO_REPETITION = PhaseMaps(np.zeros((1, 2), np.uint32), np.zeros((1, 2), np.uint32), (0, 0, 0, 0))
 """that of an exemplar that does not repeat"""
 
 

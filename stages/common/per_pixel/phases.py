@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Float64, Int64, UInt32
 
-from texloom.stages.kernels.per_pixel.arguments import Repetition
+from texloom.stages.kernels.per_pixel.arguments import PhaseMaps
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
 from texloom.stages.vocabulary.facts import TORUS, Wraps
 
@@ -15,17 +15,17 @@ _PIXEL = 256  # units of a generator in a px
 
 @dataclass(frozen=True)
 class Phases:
-    """Phases of a repeating exemplar, see `texloom.stages.kernels.per_pixel.arguments.Repetition`."""
+    """Phases of a repeating exemplar, see `texloom.stages.kernels.per_pixel.arguments.PhaseMaps`."""
 
     places: UInt32[np.ndarray, "places 2"]
     """of every place, 2**-32 of each generator"""
     generators: Int64[np.ndarray, "4"]
     """rows and columns of the two, 1/256 px"""
 
-    def repetition(self, wanted: UInt32[np.ndarray, "pixels 2"]) -> Repetition:
+    def repetition(self, wanted: UInt32[np.ndarray, "pixels 2"]) -> PhaseMaps:
         """For kernels; ``wanted`` at the pixels of the coarsest level."""
         first_down, first_across, second_down, second_across = (int(part) for part in self.generators)
-        return Repetition(wanted, self.places, (first_down, first_across, second_down, second_across))
+        return PhaseMaps(wanted, self.places, (first_down, first_across, second_down, second_across))
 
     @property
     def exact(self) -> Float64[np.ndarray, "2 2"]:

@@ -10,7 +10,7 @@ from texloom.stages.common.features.control import by_plane
 from texloom.stages.common.similarity.appearance import COMPONENTS, FAR
 from texloom.stages.common.similarity.distorted_appearance import block_side
 from texloom.stages.kernels.core.threads import run_spans
-from texloom.stages.kernels.per_pixel.arguments import Appearance, Exemplar
+from texloom.stages.kernels.per_pixel.arguments import Appearance, ExemplarTables
 from texloom.stages.vocabulary.arrays import Jacobian
 
 _MAX_CONTROL_LENGTH = 16000  # of the vector of control values: squared distances stay within 31 bits
@@ -61,10 +61,10 @@ class Tables:
         return (self.shape[0] + 2 * self.margin) * self.pitch
 
     @cached_property
-    def exemplar(self) -> Exemplar:
+    def exemplar(self) -> ExemplarTables:
         """As kernels take it."""
         run = (0,) * int(self.values.shape[1])
-        return Exemplar(run, self.values, self.candidates, self.places // self.pitch, self.pitch)
+        return ExemplarTables(run, self.values, self.candidates, self.places // self.pitch, self.pitch)
 
     @property
     def vectors(self) -> Appearance:

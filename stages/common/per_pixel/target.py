@@ -27,7 +27,7 @@ def normalised(values: Float32[np.ndarray, "h w k"], limits: Limits) -> Float32[
     return np.clip((values - lows) / (highs - lows), 0, 1).astype(np.float32)
 
 
-class Target:
+class TargetControl:
     """Planes of control in 0..1 and their means over 2, 4, 8 ... px; what ``levels`` is given follows them.
 
     Parameters

@@ -21,7 +21,7 @@ _ROUNDS = 3  # of adding texels where nothing is near
 
 
 @dataclass(frozen=True)
-class Tiles:
+class PackedCharts:
     """The arrays of all charts at a level, in one array."""
 
     shape: tuple[int, int]
@@ -34,7 +34,7 @@ class Tiles:
     """row and column of the result, texels, at the array's row 0 and column 0"""
 
     @classmethod
-    def of(cls, pixels: Float64[np.ndarray, "faces 3 2"], chart: Int32[np.ndarray, "*faces"]) -> "Tiles":
+    def of(cls, pixels: Float64[np.ndarray, "faces 3 2"], chart: Int32[np.ndarray, "*faces"]) -> "PackedCharts":
         """Arrange the charts' bounding boxes on shelves; ``pixels`` in texels of the level."""
         charts, number = np.unique(chart, return_inverse=True)
         least, most = np.full((charts.size, 2), np.inf), np.full((charts.size, 2), -np.inf)
@@ -76,7 +76,7 @@ class Texels:
     """A level."""
 
     number: int
-    tiles: Tiles
+    tiles: PackedCharts
     flat: Int64[np.ndarray, "*n"]
     """indices of the texels on the surface"""
     place: Int32[np.ndarray, "*n"]
@@ -112,7 +112,7 @@ class _TexelMaker:
     def __init__(self, faces: Faces, chart: Int32[np.ndarray, "*faces"], borders: Borders, number: int):
         self.faces, self.borders, self.number, self.step = faces, borders, number, 2**number
         pixels = (faces.pixels + 0.5) / self.step - 0.5
-        self.tiles = Tiles.of(pixels, chart)
+        self.tiles = PackedCharts.of(pixels, chart)
         self.places = self.tiles.places().ravel()
         self.owner = _owners(pixels, chart, faces.usable, self.tiles).ravel()
 
@@ -197,7 +197,7 @@ def _owners(
     pixels: Float64[np.ndarray, "faces 3 2"],
     chart: Int32[np.ndarray, "*faces"],
     usable: Bool[np.ndarray, "*faces"],
-    tiles: Tiles,
+    tiles: PackedCharts,
 ) -> Int32[np.ndarray, "rows columns"]:
     """The face at each texel's centre; -1 where there is none."""
     from texloom.stages.kernels.surface.raster import draw

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float32, Float64, Int64
 
 from texloom.stages.common.source_maps.exemplar_use import use_of_exemplar
-from texloom.stages.evaluation._measures.pictures import Picture, UnmeasurableError, require_variation
+from texloom.stages.evaluation._measures.pictures import MeasuredPicture, UnmeasurableError, require_variation
 from texloom.stages.evaluation._measures.reuse import match_entropy
 from texloom.stages.evaluation._measures.table import Figures
 from texloom.stages.evaluation._measures.task import Task
@@ -30,7 +30,7 @@ class _Pieces(NamedTuple):
     """px"""
 
 
-def pieces_of(picture: Picture) -> _Pieces:
+def pieces_of(picture: MeasuredPicture) -> _Pieces:
     """The pieces of an exemplar, and how distinctive each is; `UnmeasurableError` where masks leave few."""
     import cv2
 

@@ -20,7 +20,7 @@ from texloom.stages.common.similarity.patch_distance import (
     with_squares,
 )
 from texloom.stages.evaluation._measures.pictures import (
-    Picture,
+    MeasuredPicture,
     UnmeasurableError,
     any_true,
     channel_variances,
@@ -42,7 +42,7 @@ Copies: TypeAlias = Iterator[tuple[np.ndarray, Places]]
 """numbers of patches, and the corners of others that may be alike"""
 
 
-def projected(picture: Picture, levels: int = 4) -> list[Float32[np.ndarray, "q p"]]:
+def projected(picture: MeasuredPicture, levels: int = 4) -> list[Float32[np.ndarray, "q p"]]:
     """Quantiles of random projections of the 7x7 patches of a picture at full, half, quarter ... size.
 
     It ends where a side is shorter than two patches, or masks leave no patch.
@@ -73,11 +73,11 @@ def sliced_wasserstein(one: list[np.ndarray], other: list[np.ndarray]) -> list[f
     return [float(np.abs(first - second).mean()) for first, second in zip(one, other, strict=False)]
 
 
-def _half_size(picture: Picture) -> Picture:
+def _half_size(picture: MeasuredPicture) -> MeasuredPicture:
     import cv2
 
     valid = None if picture.valid is None else halved(picture.valid)
-    return Picture(cv2.pyrDown(picture.lab), picture.tone[::2, ::2], valid, is_grey=picture.is_grey)
+    return MeasuredPicture(cv2.pyrDown(picture.lab), picture.tone[::2, ::2], valid, is_grey=picture.is_grey)
 
 
 class PatchIndex(NamedTuple):
@@ -95,8 +95,8 @@ class PatchIndex(NamedTuple):
     """true for patches that count; None where all do"""
 
 
-def whole_patches(picture: Picture, step: int) -> Whole | None:
-    """True for each patch, samples ``step`` px apart, that counts; see `Picture.windows`.
+def whole_patches(picture: MeasuredPicture, step: int) -> Whole | None:
+    """True for each patch, samples ``step`` px apart, that counts; see `MeasuredPicture.windows`.
 
     `UnmeasurableError` where none does.
     """

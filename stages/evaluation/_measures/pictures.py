@@ -25,7 +25,7 @@ class UnmeasurableError(Exception):
 
 
 @dataclasses.dataclass(frozen=True)
-class Picture:
+class MeasuredPicture:
     """A picture as measures read it."""
 
     lab: Float32[np.ndarray, "h w 3"]
@@ -81,7 +81,7 @@ def any_true(mask: Bool[np.ndarray, "*n"] | None) -> bool:
     return mask is None or bool(mask.any())
 
 
-def prepare(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[Picture, Picture]:
+def prepare(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[MeasuredPicture, MeasuredPicture]:
     """The exemplar and the result as measures read them; masked pixels are filled, and only colour counts.
 
     A grey texture's tone is its lightness; one of equal lightness still has a tone.
@@ -101,7 +101,8 @@ def prepare(exemplar: Image, image: Image, keep: Mask | None = None) -> tuple[Pi
     tones = [_tone(lab, mean, axis, deviation) for lab in labs]
     made = None if keep is None else ~keep
     grey = all(picture.channels[0] == "Y" for picture in (exemplar, image))
-    return Picture(labs[0], tones[0], valid[0], None, grey), Picture(labs[1], tones[1], valid[1], made, grey)
+    source = MeasuredPicture(labs[0], tones[0], valid[0], None, grey)
+    return source, MeasuredPicture(labs[1], tones[1], valid[1], made, grey)
 
 
 def _lab(image: Image) -> ColorField:
@@ -113,7 +114,7 @@ def _lab(image: Image) -> ColorField:
 
 
 def _tone(lab: ColorField, mean: np.ndarray, axis: np.ndarray, deviation: float) -> Float32[np.ndarray, "h w"]:
-    """See `Picture.tone`; in bands, as double precision takes twice the picture's memory."""
+    """See `MeasuredPicture.tone`; in bands, as double precision takes twice the picture's memory."""
     tone = np.empty(lab.shape[:2], np.float32)
     for band in bands(len(lab)):
         tone[band] = (lab[band] - mean) @ axis / deviation
@@ -127,7 +128,7 @@ def channel_variances(lab: Float32[np.ndarray, "*n c"]) -> Float64[np.ndarray, "
     return np.asarray(cv2.meanStdDev(lab.reshape(-1, 1, lab.shape[-1]))[1].ravel() ** 2)
 
 
-def require_variation(picture: Picture, name: str = "the exemplar") -> None:
+def require_variation(picture: MeasuredPicture, name: str = "the exemplar") -> None:
     """`UnmeasurableError` where the picture has one colour."""
     if not any_true(picture.counted):
         raise UnmeasurableError(f"{name} has no pixel that counts")
@@ -135,14 +136,14 @@ def require_variation(picture: Picture, name: str = "the exemplar") -> None:
         raise UnmeasurableError(f"{name} has one colour")
 
 
-def require_side(side: int, *measured: Picture) -> None:
+def require_side(side: int, *measured: MeasuredPicture) -> None:
     """`UnmeasurableError` where a picture is narrower or lower than ``side`` px."""
     shorter = min(picture.shorter for picture in measured)
     if shorter < side:
         raise UnmeasurableError(f"needs {side} px on the shorter side, got {shorter}")
 
 
-def halves(picture: Picture) -> list[tuple[Picture, Picture]]:
+def halves(picture: MeasuredPicture) -> list[tuple[MeasuredPicture, MeasuredPicture]]:
     """Left and right, top and bottom: disjoint parts of the same texture.
 
     Pairs of which masks leave too little are omitted; `UnmeasurableError` where none is left.
@@ -156,7 +157,9 @@ def halves(picture: Picture) -> list[tuple[Picture, Picture]]:
     return measurable
 
 
-def between_halves(picture: Picture, distance: Callable[[Picture, Picture], float]) -> float:
+def between_halves(
+    picture: MeasuredPicture, distance: Callable[[MeasuredPicture, MeasuredPicture], float]
+) -> float:
     """Mean distance between the two halves of each cut; 0 where masks leave too little of them."""
     try:
         return float(np.mean([distance(one, other) for one, other in halves(picture)]))
@@ -164,12 +167,12 @@ def between_halves(picture: Picture, distance: Callable[[Picture, Picture], floa
         return 0.0
 
 
-def _part(picture: Picture, place: tuple[slice, ...] | slice) -> Picture:
+def _part(picture: MeasuredPicture, place: tuple[slice, ...] | slice) -> MeasuredPicture:
     valid, made = (None if mask is None else mask[place] for mask in (picture.valid, picture.made))
-    return Picture(picture.lab[place], picture.tone[place], valid, made, picture.is_grey)
+    return MeasuredPicture(picture.lab[place], picture.tone[place], valid, made, picture.is_grey)
 
 
-def _middle(picture: Picture) -> Picture:
+def _middle(picture: MeasuredPicture) -> MeasuredPicture:
     """The middle of a picture that is larger than `MOST_PIXELS`, with as many pixels; all of a masked one."""
     height, width = picture.tone.shape
     if height * width <= MOST_PIXELS or picture.counted is not None:
@@ -185,7 +188,7 @@ def _share(counted: Mask | None) -> float:
     return 1.0 if counted is None or not counted.size else float(counted.mean())
 
 
-def shuffled_blocks(picture: Picture, side: int) -> Picture:
+def shuffled_blocks(picture: MeasuredPicture, side: int) -> MeasuredPicture:
     """Squares of ``side`` px in random order; what does not fill a square is dropped.
 
     Squares with masked pixels are replaced by repeating others. Of a large picture, a part of the middle is taken.
@@ -204,4 +207,4 @@ def shuffled_blocks(picture: Picture, side: int) -> Picture:
         mixed = blocks.reshape(rows * columns, side, side, *depth)[order].reshape(blocks.shape)
         return np.ascontiguousarray(mixed.swapaxes(1, 2).reshape(rows * side, columns * side, *depth))
 
-    return Picture(shuffled(picture.lab), shuffled(picture.tone), is_grey=picture.is_grey)
+    return MeasuredPicture(shuffled(picture.lab), shuffled(picture.tone), is_grey=picture.is_grey)

@@ -10,7 +10,7 @@ from texloom.stages.common.grids.working_size import reduction
 from texloom.stages.common.similarity.patch_distance import blurred
 from texloom.stages.evaluation._measures.pictures import (
     FLAT,
-    Picture,
+    MeasuredPicture,
     UnmeasurableError,
     any_true,
     between_halves,
@@ -37,19 +37,19 @@ def quantiles(values: Float32[np.ndarray, "n k"], count: int = _QUANTILES) -> Fl
     return np.asarray(ordered[low] * (1 - share) + ordered[np.minimum(low + 1, len(values) - 1)] * share)
 
 
-def _colors(picture: Picture) -> np.ndarray:
+def _colors(picture: MeasuredPicture) -> np.ndarray:
     values = picture.colors
     if len(values) > _MAX_PIXELS:
         values = values[np.random.default_rng(0).integers(0, len(values), _MAX_PIXELS)]
     return np.asarray(quantiles(values))
 
 
-def color_distance(one: Picture, other: Picture) -> Float32[np.ndarray, "3"]:
+def color_distance(one: MeasuredPicture, other: MeasuredPicture) -> Float32[np.ndarray, "3"]:
     """Wasserstein distance between the distributions of L, a and b, CIELAB units."""
     return np.asarray(np.abs(_colors(one) - _colors(other)).mean(axis=0))
 
 
-def color_spread(picture: Picture) -> float:
+def color_spread(picture: MeasuredPicture) -> float:
     """Mean distance from the mean colour, CIELAB units, mean of the channels; that of a plain picture."""
     values = picture.colors[:: reduction(*picture.tone.shape) ** 2]
     return float(np.abs(values - values.mean(axis=0, dtype=np.float64)).mean())
@@ -175,7 +175,7 @@ def smoothness(task: Task) -> Figures:
     contrast = _contrast(task.exemplar, side)
     limit = max(float(np.quantile(contrast, 0.1)), 0.05 * float(contrast.mean()))
 
-    def smooth(picture: Picture) -> float:
+    def smooth(picture: MeasuredPicture) -> float:
         return float((_contrast(picture, side) < limit).mean())
 
     floor = max(smooth(half) for pair in halves(task.exemplar) for half in pair)
@@ -183,7 +183,7 @@ def smoothness(task: Task) -> Figures:
     return Figures(smooth(task.result), floor, smooth(soft))
 
 
-def _contrast(picture: Picture, side: int) -> np.ndarray:
+def _contrast(picture: MeasuredPicture, side: int) -> np.ndarray:
     """Standard deviations in the windows that count."""
     contrast = local_contrast(picture.tone, side)
     whole = picture.windows(side, side)

@@ -28,7 +28,7 @@ def match_entropy(match: Correspondence, shape: tuple[int, int], count: int | No
 
 
 @dataclasses.dataclass(frozen=True)
-class Segments:
+class CopiedSegments:
     """The connected regions of a result that are copied with one displacement."""
 
     areas: Int64[np.ndarray, "n"]
@@ -48,7 +48,7 @@ class Segments:
         return float(self.areas[self.areas > area].sum() / max(self.pixels, 1))
 
 
-def copied_segments(match: Correspondence, made: Mask | None = None, copies: Mask | None = None) -> Segments:
+def copied_segments(match: Correspondence, made: Mask | None = None, copies: Mask | None = None) -> CopiedSegments:
     """Find 4-connected regions of one displacement among the pixels that were ``made`` and are ``copies``.
 
     None is all. For the continuity, neighbours count of which at least one was made.
@@ -71,7 +71,7 @@ def copied_segments(match: Correspondence, made: Mask | None = None, copies: Mas
     if made is not None:
         kept = [kept[0][made[1:] | made[:-1]], kept[1][made[:, 1:] | made[:, :-1]]]
     pairs = kept[0].size + kept[1].size
-    return Segments(
+    return CopiedSegments(
         np.bincount(labels.ravel())[1:],
         height * width if made is None else int(made.sum()),
         float((kept[0].sum() + kept[1].sum()) / pairs) if pairs else 1.0,

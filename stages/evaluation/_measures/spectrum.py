@@ -5,7 +5,7 @@ import numpy as np
 from texloom.stages.common.grids.working_size import reduction, square_means
 from texloom.stages.common.regularity.excess_repetition import autocorrelation, repetition, whole_squares
 from texloom.stages.evaluation._measures.pictures import (
-    Picture,
+    MeasuredPicture,
     UnmeasurableError,
     between_halves,
     require_side,
@@ -28,7 +28,7 @@ def autocorrelation_difference(task: Task) -> Figures:
     step = min(reduction(*task.source_shape), task.result.shorter // 16)
     reach = min(task.exemplar.shorter, task.result.shorter) // (4 * step)
 
-    def distance(one: Picture, other: Picture) -> float:
+    def distance(one: MeasuredPicture, other: MeasuredPicture) -> float:
         first, second = (
             autocorrelation(square_means(picture.tone, step), (reach, reach), whole_squares(picture.valid, step))
             for picture in (one, other)
@@ -49,7 +49,7 @@ def repetition_excess(task: Task) -> Figures:
     require_side(64, task.exemplar, task.result)
     task.require_all_made()
 
-    def excess(one: Picture, other: Picture) -> tuple[float, tuple[int, int]]:
+    def excess(one: MeasuredPicture, other: MeasuredPicture) -> tuple[float, tuple[int, int]]:
         return repetition(one.tone, other.tone, (one.valid, other.valid))
 
     value, offset = excess(task.exemplar, task.result)

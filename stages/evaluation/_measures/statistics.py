@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from texloom.stages.evaluation._measures.pictures import (
-    Picture,
+    MeasuredPicture,
     UnmeasurableError,
     any_true,
     halves,
@@ -153,7 +153,7 @@ def _window_statistics(tone: np.ndarray, colors: np.ndarray) -> Statistics:
     }
 
 
-def window_side(*measured: Picture) -> int:
+def window_side(*measured: MeasuredPicture) -> int:
     """Side of the largest windows that fit in all pictures outside their masks, px.
 
     `UnmeasurableError` where masks leave no window of `SMALLEST` px.
@@ -166,7 +166,7 @@ def window_side(*measured: Picture) -> int:
     return side
 
 
-def _places(picture: Picture, side: int) -> list[tuple[int, int]]:
+def _places(picture: MeasuredPicture, side: int) -> list[tuple[int, int]]:
     """Top-left pixels of up to four windows, each as near to its corner of the picture as masks allow."""
     starts = [
         [(extent - side) * step // max(count - 1, 1) for step in range(count)]
@@ -182,7 +182,7 @@ def _places(picture: Picture, side: int) -> list[tuple[int, int]]:
 
 
 def statistics(
-    picture: Picture,
+    picture: MeasuredPicture,
     side: int,
     scale: Float64[np.ndarray, "3"],
     known: _KnownWindows | None = None,
@@ -226,7 +226,7 @@ def joint_statistics(task: Task) -> Figures:
 
     windows: _KnownWindows = {}
 
-    def groups(one: Picture, other: Picture) -> dict[str, float]:
+    def groups(one: MeasuredPicture, other: MeasuredPicture) -> dict[str, float]:
         side = window_side(one, other)
         return statistics_distance(*(statistics(picture, side, scale, windows) for picture in (one, other)))
 

@@ -5,7 +5,7 @@ from jaxtyping import Float32
 
 from texloom.stages.common.similarity.patch_distance import blurred
 from texloom.stages.evaluation._measures.pictures import (
-    Picture,
+    MeasuredPicture,
     UnmeasurableError,
     require_side,
     require_variation,
@@ -97,7 +97,7 @@ def straightness(task: Task) -> Figures:
     return Figures(value, floor, max(worst, floor) if worst < 2 * floor else worst, more, unclear=unclear)
 
 
-def _reduced(picture: Picture, step: int) -> tuple[np.ndarray, Mask | None]:
+def _reduced(picture: MeasuredPicture, step: int) -> tuple[np.ndarray, Mask | None]:
     """Tone and valid pixels at a whole fraction of the size."""
     import cv2
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from texloom.stages.evaluation._measures.pictures import Picture, UnmeasurableError
+from texloom.stages.evaluation._measures.pictures import MeasuredPicture, UnmeasurableError
 from texloom.stages.vocabulary.arrays import Correspondence, Mask
 from texloom.stages.vocabulary.facts import Wraps
 
@@ -17,9 +17,9 @@ _MIN_COPIES = 0.5  # of the pixels, for an estimated source map to say more than
 class Task:
     """What measures read."""
 
-    exemplar: Picture
-    result: Picture
-    shuffled: Picture
+    exemplar: MeasuredPicture
+    result: MeasuredPicture
+    shuffled: MeasuredPicture
     """the exemplar in squares of 2 px, in random order, as a bad result"""
     match: Correspondence | None
     copies: Mask | None

@@ -38,7 +38,7 @@ _LARGE = 4096
 
 
 @dataclasses.dataclass(frozen=True)
-class Shown:
+class PagePicture:
     """A picture inside a page."""
 
     source: str
@@ -117,7 +117,7 @@ def _environment(folder: Path) -> Any:
 # -- pictures
 
 
-def shown(image: Image | None, largest: int, quality: int | None = None) -> Shown | None:
+def shown(image: Image | None, largest: int, quality: int | None = None) -> PagePicture | None:
     """The colour of a picture in sRGB, clipped to 0..1; None for None.
 
     Parameters
@@ -144,25 +144,25 @@ def overview(image: Image) -> Image:
     return image.elsewhere(pixels)
 
 
-def shown_frames(frames: Sequence[Image], largest: int) -> Shown:
+def shown_frames(frames: Sequence[Image], largest: int) -> PagePicture:
     """The frames of a stack as an animation; see `shown`."""
     levels = [srgb_codes(_reduced(frame.color, largest)) for frame in frames]
     held = (levels[0].shape[0], levels[0].shape[1])
-    return Shown(_data_uri(animated_webp(levels)), frames[0].height, frames[0].width, held)
+    return PagePicture(_data_uri(animated_webp(levels)), frames[0].height, frames[0].width, held)
 
 
-def shown_levels(values: Float32[np.ndarray, "h w c"], largest: int) -> Shown:
+def shown_levels(values: Float32[np.ndarray, "h w c"], largest: int) -> PagePicture:
     """One or three planes without conversion, from 0, black, to 1, white; lossless unless reduced."""
     three = np.repeat(values, 3, axis=2) if values.shape[2] == 1 else values
     return _embedded(_reduced(np.clip(np.nan_to_num(three), 0, 1), largest), values.shape[0], values.shape[1])
 
 
-def shown_structure(structure: Mask, largest: int) -> Shown:
+def shown_structure(structure: Mask, largest: int) -> PagePicture:
     """White on features."""
     return shown_levels(structure[..., None].astype(np.float32), largest)
 
 
-def shown_field(field: Float32[np.ndarray, "h w"], centre: float, reach: float, largest: int) -> Shown:
+def shown_field(field: Float32[np.ndarray, "h w"], centre: float, reach: float, largest: int) -> PagePicture:
     """Blue below ``centre``, white there, red above, darkest from a distance of ``reach`` on; NaN is black."""
     values = _reduced(np.repeat(field[..., None], 3, axis=2), largest)[..., 0]
     known = np.isfinite(values)
@@ -196,7 +196,7 @@ def _reduced(values: Float32[np.ndarray, "h w 3"], largest: int) -> Float32[np.n
     return np.asarray(cv2.resize(np.ascontiguousarray(values), (width, height), interpolation=cv2.INTER_AREA))
 
 
-def _embedded(values: np.ndarray, height: int, width: int, quality: int | None = None) -> Shown:
+def _embedded(values: np.ndarray, height: int, width: int, quality: int | None = None) -> PagePicture:
     """Values of 0..1 as WebP: lossless, it takes two thirds of a PNG's bytes, and every browser reads it."""
     import PIL.Image
 
@@ -205,7 +205,7 @@ def _embedded(values: np.ndarray, height: int, width: int, quality: int | None =
     options = {"lossless": True, "quality": 30, "method": 1} if quality is None else {"quality": quality}
     buffer = io.BytesIO()
     PIL.Image.fromarray(levels).save(buffer, "WEBP", **options)
-    return Shown(_data_uri(buffer.getvalue()), height, width, (levels.shape[0], levels.shape[1]))
+    return PagePicture(_data_uri(buffer.getvalue()), height, width, (levels.shape[0], levels.shape[1]))
 
 
 def _data_uri(webp: bytes) -> str:

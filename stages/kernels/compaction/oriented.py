@@ -14,7 +14,7 @@ from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.patchmatch.search import cross_step, square_step, wrap_index
 
 
-class Texture(NamedTuple):
+class OrientedTexture(NamedTuple):
     """A texture and the direction of each of its pixels."""
 
     features: Any
@@ -161,7 +161,7 @@ def refine_angles(texture, channels, compaction, search, places, match, mean, si
 def sample_sources(texture, source, values, first, last):
     """Fill rows ``first`` to ``last`` of ``values``, (H, W * channels) int16, with the texture at ``source``.
 
-    ``source`` is (2, H, W) float32, places between the pixels of ``texture``, a `Texture`.
+    ``source`` is (2, H, W) float32, places between the pixels of ``texture``, an `OrientedTexture`.
     """
     for y in range(first, last):
         for x in range(source.shape[2]):
@@ -283,7 +283,7 @@ def choose_oriented_places(texture, objective, proposed, source, values):
 
     Parameters
     ----------
-    texture : Texture
+    texture : OrientedTexture
     objective : texloom.stages.kernels.compaction.solver.Objective, with seams as `oriented_seam_sum`
     proposed : (k, 2, H, W) float32, places in the texture; negative where there is none
     source : (2, H, W) float32, changed in place

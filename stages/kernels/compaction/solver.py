@@ -11,7 +11,7 @@ from texloom.stages.kernels.core.compiled import compiled, inner
 from texloom.stages.kernels.patchmatch.search import PatchShape, cross_step, patch_distance, square_step, wrap_index
 
 
-class Neighbourhoods(NamedTuple):
+class MatchedNeighbourhoods(NamedTuple):
     """Neighbourhoods of one picture, and of the one that their matches lie in."""
 
     shape: PatchShape
@@ -22,7 +22,7 @@ class Neighbourhoods(NamedTuple):
     step: int
 
 
-class Texture(NamedTuple):
+class CompactionSource(NamedTuple):
     """The pixels that a compaction may be copied from."""
 
     features: Any
@@ -61,7 +61,7 @@ def improve_match(neighbourhoods, proposed, moved, match, distance, first, last)
 
     Parameters
     ----------
-    neighbourhoods : Neighbourhoods
+    neighbourhoods : MatchedNeighbourhoods
     proposed : (2, p, q) int32, a match for each; negative where there is no neighbourhood
     moved : (P, Q) bool, the places in the other picture that differ from when distances were computed
     match : (2, p, q) int32, changed in place
@@ -91,7 +91,7 @@ def propagate_match(neighbourhoods, wrap, known, changed, match, distance, first
 
     Parameters
     ----------
-    neighbourhoods : Neighbourhoods
+    neighbourhoods : MatchedNeighbourhoods
     wrap : bool, the matches lie on a torus, whose features are padded by a neighbourhood less one pixel
     known : (2, p, q) int32, the matches before; negative where there is no neighbourhood
     changed : (p, q) bool, which of them the neighbours have not tried yet
@@ -141,9 +141,9 @@ def match_by_coherence(neighbourhoods, source, candidates, moved, match, distanc
 
     Parameters
     ----------
-    neighbourhoods : Neighbourhoods, of the compaction with matches in the texture; the step is 1
+    neighbourhoods : MatchedNeighbourhoods, of the compaction with matches in the texture; the step is 1
     source : (2, H, W) int32, the texture pixel of each compaction pixel
-    candidates : (p, q, k) int32, see `Texture`
+    candidates : (p, q, k) int32, see `CompactionSource`
     moved : (P, Q) bool, the neighbourhoods that differ from when they were matched; the others are skipped
     match : (2, P, Q) int32, changed in place
     distance : (P, Q) int64, changed in place
@@ -203,7 +203,7 @@ def scatter_votes(neighbourhoods, match, sums, counts, first, last):
 
     Parameters
     ----------
-    neighbourhoods : Neighbourhoods; ``others`` are not read
+    neighbourhoods : MatchedNeighbourhoods; ``others`` are not read
     match : (2, p, q) int32; negative where there is no neighbourhood
     sums, counts : (H, W * channels) and (H, W) int64, added to
     """
@@ -221,7 +221,7 @@ def gather_votes(neighbourhoods, match, sums, counts):
 
     Parameters
     ----------
-    neighbourhoods : Neighbourhoods, of the compaction with matches in the texture; the step is 1
+    neighbourhoods : MatchedNeighbourhoods, of the compaction with matches in the texture; the step is 1
     match : (2, P, Q) int32
     sums, counts : (H, W * channels) and (H, W) int64, added to
     """
@@ -323,7 +323,7 @@ def choose_pixels(texture, objective, active, source):
 
     Parameters
     ----------
-    texture : Texture
+    texture : CompactionSource
     objective : Objective
     active : (H, W) bool, changed in place
     source : (2, H, W) int32, changed in place

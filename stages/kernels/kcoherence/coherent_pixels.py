@@ -7,7 +7,7 @@ import numpy as np
 from texloom.stages.kernels.core.compiled import compiled, inner
 
 
-class Exemplar(NamedTuple):
+class CopySource(NamedTuple):
     """What pixels are copied from."""
 
     features: Any
@@ -20,7 +20,7 @@ class Exemplar(NamedTuple):
     """(h, w, 2) int32, the nearest pixel whose whole neighbourhood lies inside the exemplar"""
 
 
-class Result(NamedTuple):
+class PartialResult(NamedTuple):
     """The result, changed in place."""
 
     features: Any
@@ -55,8 +55,8 @@ def resynthesise(order, done, radius, wrap, soften, exemplar, result):
     radius : int, of a neighbourhood, px
     wrap : texloom.stages.vocabulary.facts.Wraps, of the result
     soften : bool, valid direct neighbours of a new pixel become the mean of their values and of its continuation
-    exemplar : Exemplar
-    result : Result
+    exemplar : CopySource
+    result : PartialResult
 
     Returns
     -------

@@ -18,7 +18,7 @@ _HALF = (np.int8(0),) * (DIMENSIONS // 2)
 _LIMIT = np.float32(LARGEST)
 
 
-class Exemplar(NamedTuple):
+class ExemplarNeighbourhoods(NamedTuple):
     """An exemplar, its neighbourhoods and occurrence penalties."""
 
     texture: Any
@@ -48,7 +48,7 @@ class Repeats(NamedTuple):
     """int64, for each other pixel there of the same source"""
 
 
-class Subpass(NamedTuple):
+class ParityPass(NamedTuple):
     """How the pixels of one parity choose their sources."""
 
     parity: int
@@ -155,9 +155,9 @@ def choose_sources(old, new, control, exemplar, repeats, subpass, first, last):
     ----------
     old, new : (H, W, 2) int32, sources before and after
     control : (H, W, k) float32, of the target, which is not copied
-    exemplar : Exemplar
+    exemplar : ExemplarNeighbourhoods
     repeats : Repeats
-    subpass : Subpass
+    subpass : ParityPass
 
     Returns
     -------

@@ -123,10 +123,10 @@ def choose_oriented_sources(old, new, control, exemplar, orientation, subpass, f
     ----------
     old, new : (H, W, 2) float32, sources before and after
     control : (H, W, k) float32, of the target, which is not copied
-    exemplar : texloom.stages.kernels.kcoherence.discrete_pixels.Exemplar, with ``texture`` as (h, w * c) int16 and
-        ``vectors`` as (h, w * DIMENSIONS) int16
+    exemplar : texloom.stages.kernels.kcoherence.discrete_pixels.ExemplarNeighbourhoods, with ``texture`` as
+        (h, w * c) int16 and ``vectors`` as (h, w * DIMENSIONS) int16
     orientation : Orientation
-    subpass : texloom.stages.kernels.kcoherence.discrete_pixels.Subpass
+    subpass : texloom.stages.kernels.kcoherence.discrete_pixels.ParityPass
 
     Returns
     -------

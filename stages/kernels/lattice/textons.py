@@ -8,7 +8,7 @@ from texloom.stages.kernels.core.compiled import compiled
 from texloom.stages.kernels.core.resample import add_sample, bilinear
 
 
-class Lattice(NamedTuple):
+class LatticeNodes(NamedTuple):
     """The regular lattice of a result, and the node of each of its cells."""
 
     inverse: Any
@@ -21,7 +21,7 @@ class Lattice(NamedTuple):
     """(I, J) int64, nodes; -1 for none"""
 
 
-class Textons(NamedTuple):
+class TextonPlaces(NamedTuple):
     """Where the textons of nodes lie in the straightened exemplar."""
 
     places: Any
@@ -45,8 +45,8 @@ def lay_textons(pixels, source, places, lattice, textons, out, match):
     pixels : (h, w, c) float32, the exemplar
     source : (h, w, 2) float32, places in the exemplar of the pixels of the straightened exemplar, px
     places : (n, 2) float64, px in the result before its deformation
-    lattice : Lattice
-    textons : Textons
+    lattice : LatticeNodes
+    textons : TextonPlaces
     out : (n, c) float32, output
     match : (n, 2) uint32, output: the exemplar's pixel nearest to that of largest weight
     """

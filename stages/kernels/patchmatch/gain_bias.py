@@ -44,7 +44,7 @@ class Limits(NamedTuple):
     """(3,) float64, largest change of a patch's mean, fixed point"""
 
 
-class Scan(NamedTuple):
+class GainBiasScan(NamedTuple):
     """What differs between the scans of a search."""
 
     forward: bool
@@ -161,7 +161,7 @@ def fitted_sweep(run, target, exemplar, limits, row, column, distance, allowed, 
     row, column : (p, q) int32, the matches, changed in place
     distance : (p, q) float64, of the matches, changed in place
     allowed : exemplar patches that may be matches, bool
-    scan : Scan
+    scan : GainBiasScan
 
     Returns
     -------

@@ -53,7 +53,7 @@ class Target(NamedTuple):
     propose something new in a forward scan, 4 if in a backward scan"""
 
 
-class Exemplar(NamedTuple):
+class SearchedExemplar(NamedTuple):
     """An exemplar and its occurrence penalties, which do not change during a scan."""
 
     features: Any
@@ -339,7 +339,7 @@ def sweep(shape, target, exemplar, scan, first, last):
     ----------
     shape : PatchShape
     target : Target, its matches and distances are changed in place
-    exemplar : Exemplar
+    exemplar : SearchedExemplar
     scan : Scan
 
     Returns

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 
-class Exemplar(NamedTuple):
+class ExemplarTables(NamedTuple):
     """Tables over the places of an exemplar."""
 
     run: tuple[int, ...]
@@ -103,7 +103,7 @@ class Pieces(NamedTuple):
     """places that are tried under control"""
 
 
-class Repetition(NamedTuple):
+class PhaseMaps(NamedTuple):
     """Phases in 2**-32 of a repetition along each of two generators; at most one row if the exemplar has none."""
 
     wanted: np.ndarray

@@ -2,7 +2,7 @@
 
 `arguments` explains places, positions and levels; `pixel` has what kernels for CUDA share. A pixel of the result is
 described by the sum of what its eight neighbours contribute, vectors of 8 numbers; the sums of the exemplar's own
-pixels are in `Exemplar.values`.
+pixels are in `ExemplarTables.values`.
 
 References
 ----------
@@ -37,7 +37,7 @@ from texloom.stages.kernels.per_pixel.pixel import (
 )
 from texloom.stages.kernels.per_pixel.positions import HELPER
 
-_HALF = (0,) * 8  # of a row of `Exemplar.values`: control is the second
+_HALF = (0,) * 8  # of a row of `ExemplarTables.values`: control is the second
 _MATRIX = (0,) * 4
 _UNCHANGED = (2**31, 0, 2**31, 0)
 

@@ -59,7 +59,7 @@ _THREADS = 128
 _BLOCKS = 128  # Numba warns of fewer; more only wait
 
 
-class Result(NamedTuple):
+class ResultPyramid(NamedTuple):
     """All levels of the result, each array flat and level after level."""
 
     changed: Any
@@ -72,7 +72,7 @@ class Result(NamedTuple):
     """as ``states``, (pixels,); (1,) where none is fixed"""
 
 
-class Control(NamedTuple):
+class ControlPyramid(NamedTuple):
     """Control planes of all levels."""
 
     planes: Any
@@ -340,8 +340,8 @@ def planar(steps, result, control, exemplar, contributions, pieces, repetition, 
     Parameters
     ----------
     steps : (n,) of `STEP`
-    result : `Result`
-    control : `Control`
+    result : `ResultPyramid`
+    control : `ControlPyramid`
     exemplar, pieces, repetition, bonuses : see `arguments`
     contributions : (8 n, 2) int64, words of 4 numbers: what each of n places contributes as a neighbour on each
         side, in turn

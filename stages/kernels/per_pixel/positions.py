@@ -101,7 +101,7 @@ def pixel_number(row, column):
 
 @compiled(inline="always")
 def phase_offset(wanted_down, wanted_across, phase_down, phase_across, generators):
-    """The offset in texture, 1/256 px, to the nearest place of the wanted phase; see `arguments.Repetition`."""
+    """The offset in texture, 1/256 px, to the nearest place of the wanted phase; see `arguments.PhaseMaps`."""
     p = ((np.int64(wanted_down) - np.int64(phase_down) + 2**31) & LOW) - 2**31
     q = ((np.int64(wanted_across) - np.int64(phase_across) + 2**31) & LOW) - 2**31
     return (p * generators[0] + q * generators[2]) >> 32, (p * generators[1] + q * generators[3]) >> 32

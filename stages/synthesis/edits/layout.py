@@ -64,7 +64,7 @@ class LayoutParams(Params):
 
 
 @dataclasses.dataclass(frozen=True)
-class Layout:
+class CollageLayout:
     """What the optimisation takes to rectify the collage."""
 
     image: Image
@@ -119,7 +119,7 @@ def layout(
     rng: np.random.Generator,
     pieces: Int32[np.ndarray, "H W"] | None = None,
     generators: Vectors | None = None,
-) -> Layout:
+) -> CollageLayout:
     """Find the joints of a collage, and decide by ``strength`` what of it is kept and how the rest is guided.
 
     Each patch of the collage is searched in the exemplar. Where it is there, it lies inside a piece; where it is
@@ -177,7 +177,7 @@ def layout(
     guide[: image.height, : image.width], guide[corner[0] :, corner[1] :][: layout.height] = own, target
     if laid is not None:
         target = np.where(laid[..., None], target, np.float32(np.nan))
-    return Layout(joined, start.astype(np.uint32), keep, joints, lattice, guide, target)
+    return CollageLayout(joined, start.astype(np.uint32), keep, joints, lattice, guide, target)
 
 
 def _found(

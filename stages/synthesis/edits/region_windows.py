@@ -12,7 +12,7 @@ from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
 
 @dataclasses.dataclass(frozen=True)
-class Window:
+class RegionWindow:
     """A rectangle of a picture, which may continue across its borders."""
 
     rows: Int64[np.ndarray, "m"]
@@ -27,7 +27,7 @@ class Window:
         return np.ix_(self.rows, self.columns)
 
 
-def windows(region: Mask, margin: int, wrap: Wraps) -> list[tuple[Window, Bool[np.ndarray, "m n"]]]:
+def windows(region: Mask, margin: int, wrap: Wraps) -> list[tuple[RegionWindow, Bool[np.ndarray, "m n"]]]:
     """Windows that contain all of a region, and the part of the region in each; parts are disjoint.
 
     Parameters
@@ -44,7 +44,7 @@ def windows(region: Mask, margin: int, wrap: Wraps) -> list[tuple[Window, Bool[n
         for axis in (0, 1):
             if around[axis]:
                 lines[axis] = np.arange(region.shape[axis])
-        window = Window(lines[0], lines[1], around)
+        window = RegionWindow(lines[0], lines[1], around)
         made.append((window, part[window.at]))
     return made
 

@@ -15,7 +15,7 @@ from texloom.stages.numerics.matrices import matrix_product
 from texloom.stages.synthesis.edits.block_filling import BlockFilling
 from texloom.stages.synthesis.edits.block_guide import BlockGuide
 from texloom.stages.synthesis.edits.gradient_domain import GradientDomainParams, gradient_domain
-from texloom.stages.synthesis.edits.region_windows import Window, windows
+from texloom.stages.synthesis.edits.region_windows import RegionWindow, windows
 from texloom.stages.synthesis.edits.tracing import continued, trace
 from texloom.stages.synthesis.optimisation.inputs import check_patches
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
@@ -443,7 +443,7 @@ def revise(
     return Revised(made, ~marked, detail, np.ascontiguousarray(~marked[box]), sources)
 
 
-def _around(parts: list[Window]) -> tuple[slice, slice]:
+def _around(parts: list[RegionWindow]) -> tuple[slice, slice]:
     """The smallest rectangle that contains all windows."""
     rows, columns = (np.concatenate([getattr(one, axis) for one in parts]) for axis in ("rows", "columns"))
     return slice(int(rows.min()), int(rows.max()) + 1), slice(int(columns.min()), int(columns.max()) + 1)

@@ -43,7 +43,7 @@ class WholeParts:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Piece:
+class _PartBox:
     """A rectangle of the exemplar around a part."""
 
     top: int
@@ -125,7 +125,7 @@ class _Laying:
         edge = _EDGE * shape
         crosses = [axis for axis in (0, 1) if first[axis] <= edge[axis] and last[axis] >= (shape - edge)[axis]]
         low, high = np.maximum(first - self.ring, 0), np.minimum(last + self.ring, shape)
-        piece = _Piece(*(int(value) for value in (*low, *(high - low))))
+        piece = _PartBox(*(int(value) for value in (*low, *(high - low))))
         wanted = np.rint((first + last) / 2 / shape * self.size - (first + last) / 2 + low).astype(np.int64)
         if len(crosses) != 1:
             inner = np.clip(wanted, 0, np.maximum(self.size - (high - low), 0))
@@ -148,7 +148,7 @@ class _Laying:
             wanted[1 - axis] += round(ended - begun)
 
     def _best(
-        self, part: Mask, piece: _Piece, wanted: Int64[np.ndarray, "2"], axis: int | None, before: int
+        self, part: Mask, piece: _PartBox, wanted: Int64[np.ndarray, "2"], axis: int | None, before: int
     ) -> np.ndarray:
         """The place near the wanted one at which the piece differs least from what is there."""
         inside = part[piece.top : piece.top + piece.height, piece.left : piece.left + piece.width]
@@ -178,7 +178,7 @@ class _Laying:
                     best, least = wanted + np.array([down, across]), float(cost)
         return np.asarray(best)
 
-    def _put(self, part: Mask, piece: _Piece, place: np.ndarray, axis: int | None, before: int) -> None:
+    def _put(self, part: Mask, piece: _PartBox, place: np.ndarray, axis: int | None, before: int) -> None:
         """Copy the piece inside the minimum cut through its ring."""
         low = np.maximum(place, 0)
         high = np.minimum(place + piece.size, self.size)

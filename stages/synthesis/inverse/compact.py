@@ -17,7 +17,7 @@ from texloom.stages.common.similarity.neighbourhoods import Rectangles, inside_a
 from texloom.stages.common.source_maps.origins import Origin, origin_of
 from texloom.stages.synthesis.control_maps.coarse_level import Guide
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
-from texloom.stages.synthesis.inverse.level import Level, Matching, Source, Tree, nearest_in
+from texloom.stages.synthesis.inverse.level import Matching, Source, TextureLevel, Tree, nearest_in
 from texloom.stages.synthesis.inverse.start import QUICK, crop, starts
 from texloom.stages.synthesis.inverse.summary import Copied, level_count, outlines, size_check, square_of_share
 from texloom.stages.vocabulary.arrays import Correspondence, Image, ScalarMap
@@ -264,21 +264,23 @@ class _Compactor:
         assert source is not None
         return source, matching.use(), energy
 
-    def _level(self, level: int) -> Level:
+    def _level(self, level: int) -> TextureLevel:
         shape = halved_size(self.shape, self.levels - level)
-        return Level(
+        return TextureLevel(
             resize(self.features, *shape), self.neighbourhood, self.spacing,
             self.tree if level == self.levels else None,
             TsvqParams(neighbourhood=self.neighbourhood, max_samples=_COARSE_SAMPLES),
             KCoherenceParams(k=self.tree.candidates.shape[2]), inside_at(self.inside, *shape),
         )  # fmt: skip
 
-    def _starts(self, data: Level, size: tuple[int, int], rng: np.random.Generator) -> list[Source]:
+    def _starts(self, data: TextureLevel, size: tuple[int, int], rng: np.random.Generator) -> list[Source]:
         params = self.params
         seams = self.seams if params.start_seams is None else params.start_seams
         return starts(data, size, params.block, params.start, seams, params.proportion, params.tileable, rng)
 
-    def _solve_best(self, data: Level, sources: list[Source], level: int) -> tuple[Matching, list[dict[str, Any]]]:
+    def _solve_best(
+        self, data: TextureLevel, sources: list[Source], level: int
+    ) -> tuple[Matching, list[dict[str, Any]]]:
         """The solution of least exact energy from one of ``sources``, and its iterations."""
         before, after = self.progress[level - 1 : level + 1]
         share = float(after - before) / len(sources)
@@ -292,7 +294,7 @@ class _Compactor:
         return min(solved, key=lambda one: one[0])[1:]
 
     def _unless_crop(
-        self, data: Level, matching: Matching, iterations: list[dict[str, Any]]
+        self, data: TextureLevel, matching: Matching, iterations: list[dict[str, Any]]
     ) -> tuple[Matching, list[dict[str, Any]]]:
         """The solution, or the one that begins with the best crop if a crop has a lower inverse energy.
 
@@ -318,7 +320,7 @@ class _Compactor:
         return start, iterations
 
     def _matching(
-        self, data: Level, source: Source, seams: float | None = None, wrap: bool | None = None
+        self, data: TextureLevel, source: Source, seams: float | None = None, wrap: bool | None = None
     ) -> Matching:
         """See `Matching`; seam weight and topology are those of the params where None."""
         params = self.params

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float32, Int16
 
 from texloom.stages.common.similarity.neighbourhoods import UNIT, Components, fixed_point, places, whole, windows
 from texloom.stages.kernels.core.vector_size import DIMENSIONS
-from texloom.stages.synthesis.inverse.level import Level, nearest
+from texloom.stages.synthesis.inverse.level import TextureLevel, nearest
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class ExactEnergy:
         self._hold(pixels, components, valid, samples)
 
     @classmethod
-    def of_level(cls, level: Level, samples: int) -> "ExactEnergy":
+    def of_level(cls, level: TextureLevel, samples: int) -> "ExactEnergy":
         """That of summaries of a texture whose neighbourhoods are known."""
         energy = cls.__new__(cls)
         energy._hold(level.pixels, level.components, level.tree.leaf >= 0, samples)

@@ -35,7 +35,7 @@ class Tree:
     candidates: Candidates
 
 
-class Level:
+class TextureLevel:
     """A texture at one resolution.
 
     Parameters
@@ -152,7 +152,7 @@ class Matching:
 
     def __init__(
         self,
-        level: Level,
+        level: TextureLevel,
         source: Source,
         alpha: float,
         seams: float,
@@ -196,17 +196,17 @@ class Matching:
     @property
     def _of_texture(self) -> Any:
         """The texture's neighbourhoods, with matches in the compaction."""
-        from texloom.stages.kernels.compaction.solver import Neighbourhoods
+        from texloom.stages.kernels.compaction.solver import MatchedNeighbourhoods
 
         level = self.level
-        return Neighbourhoods(level.shape, level.pixels, self.values, level.step)
+        return MatchedNeighbourhoods(level.shape, level.pixels, self.values, level.step)
 
     @property
     def _of_compaction(self) -> Any:
         """The compaction's neighbourhoods, with matches in the texture."""
-        from texloom.stages.kernels.compaction.solver import Neighbourhoods
+        from texloom.stages.kernels.compaction.solver import MatchedNeighbourhoods
 
-        return Neighbourhoods(self.level.shape, self.values, self.level.pixels, 1)
+        return MatchedNeighbourhoods(self.level.shape, self.values, self.level.pixels, 1)
 
     def match_inverse(self, proposed: Places) -> None:
         """Keep the better of the inverse match and ``proposed``, and let neighbours propose their continuation."""
@@ -313,12 +313,12 @@ class Matching:
 
     def choose(self) -> int:
         """Copy to every pixel the candidate that lowers the energy most; the number of pixels that changed."""
-        from texloom.stages.kernels.compaction.solver import Objective, Texture, choose_pixels
+        from texloom.stages.kernels.compaction.solver import CompactionSource, Objective, choose_pixels
 
         level, new = self.level, self.source.copy()
         wanted, weights = self.mean_votes()
         seam_weight = np.float32(self.seams * level.size**2 / (2 * weights.size))
-        texture = Texture(level.pixels, level.inside, level.tree.candidates, level.size)
+        texture = CompactionSource(level.pixels, level.inside, level.tree.candidates, level.size)
         stale = (np.abs(wanted - self._wanted) > _NEGLIGIBLE * UNIT).any(axis=2)
         self._active |= stale | (np.abs(weights - self._weights) > _SIMILAR * weights)
         self._wanted[self._active], self._weights[self._active] = wanted[self._active], weights[self._active]

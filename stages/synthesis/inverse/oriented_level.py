@@ -53,10 +53,10 @@ class OrientedLevel:
 
     def set_orientation(self, angle: ScalarMap) -> None:
         """Replace the orientation field and search all matches again."""
-        from texloom.stages.kernels.compaction.oriented import Texture, oriented_windows, sample_sources
+        from texloom.stages.kernels.compaction.oriented import OrientedTexture, oriented_windows, sample_sources
 
         self.angle = np.ascontiguousarray(angle)
-        self.texture = Texture(self.pixels, self.channels, self.angle)
+        self.texture = OrientedTexture(self.pixels, self.channels, self.angle)
         run_spans(sample_sources, (self.texture, self.source, self.values), len(self.values), _PIECES)
         place_angles = self.angle[self.places[:, 0], self.places[:, 1]]
         self.windows = np.empty((len(self.places), self.size**2 * self.channels), np.int16)

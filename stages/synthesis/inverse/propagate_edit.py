@@ -14,7 +14,7 @@ from texloom.stages.analysis.similarity.tsvq import Leaf, Nodes, TsvqParams
 from texloom.stages.common.features.control import check_finite, from_painted, painted_values
 from texloom.stages.common.similarity.neighbourhoods import inside_of
 from texloom.stages.numerics.matrices import row_product
-from texloom.stages.synthesis.inverse.level import Level, Matching, Tree
+from texloom.stages.synthesis.inverse.level import Matching, TextureLevel, Tree
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Params, stage
@@ -113,7 +113,7 @@ def propagate_edit(
     delta = painted_values(whole) - painted_values(compaction)
     delta[~changed] = 0
     size = texture.height - leaf.shape[0] + 1
-    level = Level(
+    level = TextureLevel(
         features, size, 1, Tree(nodes, leaf, candidates), TsvqParams(neighbourhood=size),
         KCoherenceParams(k=candidates.shape[2]), inside_of(None, texture.height, texture.width),
     )  # fmt: skip
@@ -128,7 +128,7 @@ def propagate_edit(
 
 
 def _votes(
-    level: Level,
+    level: TextureLevel,
     source: Correspondence,
     delta: Float32[np.ndarray, "H W c"],
     changed: Bool[np.ndarray, "H W"],

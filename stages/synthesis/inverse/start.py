@@ -13,7 +13,7 @@ from texloom.stages.kernels.core.threads import run_all, spans
 from texloom.stages.numerics.matrices import row_product
 from texloom.stages.synthesis.inverse.crops import best_corner
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
-from texloom.stages.synthesis.inverse.level import Level, Source
+from texloom.stages.synthesis.inverse.level import Source, TextureLevel
 from texloom.stages.synthesis.stitching.cuts import Strips, laid_over
 from texloom.stages.vocabulary.declare import InputError
 
@@ -27,7 +27,7 @@ _RESTARTS = 16  # greedy choices, each from another first block: the best next b
 
 
 def starts(
-    level: Level,
+    level: TextureLevel,
     size: tuple[int, int],
     block: int,
     method: Literal["best", "cover", "random"],
@@ -44,7 +44,9 @@ def starts(
     return [laid] if cropped is None else [laid, cropped]
 
 
-def crop(level: Level, size: tuple[int, int], wrap: bool, effort: tuple[int, int, int] = QUICK) -> Source | None:
+def crop(
+    level: TextureLevel, size: tuple[int, int], wrap: bool, effort: tuple[int, int, int] = QUICK
+) -> Source | None:
     """The crop of lowest inverse energy; None where there is none of that size in a single texture.
 
     With ``wrap`` the crop is larger by a margin, and cut where its ends meet. For the rest see `best_corner`.
@@ -70,7 +72,7 @@ def crop(level: Level, size: tuple[int, int], wrap: bool, effort: tuple[int, int
 
 
 def laid_blocks(
-    level: Level,
+    level: TextureLevel,
     size: tuple[int, int],
     block: int,
     method: Literal["cover", "random"],
@@ -234,7 +236,7 @@ class _GreedyChoice:
 
 
 def _cluster_shares(
-    level: Level, candidates: Int64[np.ndarray, "blocks 2"], shape: tuple[int, int]
+    level: TextureLevel, candidates: Int64[np.ndarray, "blocks 2"], shape: tuple[int, int]
 ) -> tuple[np.ndarray, Float64[np.ndarray, "blocks kinds"]]:
     """Shares of `_KINDS` clusters in the texture, (kinds,), and in each block."""
     valid = level.tree.leaf >= 0
@@ -251,7 +253,7 @@ def _cluster_shares(
 
 
 def _distances(
-    level: Level, candidates: Int64[np.ndarray, "blocks 2"], shape: tuple[int, int]
+    level: TextureLevel, candidates: Int64[np.ndarray, "blocks 2"], shape: tuple[int, int]
 ) -> Float64[np.ndarray, "clusters blocks"]:
     """Share of each cluster in the inverse term if the compaction consisted of one block alone."""
     centres, cluster = level.centres(_CLUSTERS)

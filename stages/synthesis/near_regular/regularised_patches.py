@@ -156,15 +156,15 @@ def _sampled(
     displacement: Float64[np.ndarray, "H W 2"],
 ) -> tuple[Float32[np.ndarray, "H W c"], Correspondence]:
     from texloom.stages.kernels.core.threads import run_all, spans
-    from texloom.stages.kernels.lattice.textons import Lattice, Textons, lay_textons
+    from texloom.stages.kernels.lattice.textons import LatticeNodes, TextonPlaces, lay_textons
 
     height, width = lattice.size
     pixels = np.zeros((height * width, len(image.channels)), np.float32)
     match = np.zeros((height * width, 2), np.uint32)
     places = np.ascontiguousarray(np.moveaxis(np.indices(lattice.size), 0, -1) + displacement).reshape(-1, 2)
     fixed = (
-        Lattice(inverse_of(lattice.generators), np.zeros(2), lattice.first, lattice.ids),
-        Textons(
+        LatticeNodes(inverse_of(lattice.generators), np.zeros(2), lattice.first, lattice.ids),
+        TextonPlaces(
             textons.places[chosen], textons.generators, textons.origin, textons.blend.cells, textons.blend.weights
         ),
     )

@@ -54,27 +54,27 @@ class Bidirectional(PlainTexture):
     part of completeness in it; share of target patches changed in the last iteration"""
 
 
-class _State(NamedTuple):
+class _Matches(NamedTuple):
     """What changes at a scale."""
 
     match: Patches
     reverse: ReversePatches
 
 
-class _Optimisation(PlainOptimisation[BidirectionalParams]):
+class _BidirectionalOptimisation(PlainOptimisation[BidirectionalParams]):
     """The iterations at a scale."""
 
     saved: ClassVar = BidirectionalScale
 
-    def begun(self, scale: PatchScale, before: _State | None, random: np.random.Generator) -> _State:
+    def begun(self, scale: PatchScale, before: _Matches | None, random: np.random.Generator) -> _Matches:
         """Both matches of the scale before; of the first scale that of the start, and random ones."""
         match = self.match_at(scale, None if before is None else before.match)
         if before is None:
             reverse = np.stack([random.integers(0, count, scale.places, np.int32) for count in scale.patches])
-            return _State(match, reverse)
-        return _State(match, correspondence.rescale(before.reverse, scale.places, scale.patches, scale.growth))
+            return _Matches(match, reverse)
+        return _Matches(match, correspondence.rescale(before.reverse, scale.places, scale.patches, scale.growth))
 
-    def rounds(self, state: _State, scale: PatchScale, random: np.random.Generator) -> Rounds:
+    def rounds(self, state: _Matches, scale: PatchScale, random: np.random.Generator) -> Rounds:
         """Improve both matches in place at one scale, iteration by iteration.
 
         At the first scale the reverse ones are random, and do not vote before their first search.
@@ -101,7 +101,7 @@ class _Optimisation(PlainOptimisation[BidirectionalParams]):
             yield (1 - params.completeness) * coherence + completeness, completeness, changed
             target = vote(params.completeness)
 
-    def picture(self, state: _State, scale: PatchScale) -> Image:
+    def picture(self, state: _Matches, scale: PatchScale) -> Image:
         """The result at a scale: all channels, linear."""
         pixels = bidirectional_vote(
             *state, self.scaled_exemplar(scale), self.final, self.params.completeness,
@@ -109,15 +109,15 @@ class _Optimisation(PlainOptimisation[BidirectionalParams]):
         )  # fmt: skip
         return result_image(pixels, self.image)
 
-    def save(self, state: _State, scale: PatchScale, scales: list[dict[str, Any]]) -> BidirectionalScale:
+    def save(self, state: _Matches, scale: PatchScale, scales: list[dict[str, Any]]) -> BidirectionalScale:
         """A checkpoint."""
         return BidirectionalScale(
             to_layers(state.match), to_layers(state.reverse), self.picture(state, scale), scales
         )
 
-    def restored(self, saved: BidirectionalScale) -> _State:
+    def restored(self, saved: BidirectionalScale) -> _Matches:
         """The state of a checkpoint."""
-        return _State(from_layers(saved.match), from_layers(saved.reverse))
+        return _Matches(from_layers(saved.match), from_layers(saved.reverse))
 
 
 def _places(scale: PatchScale) -> Bool[np.ndarray, "h_places w_places"] | None:
@@ -168,7 +168,7 @@ def bidirectional(
     """
     check_start(image, start)
     scales = patch_scales(image, start, params)
-    optimisation = _Optimisation(image, start, params)
+    optimisation = _BidirectionalOptimisation(image, start, params)
     state, done = coarse_to_fine(optimisation, scales, rng.spawn(len(scales)), params.tolerance, checkpoints)
     whole = optimisation.picture(state, scales[-1])
     return Bidirectional.cropped(whole, state.match, image, params, done)

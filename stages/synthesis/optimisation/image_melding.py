@@ -69,7 +69,7 @@ class _State:
         self.target = target
 
 
-class _Optimisation(PlainOptimisation[ImageMeldingParams]):
+class _MeldingOptimisation(PlainOptimisation[ImageMeldingParams]):
     """The iterations at a scale."""
 
     saved: ClassVar = ImageMeldingScale
@@ -171,7 +171,7 @@ def image_melding(
     """
     check_start(image, start)
     scales = patch_scales(image, start, params)
-    optimisation = _Optimisation(image, start, params)
+    optimisation = _MeldingOptimisation(image, start, params)
     state, done = coarse_to_fine(optimisation, scales, rng.spawn(len(scales)), params.tolerance, checkpoints)
     whole = optimisation.picture(state, scales[-1])
     return ImageMelding.cropped(whole, state.match, image, params, done)

@@ -134,8 +134,8 @@ class Search:
         energy per patch and the occurrence penalty in it, CIELAB units squared; share of changed matches.
         """
         from texloom.stages.kernels.patchmatch.search import (
-            Exemplar,
             Scan,
+            SearchedExemplar,
             Target,
             count_moves,
             match_distances,
@@ -165,7 +165,7 @@ class Search:
                 self._set_penalties()
                 if number == 0:
                     unused = self._little_used() if fills else (np.zeros(1, np.int32),) * 2
-                exemplar = Exemplar(
+                exemplar = SearchedExemplar(
                     self.exemplar, self.penalty, np.int64(round(self.penalty_per_use)),
                     np.int64(self.penalty_limit), *unused,
                 )  # fmt: skip

@@ -102,7 +102,7 @@ class Melding:
         -------
         energy per patch, CIELAB units squared; 0; share of changed matches.
         """
-        from texloom.stages.kernels.patchmatch.gain_bias import Scan, fitted_distances, fitted_sweep
+        from texloom.stages.kernels.patchmatch.gain_bias import GainBiasScan, fitted_distances, fitted_sweep
 
         row, column = match
         own = self._side(target, self.wrap)
@@ -113,7 +113,7 @@ class Melding:
         radius, tries, total = max(self.allowed.shape), effort.tries, 0
         forward = bool(random.integers(2))
         for _ in range(effort.sweeps):
-            scan = Scan(forward, self.wrap, radius, tries, random.integers(2**64, dtype=np.uint64))
+            scan = GainBiasScan(forward, self.wrap, radius, tries, random.integers(2**64, dtype=np.uint64))
             changed = 0
             for phase in phases:
                 calls = [(*shared, self.allowed, scan, *span) for span in phase]

@@ -17,7 +17,7 @@ from texloom.stages.common.per_pixel.levels import (
 from texloom.stages.common.per_pixel.tables import Tables
 from texloom.stages.common.surface.texels import Texels
 from texloom.stages.kernels.core.threads import run_spans, thread_count
-from texloom.stages.kernels.per_pixel.arguments import Bonuses, Distortion, LevelState, Pieces, Repetition
+from texloom.stages.kernels.per_pixel.arguments import Bonuses, Distortion, LevelState, PhaseMaps, Pieces
 from texloom.stages.vocabulary.progress import Progress, report
 
 _STRIP = 2**14  # texels of a strip, about
@@ -51,7 +51,7 @@ class SurfaceLevels:
         style: Style,
         texels: list[Texels],
         control: Float32[np.ndarray, "H W k"] | None,
-        repetition: Repetition = NO_REPETITION,
+        repetition: PhaseMaps = NO_REPETITION,
     ):
         self.tables, self.style, self.repetition = tables, style, repetition
         self.levels = []

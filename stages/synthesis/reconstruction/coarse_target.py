@@ -18,7 +18,7 @@ from texloom.stages.common.grids.pyramid import resize, scaled
 from texloom.stages.synthesis.control_maps.coarse_level import Guide, TargetGuide
 from texloom.stages.synthesis.control_maps.joint_upsampling import along_control
 from texloom.stages.synthesis.reconstruction.reconstruct import ReconstructParams, solved
-from texloom.stages.synthesis.reconstruction.solvers import Inputs
+from texloom.stages.synthesis.reconstruction.solvers import SolverInputs
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import lab_from_linear, linear_from_lab
 from texloom.stages.vocabulary.declare import Params, stage
@@ -96,7 +96,7 @@ def coarse_target(
         return CoarseTarget(None, None)
     colours = Image(linear_from_lab(resize(guide, height, width)), ("R", "G", "B"))
     own, wanted = resize_control(control, height, width), resize_control(matched, *small)
-    inputs = Inputs.of(colours, own, wanted, fit_scale(colours, own, CONTROL_WEIGHT), small)
+    inputs = SolverInputs.of(colours, own, wanted, fit_scale(colours, own, CONTROL_WEIGHT), small)
     options = ReconstructParams(patch_size=_PATCH, coarsest=8, tileable=params.tileable)
     made, source, _ = solved(inputs, options, rng)
     scale = fit_scale(texture, control, CONTROL_WEIGHT)

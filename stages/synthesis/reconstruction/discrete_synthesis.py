@@ -43,7 +43,7 @@ Sources: TypeAlias = Int32[np.ndarray, "H W 2"] | Float32[np.ndarray, "H W 2"]
 
 
 @dataclass(frozen=True)
-class Neighbourhoods:
+class ScaledExemplar:
     """An exemplar at one scale, as the search sees it."""
 
     texture: Float32[np.ndarray, "h w c"]
@@ -57,8 +57,8 @@ class Neighbourhoods:
         cls,
         texture: Float32[np.ndarray, "h w c"],
         control: Float32[np.ndarray, "h w k"],
-        coarser: "Neighbourhoods | None",
-    ) -> "Neighbourhoods":
+        coarser: "ScaledExemplar | None",
+    ) -> "ScaledExemplar":
         """Principal components of the neighbourhoods, and candidates that are similar in them.
 
         Candidates are searched, or taken over from the next ``coarser`` scale.
@@ -125,7 +125,7 @@ class DiscreteSolver:
 
     def __init__(
         self,
-        exemplar: Neighbourhoods,
+        exemplar: ScaledExemplar,
         control: Float32[np.ndarray, "H W k"],
         occurrence: float,
         wrap: Wraps,
@@ -191,7 +191,7 @@ class DiscreteSolver:
         energy and, of it, the occurrence penalty, CIELAB units squared, means of those pixels that chose; share of
         the pixels that changed.
         """
-        from texloom.stages.kernels.kcoherence.discrete_pixels import Subpass
+        from texloom.stages.kernels.kcoherence.discrete_pixels import ParityPass
 
         before = source.copy()
         parts: list[tuple[int, int, int]] = []
@@ -199,7 +199,7 @@ class DiscreteSolver:
             penalty = self._penalty(source)
             new = source.copy()
             key = random.integers(2**64, dtype=np.uint64)
-            subpass = Subpass(parity, tries, self.seam_penalty, edges_only, self.wrap, key)
+            subpass = ParityPass(parity, tries, self.seam_penalty, edges_only, self.wrap, key)
             kernel, exemplar = self._kernel(penalty, source)
             arguments = (source, new, self.control, *exemplar, subpass)
             parts += run_spans(kernel, arguments, source.shape[0], _PIECES)
@@ -215,10 +215,14 @@ class DiscreteSolver:
 
     def _kernel(self, penalty: np.ndarray, source: Sources) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         """The kernel, and its arguments between the target's control and the subpass."""
-        from texloom.stages.kernels.kcoherence.discrete_pixels import Exemplar, Repeats, choose_sources
+        from texloom.stages.kernels.kcoherence.discrete_pixels import (
+            ExemplarNeighbourhoods,
+            Repeats,
+            choose_sources,
+        )
 
         own = self.exemplar
-        exemplar = Exemplar(own.texture, own.vectors, own.basis, own.candidates, penalty, _RADIUS)
+        exemplar = ExemplarNeighbourhoods(own.texture, own.vectors, own.basis, own.candidates, penalty, _RADIUS)
         used = self._places[source[..., 0], source[..., 1]]
         for axis, around in enumerate(self.wrap):
             beyond = [(_REPEAT_REACH, _REPEAT_REACH) if axis == side else (0, 0) for side in (0, 1)]
@@ -232,7 +236,7 @@ class OrientedDiscreteSolver(DiscreteSolver):
 
     def __init__(
         self,
-        exemplar: Neighbourhoods,
+        exemplar: ScaledExemplar,
         control: Float32[np.ndarray, "H W k"],
         occurrence: float,
         wrap: Wraps,
@@ -255,10 +259,10 @@ class OrientedDiscreteSolver(DiscreteSolver):
 
     def _kernel(self, penalty: np.ndarray, source: Sources) -> tuple[Callable[..., Any], tuple[Any, ...]]:  # noqa: ARG002
         """See `DiscreteSolver`; repeats are not penalised."""
-        from texloom.stages.kernels.kcoherence.discrete_pixels import Exemplar
+        from texloom.stages.kernels.kcoherence.discrete_pixels import ExemplarNeighbourhoods
         from texloom.stages.kernels.kcoherence.oriented_discrete import Orientation, choose_oriented_sources
 
         candidates = self.exemplar.candidates
-        exemplar = Exemplar(self.texture, self.vectors, self.basis, candidates, penalty, _RADIUS)
+        exemplar = ExemplarNeighbourhoods(self.texture, self.vectors, self.basis, candidates, penalty, _RADIUS)
         orientation = Orientation(self.frames.jacobian, self.frames.inverse, _MERGE_DISTANCE)
         return choose_oriented_sources, (exemplar, orientation)

@@ -28,14 +28,14 @@ from texloom.stages.synthesis.optimisation.match_search import Effort
 from texloom.stages.synthesis.optimisation.presets import with_preset
 from texloom.stages.synthesis.optimisation.scale import Rounds, Scale
 from texloom.stages.synthesis.reconstruction.solvers import (
-    Guides,
-    Inputs,
+    ColorGuides,
+    ControlledRepetition,
     Match,
     OrientedSolver,
     PatchSolver,
     PixelSolver,
-    Repetition,
     Solver,
+    SolverInputs,
     nearest,
 )
 from texloom.stages.vocabulary.arrays import Channels, Correspondence, Image, Jacobian, ScalarMap, Vectors
@@ -271,7 +271,7 @@ def reconstruct(
     scale = fit_scale(image, control, params.control_weight)
     repetition = None
     if generators is not None and len(generators) == 2 and control is not None and target_jacobian is None:
-        repetition = Repetition(generators, source, params.tileable)
+        repetition = ControlledRepetition(generators, source, params.tileable)
     planes = scale.planes + (0 if exemplar_guide is None else exemplar_guide.shape[2])
     if planes * params.patch_size > MAX_ROW_VALUES:
         raise InputError(
@@ -279,10 +279,10 @@ def reconstruct(
             f"at most {MAX_ROW_VALUES // params.patch_size} do"
         )
     pair = guides_of(shape, exemplar_guide, target_guide)
-    guides = None if pair is None else Guides(*pair)
+    guides = None if pair is None else ColorGuides(*pair)
     if use is not None and use.shape != shape:
         raise ValueError(f"use of shape {use.shape} for an exemplar of {shape}")
-    inputs = Inputs.of(image, control, target, scale, size, use, image.wraps.both, repetition, guides)
+    inputs = SolverInputs.of(image, control, target, scale, size, use, image.wraps.both, repetition, guides)
     share = 0.0
     notes: list[str] = []
     if control is not None and target is not None:
@@ -302,7 +302,7 @@ def reconstruct(
 
 
 def solved(
-    inputs: Inputs,
+    inputs: SolverInputs,
     params: ReconstructParams,
     rng: np.random.Generator,
     start: Correspondence | None = None,
@@ -368,7 +368,7 @@ class _Reconstruction:
 
 
 def _solvers(
-    inputs: Inputs, scales: list[Scale], params: ReconstructParams, jacobian: Jacobian | None
+    inputs: SolverInputs, scales: list[Scale], params: ReconstructParams, jacobian: Jacobian | None
 ) -> list[Solver]:
     """The solver of each scale; the oriented discrete one if ``jacobian`` is given."""
     shared = (inputs, params.patch_size, params.tileable, params.occurrence)

@@ -22,8 +22,8 @@ from texloom.stages.synthesis.optimisation.vote import copy_vote, mean_vote, vot
 from texloom.stages.synthesis.reconstruction.discrete_synthesis import (
     LARGEST,
     DiscreteSolver,
-    Neighbourhoods,
     OrientedDiscreteSolver,
+    ScaledExemplar,
     Sources,
 )
 from texloom.stages.synthesis.reconstruction.expected_use import expected_use
@@ -43,7 +43,7 @@ Match: TypeAlias = Int32[np.ndarray, "2 _ _"] | Float32[np.ndarray, "2 _ _"]
 """where in the exemplar each patch or pixel of the result comes from: a patch or pixel, or between pixels"""
 
 
-class Repetition(NamedTuple):
+class ControlledRepetition(NamedTuple):
     """The repetition of a regular texture under control; see `phase_planes`."""
 
     generators: Vectors
@@ -51,7 +51,7 @@ class Repetition(NamedTuple):
     wrap: Wraps
 
 
-class Guides(NamedTuple):
+class ColorGuides(NamedTuple):
     """Colours that a result is to have in the mean, CIELAB, beside what control asks for."""
 
     exemplar: Guide
@@ -61,7 +61,7 @@ class Guides(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Inputs:
+class SolverInputs:
     """An exemplar, its control, and the control that the result is to have: planes in CIELAB units, full size."""
 
     image: Image
@@ -89,9 +89,9 @@ class Inputs:
         size: tuple[int, int],
         use: Float32[np.ndarray, "h w"] | None = None,
         toroidal: bool = False,
-        repetition: Repetition | None = None,
-        guides: Guides | None = None,
-    ) -> "Inputs":
+        repetition: ControlledRepetition | None = None,
+        guides: ColorGuides | None = None,
+    ) -> "SolverInputs":
         """The planes for a result of height and width ``size``; no planes of control where there is none."""
 
         def planes(control: Image | None, size: tuple[int, int]) -> np.ndarray:
@@ -147,7 +147,7 @@ class Inputs:
 class Solver:
     """Representation of the result between scales, and its improvement at one."""
 
-    inputs: Inputs
+    inputs: SolverInputs
     patch_size: int
     """side of a patch, px; with single pixels, of the blocks that the result begins with"""
     wrap: Wraps
@@ -269,7 +269,7 @@ class PixelSolver(Solver):
     """random places that a pixel tries, but at the last scale"""
     scales: Sequence[Scale]
     """all of the run"""
-    neighbourhoods: dict[int, Neighbourhoods] = field(default_factory=dict, init=False)
+    neighbourhoods: dict[int, ScaledExemplar] = field(default_factory=dict, init=False)
     """the exemplar at the current scale"""
 
     def rounds(self, match: Match, scale: Scale, random: np.random.Generator) -> Rounds:
@@ -294,14 +294,14 @@ class PixelSolver(Solver):
         use, period = self.inputs.use_at(scale), self.inputs.period(scale)
         return DiscreteSolver(exemplar, control, self.occurrence, self.wrap, use, period)
 
-    def _neighbourhoods(self, scale: Scale) -> Neighbourhoods:
+    def _neighbourhoods(self, scale: Scale) -> ScaledExemplar:
         """The exemplar at a scale, cached for the next one."""
         if scale.level not in self.neighbourhoods:
             coarser = None
             if scale.level > 1 and scale.exemplar[0] * scale.exemplar[1] > LARGEST:
                 coarser = self._neighbourhoods(self.scales[scale.level - 2])
             texture, control = (resize(p, *scale.exemplar) for p in (self.inputs.texture, self.inputs.control))
-            self.neighbourhoods = {scale.level: Neighbourhoods.of(texture, control, coarser)}
+            self.neighbourhoods = {scale.level: ScaledExemplar.of(texture, control, coarser)}
         return self.neighbourhoods[scale.level]
 
     def picture(self, match: Match, scale: Scale) -> tuple[Image, Correspondence]:

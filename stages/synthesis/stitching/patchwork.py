@@ -332,13 +332,13 @@ class Patchwork:
 
     def _resynthesise(self, order: Int64[np.ndarray, "n 2"]) -> None:
         """Resynthesise pixels one by one from the sources of their neighbours and similar places."""
-        from texloom.stages.kernels.kcoherence.coherent_pixels import Exemplar, Result, resynthesise
+        from texloom.stages.kernels.kcoherence.coherent_pixels import CopySource, PartialResult, resynthesise
 
         params = self.params
         if self._similar is None:
             self._similar = SimilarPlaces(self.features, params.similar - 1)
-        exemplar = Exemplar(self.features, self.source, self._similar.places, self.nearest_valid)
-        result = Result(self.canvas, self.pixels, self.match, self.valid)
+        exemplar = CopySource(self.features, self.source, self._similar.places, self.nearest_valid)
+        result = PartialResult(self.canvas, self.pixels, self.match, self.valid)
         done = 0
         while done < len(order):
             done, row, column = resynthesise(

@@ -71,7 +71,7 @@ def small_result(image: Image, pixels: int) -> float:
     return math.sqrt(min(1.0, pixels / usable))
 
 
-class Synthesis:
+class TileSynthesis:
     """The main method on one exemplar, which continues what is fixed.
 
     Parameters

@@ -17,7 +17,7 @@ from texloom.stages.kernels.core.elementary_functions import log
 from texloom.stages.numerics.matrices import matrix_product, pseudo_inverse
 from texloom.stages.synthesis.tiles.border_waves import BorderWaves
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, band_points
-from texloom.stages.synthesis.tiles.tile_synthesis import Synthesis, WangParams
+from texloom.stages.synthesis.tiles.tile_synthesis import TileSynthesis, WangParams
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import InputError, Outline, stage
 from texloom.stages.vocabulary.progress import part
@@ -205,7 +205,7 @@ def wang_borders(
     corners, numbers = layout.band
     # Of a band only what is near its line is used. Cells of a lattice and even use need whole tiles.
     height = tile if materials is None else min(tile, 2 * _reach(tile, border) + 2 * params.patch_size)
-    synthesis = Synthesis(
+    synthesis = TileSynthesis(
         image, guidance, weight, generators, tile, border, params, materials,
         kind=layout.kind, pixels=len(numbers) * tile * height,
     )  # fmt: skip

@@ -16,7 +16,7 @@ from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.synthesis.tiles.border_waves import BorderWaves
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, edges_shown, material_points
-from texloom.stages.synthesis.tiles.tile_synthesis import Synthesis, Torus, WangParams
+from texloom.stages.synthesis.tiles.tile_synthesis import TileSynthesis, Torus, WangParams
 from texloom.stages.synthesis.tiles.wang_borders import core, to_borders
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
@@ -110,7 +110,7 @@ def wang_tiles(
     known = Torus(borders, match)
     begun = (known, keep, shared, filled)
     synthesis = partial(
-        Synthesis, image, guidance, weight, generators, size, border, params, materials,
+        TileSynthesis, image, guidance, weight, generators, size, border, params, materials,
         kind=tiles.kind, pixels=borders.height * borders.width,
     )  # fmt: skip
     if params.strength == 1 or tiles.variants == (1, 1):
@@ -130,7 +130,7 @@ def wang_tiles(
 
 def _like_the_first(
     image: Image,
-    synthesis: Callable[..., Synthesis],
+    synthesis: Callable[..., TileSynthesis],
     begun: tuple[Torus, Mask, Mask, Mask],
     tiles: WangSet,
     size: int,

@@ -6,7 +6,7 @@ from tests.kernels.core.naive import bilinear
 from tests.synthetic import smooth_noise
 from texloom.stages.kernels.compaction.oriented import (
     AngleSearch,
-    Texture,
+    OrientedTexture,
     add_votes,
     choose_oriented_places,
     matched_distances,
@@ -85,7 +85,7 @@ def test_right_angles_rotate_the_pixels(planes: np.ndarray) -> None:
         np.testing.assert_array_equal(found, np.rot90(plain, quarter))
 
 
-def sampled(texture: Texture, source: np.ndarray) -> np.ndarray:
+def sampled(texture: OrientedTexture, source: np.ndarray) -> np.ndarray:
     """The values at places between the pixels, by rows."""
     values = np.zeros((source.shape[1], source.shape[2] * CHANNELS), np.int16)
     for row in range(source.shape[1]):
@@ -95,7 +95,7 @@ def sampled(texture: Texture, source: np.ndarray) -> np.ndarray:
 
 def test_sources_between_pixels_are_interpolated(planes: np.ndarray, rng: np.random.Generator) -> None:
     source = rng.uniform(0, np.array([29, 35])[:, None, None], (2, 4, 5)).astype(np.float32)
-    texture = Texture(flat(planes), CHANNELS, np.zeros((30, 36), np.float32))
+    texture = OrientedTexture(flat(planes), CHANNELS, np.zeros((30, 36), np.float32))
     slow = np.array([[bilinear(planes, *source[:, y, x]) for x in range(5)] for y in range(4)])
     assert np.abs(sampled(texture, source).reshape(4, 5, CHANNELS) - slow).max() <= 0.51
 
@@ -107,9 +107,9 @@ def test_seams_are_the_slow_ones(planes: np.ndarray, angles: np.ndarray, rng: np
         for dy, dx in ((0, 1), (1, 0)):
             if y + dy < 4 and x + dx < 5:
                 slow += naive.oriented_seam(planes, angles, source[:, y, x], source[:, y + dy, x + dx], dy, dx)
-    texture = Texture(flat(planes), CHANNELS, angles)
+    texture = OrientedTexture(flat(planes), CHANNELS, angles)
     assert oriented_seam_sum(texture, source, sampled(texture, source)) == pytest.approx(slow, rel=1e-2)
-    flat_texture = Texture(flat(planes), CHANNELS, np.zeros_like(angles))
+    flat_texture = OrientedTexture(flat(planes), CHANNELS, np.zeros_like(angles))
     whole = np.ascontiguousarray(np.indices((30, 36))[:, 3:9, 4:9].astype(np.float32))
     assert oriented_seam_sum(flat_texture, whole, sampled(flat_texture, whole)) == 0
 
@@ -121,7 +121,7 @@ def test_a_pixel_takes_the_cheapest_candidate(
     source = np.array([12, 9], np.float32).reshape(2, 1, 1)
     proposed = rng.integers(0, np.array([30, 36])[:, None, None], (6, 2, 1, 1)).astype(np.float32)
     wanted = planes[20, 20].astype(np.float32).reshape(1, 1, CHANNELS)
-    texture, new = Texture(flat(planes), CHANNELS, angles), source.copy()
+    texture, new = OrientedTexture(flat(planes), CHANNELS, angles), source.copy()
     values = sampled(texture, new)
     objective = Objective(wanted, np.ones((1, 1), np.float32), np.float32(0), False)
     choose_oriented_places(texture, objective, proposed, new, values)
@@ -138,7 +138,7 @@ def test_a_neighbour_is_continued_in_its_frame_between_pixels(planes: np.ndarray
     source = np.array([[[14.25, 3]], [[15.5, 3]]], np.float32)
     wanted = np.stack([bilinear(planes, *place) for place in (first, continued)]).astype(np.float32)[None]
     none = np.full((1, 2, 1, 2), -1, np.float32)
-    texture = Texture(flat(planes), CHANNELS, angles)
+    texture = OrientedTexture(flat(planes), CHANNELS, angles)
     objective = Objective(wanted, np.ones((1, 2), np.float32), np.float32(0.25), False)
     choose_oriented_places(texture, objective, none, source, sampled(texture, source))
     np.testing.assert_allclose(source[:, 0, 1], continued, atol=1e-5)

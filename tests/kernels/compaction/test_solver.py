@@ -6,9 +6,9 @@ import pytest
 from tests.kernels.compaction import naive
 from tests.kernels.patchmatch.naive import patch_distance
 from texloom.stages.kernels.compaction.solver import (
-    Neighbourhoods,
+    CompactionSource,
+    MatchedNeighbourhoods,
     Objective,
-    Texture,
     choose_pixels,
     gather_votes,
     improve_match,
@@ -56,7 +56,7 @@ def test_inverse_match_takes_the_better(rng: np.random.Generator) -> None:
     _, distance = naive.inverse_match(texture, compaction, CHANNELS, SIZE, STEP, [match])
     moved = rng.random(counts(COMPACTION)) < 0.5
     distance[moved[match[0], match[1]]] = 0  # no longer true, computed again
-    neighbourhoods = Neighbourhoods(SHAPE, texture, compaction, STEP)
+    neighbourhoods = MatchedNeighbourhoods(SHAPE, texture, compaction, STEP)
     improve_match(neighbourhoods, proposed, moved, match, distance, 0, shape[0])
     np.testing.assert_array_equal(match, expected[0])
     np.testing.assert_array_equal(distance, expected[1])
@@ -78,7 +78,7 @@ def test_inverse_match_goes_on_from_neighbours(wrap: bool, rng: np.random.Genera
         there &= ((beside >= 0) & (beside < limit)).all(axis=0)
         proposals.append(np.where(there, beside, known))
     expected = naive.inverse_match(texture, compaction, CHANNELS, SIZE, STEP, proposals)
-    shared = (Neighbourhoods(SHAPE, texture, compaction, STEP), wrap)
+    shared = (MatchedNeighbourhoods(SHAPE, texture, compaction, STEP), wrap)
     propagate_match(*shared, known, np.ones(shape, bool), match, distance, 0, shape[0])
     np.testing.assert_array_equal(match, expected[0])
     np.testing.assert_array_equal(distance, expected[1])
@@ -100,7 +100,7 @@ def test_forward_match_takes_the_best_candidate(rng: np.random.Generator) -> Non
     match = random_places(shape, TEXTURE, rng)
     before, distance = match.copy(), np.full(shape, -1, np.int64)
     moved = rng.random(shape) < 0.7
-    neighbourhoods = Neighbourhoods(SHAPE, compaction, texture, 1)
+    neighbourhoods = MatchedNeighbourhoods(SHAPE, compaction, texture, 1)
     match_by_coherence(neighbourhoods, source, candidates, moved, match, distance, 0, shape[0])
     np.testing.assert_array_equal(match[:, ~moved], before[:, ~moved])
     assert (distance[~moved] == -1).all()
@@ -128,7 +128,7 @@ def test_votes_are_all_pixels_of_all_matches(rng: np.random.Generator) -> None:
         expected[into] += planes[y * STEP : y * STEP + SIZE, x * STEP : x * STEP + SIZE]
         seen[into] += 1
     nothing = np.empty((0, 0), np.int16)
-    scatter_votes(Neighbourhoods(SHAPE, texture, nothing, STEP), match, sums, number, 0, shape[0])
+    scatter_votes(MatchedNeighbourhoods(SHAPE, texture, nothing, STEP), match, sums, number, 0, shape[0])
     np.testing.assert_array_equal(sums.reshape(expected.shape), expected)
     np.testing.assert_array_equal(number, seen)
 
@@ -138,7 +138,7 @@ def test_votes_are_all_pixels_of_all_matches(rng: np.random.Generator) -> None:
         row, column = match[:, y, x]
         expected[y : y + SIZE, x : x + SIZE] += planes[row : row + SIZE, column : column + SIZE]
         seen[y : y + SIZE, x : x + SIZE] += 1
-    gather_votes(Neighbourhoods(SHAPE, nothing, texture, 1), match, sums, number)
+    gather_votes(MatchedNeighbourhoods(SHAPE, nothing, texture, 1), match, sums, number)
     np.testing.assert_array_equal(sums.reshape(expected.shape), expected)
     np.testing.assert_array_equal(number, seen)
 
@@ -155,7 +155,7 @@ def test_pixels_are_the_cheapest_candidates(seam_weight: float, wrap: bool, rng:
     objective = Objective(wanted, weights, np.float32(seam_weight), wrap)
     active = rng.random(COMPACTION) < 0.5
     last = active.copy()
-    choose_pixels(Texture(texture, inside, candidates, SIZE), objective, last, new)
+    choose_pixels(CompactionSource(texture, inside, candidates, SIZE), objective, last, new)
     state = source.copy()
     for y, x in np.ndindex(COMPACTION):
         if not active[y, x]:

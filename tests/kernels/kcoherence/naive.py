@@ -4,7 +4,7 @@ import numpy as np
 
 from tests.kernels.core.naive import bilinear
 from texloom.stages.kernels.kcoherence import coherent_pixels
-from texloom.stages.kernels.kcoherence.discrete_pixels import DIMENSIONS, Exemplar, Repeats
+from texloom.stages.kernels.kcoherence.discrete_pixels import DIMENSIONS, ExemplarNeighbourhoods, Repeats
 from texloom.stages.kernels.kcoherence.oriented_discrete import Orientation
 from texloom.stages.vocabulary.facts import Wraps
 
@@ -13,8 +13,8 @@ def resynthesise_pixel(
     at: tuple[int, int],
     radius: int,
     wrap: Wraps,
-    exemplar: coherent_pixels.Exemplar,
-    result: coherent_pixels.Result,
+    exemplar: coherent_pixels.CopySource,
+    result: coherent_pixels.PartialResult,
 ) -> tuple[int, int]:
     """The exemplar pixel, nearest valid to a proposal, that continues the valid pixels around ``at`` best."""
     features, shape = exemplar.features, result.valid.shape
@@ -45,7 +45,7 @@ def resynthesise_pixel(
 def proposal_costs(
     source: np.ndarray,
     control: np.ndarray,
-    exemplar: Exemplar,
+    exemplar: ExemplarNeighbourhoods,
     repeats: Repeats,
     seam: int,
     wrap: Wraps,
@@ -137,7 +137,7 @@ def oriented_proposals(
 def oriented_vector(
     source: np.ndarray,
     control: np.ndarray,
-    exemplar: Exemplar,
+    exemplar: ExemplarNeighbourhoods,
     orientation: Orientation,
     wrap: Wraps,
     y: int,

@@ -3,7 +3,7 @@ import pytest
 
 from tests.kernels.kcoherence import naive
 from tests.wraps import WRAPS
-from texloom.stages.kernels.kcoherence.coherent_pixels import Exemplar, Result, resynthesise
+from texloom.stages.kernels.kcoherence.coherent_pixels import CopySource, PartialResult, resynthesise
 from texloom.stages.vocabulary.facts import Wraps
 
 
@@ -24,9 +24,9 @@ def test_pixels_are_made_like_the_naive_ones(
     valid = rng.random((10, 11)) < 0.6
     order = rng.permutation(np.argwhere(~valid))
 
-    result = Result(canvas, pixels, match, valid)
-    expected = Result(*(array.copy() for array in result))
-    known = Exemplar(exemplar, maps, candidates, nearest_valid)
+    result = PartialResult(canvas, pixels, match, valid)
+    expected = PartialResult(*(array.copy() for array in result))
+    known = CopySource(exemplar, maps, candidates, nearest_valid)
     for row, column in order:
         y, x = naive.resynthesise_pixel((row, column), radius, wrap, known, expected)
         for array, value in zip(expected, (exemplar[y, x], maps[y, x], (y, x), True), strict=True):

@@ -3,7 +3,13 @@ import pytest
 
 from tests.kernels.kcoherence import naive
 from tests.wraps import WRAPS
-from texloom.stages.kernels.kcoherence.discrete_pixels import DIMENSIONS, Exemplar, Repeats, Subpass, choose_sources
+from texloom.stages.kernels.kcoherence.discrete_pixels import (
+    DIMENSIONS,
+    ExemplarNeighbourhoods,
+    ParityPass,
+    Repeats,
+    choose_sources,
+)
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 
 HALF = DIMENSIONS // 2
@@ -23,7 +29,7 @@ def test_pixels_take_the_cheapest_proposal(wrap: Wraps, edges_only: bool, rng: n
     whole = np.indices((5, 4)).transpose(1, 2, 0) + 3
     old[:5, :4] = whole  # a continuous piece, inside which nothing is to choose
     new = np.full_like(old, -1)
-    exemplar = Exemplar(texture, vectors.reshape(-1, HALF), basis, candidates, penalty, radius)
+    exemplar = ExemplarNeighbourhoods(texture, vectors.reshape(-1, HALF), basis, candidates, penalty, radius)
     places = np.arange(90, dtype=np.int32).reshape(shape)
     places[:, 7:] = places[:, :3]  # copies of the same pixels
     sources = places[old[..., 0], old[..., 1]]
@@ -32,7 +38,7 @@ def test_pixels_take_the_cheapest_proposal(wrap: Wraps, edges_only: bool, rng: n
         ends = [(2, 2) if axis == side else (0, 0) for side in (0, 1)]
         used = np.pad(used, ends, mode="wrap") if around else np.pad(used, ends, constant_values=-1)
     repeats = Repeats(places, used, 2, np.int64(2000))
-    subpasses = [Subpass(parity, 0, seam, edges_only, wrap, np.uint64(1)) for parity in range(4)]
+    subpasses = [ParityPass(parity, 0, seam, edges_only, wrap, np.uint64(1)) for parity in range(4)]
     parts = [
         choose_sources(old, new, control, exemplar, repeats, part, *span)
         for part in subpasses
@@ -63,9 +69,9 @@ def test_random_places_are_tried(rng: np.random.Generator) -> None:
     vectors[4, 5] = np.rint(texture[0, 0, 0] + 400)
     new = np.empty_like(source)
     penalty = np.zeros((6, 6), np.int64)
-    exemplar = Exemplar(texture, vectors.reshape(-1, HALF), basis, candidates, penalty, 0)
+    exemplar = ExemplarNeighbourhoods(texture, vectors.reshape(-1, HALF), basis, candidates, penalty, 0)
     repeats = Repeats(np.arange(36, dtype=np.int32).reshape(6, 6), np.zeros((1, 1), np.int32), 0, np.int64(5))
-    subpass = Subpass(0, 500, np.int64(0), False, NOWHERE, np.uint64(7))
+    subpass = ParityPass(0, 500, np.int64(0), False, NOWHERE, np.uint64(7))
     energy, penalties, chosen = choose_sources(source, new, control, exemplar, repeats, subpass, 0, 1)
     assert tuple(new[0, 0]) == (4, 5)
     assert (energy, penalties, chosen) == (0, 0, 1)

@@ -5,7 +5,13 @@ import pytest
 
 from tests.kernels.kcoherence import naive
 from tests.wraps import WRAPS
-from texloom.stages.kernels.kcoherence.discrete_pixels import DIMENSIONS, Exemplar, Repeats, Subpass, choose_sources
+from texloom.stages.kernels.kcoherence.discrete_pixels import (
+    DIMENSIONS,
+    ExemplarNeighbourhoods,
+    ParityPass,
+    Repeats,
+    choose_sources,
+)
 from texloom.stages.kernels.kcoherence.oriented_discrete import Orientation, choose_oriented_sources
 from texloom.stages.vocabulary.facts import Wraps
 
@@ -29,13 +35,13 @@ def data(rng: np.random.Generator) -> dict[str, Any]:
     }
 
 
-def subpasses(tries: int, edges_only: bool, wrap: Wraps) -> list[Subpass]:
-    return [Subpass(parity, tries, np.int64(SEAM), edges_only, wrap, np.uint64(1)) for parity in range(4)]
+def subpasses(tries: int, edges_only: bool, wrap: Wraps) -> list[ParityPass]:
+    return [ParityPass(parity, tries, np.int64(SEAM), edges_only, wrap, np.uint64(1)) for parity in range(4)]
 
 
-def oriented_exemplar(data: dict[str, Any]) -> Exemplar:
+def oriented_exemplar(data: dict[str, Any]) -> ExemplarNeighbourhoods:
     texture, vectors = (data[name].reshape(SHAPE[0], -1) for name in ("texture", "vectors"))
-    return Exemplar(texture, vectors, data["basis"], data["candidates"], data["penalty"], RADIUS)
+    return ExemplarNeighbourhoods(texture, vectors, data["basis"], data["candidates"], data["penalty"], RADIUS)
 
 
 def chosen_sources(

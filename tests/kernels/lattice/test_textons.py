@@ -1,7 +1,7 @@
 import numpy as np
 
 from tests.kernels.lattice import naive
-from texloom.stages.kernels.lattice.textons import Lattice, Textons, lay_textons
+from texloom.stages.kernels.lattice.textons import LatticeNodes, TextonPlaces, lay_textons
 
 
 def test_equals_twin(rng: np.random.Generator) -> None:
@@ -19,8 +19,8 @@ def test_equals_twin(rng: np.random.Generator) -> None:
     by_step = {(i - 4, j - 5): textons[ids[i, j]] for i, j in np.ndindex(9, 10) if ids[i, j] >= 0}
     out, match = np.full((60, 2), np.nan, np.float32), np.zeros((60, 2), np.uint32)
     covered = [tuple(step) != (2, 1) for step in np.floor((places - origin) @ np.linalg.inv(lattice)).astype(int)]
-    cells = Lattice(np.linalg.inv(lattice), origin, first, ids)
-    lay_textons(pixels, source, places, cells, Textons(textons, generators, start, *table), out, match)
+    cells = LatticeNodes(np.linalg.inv(lattice), origin, first, ids)
+    lay_textons(pixels, source, places, cells, TextonPlaces(textons, generators, start, *table), out, match)
     expected = [
         naive.laid_texton(pixels, source, place, origin, lattice, by_step, generators, start, *table)
         for place in places[covered]
@@ -39,8 +39,8 @@ def test_one_texton_again_and_again_copies_its_pixels(rng: np.random.Generator) 
     out, match = np.empty((192, 1), np.float32), np.empty((192, 2), np.uint32)
     textons = np.array([[0.5, 0.25]])  # begins at row 3, column 2
     zero = np.zeros(2)
-    cells = Lattice(np.linalg.inv(lattice), zero, np.array([-1, -1]), ids)
-    alone = Textons(textons, lattice, zero, np.zeros((1, 2), np.int64), np.ones((4, 5, 1)))
+    cells = LatticeNodes(np.linalg.inv(lattice), zero, np.array([-1, -1]), ids)
+    alone = TextonPlaces(textons, lattice, zero, np.zeros((1, 2), np.int64), np.ones((4, 5, 1)))
     lay_textons(pixels, source, places, cells, alone, out, match)
     row, column = (places % [6, 8] + [3, 2]).astype(int).T
     np.testing.assert_array_equal(match, np.stack([row, column], axis=1))

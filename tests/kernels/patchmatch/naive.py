@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 
 from tests.wraps import sides
-from texloom.stages.kernels.patchmatch.search import Exemplar, PatchShape, Scan, Target
+from texloom.stages.kernels.patchmatch.search import PatchShape, Scan, SearchedExemplar, Target
 from texloom.stages.vocabulary.facts import Wraps
 
 _WORD = 2**64
@@ -68,7 +68,7 @@ def occurrence_penalty(match: np.ndarray, size: int, places: tuple[int, int], pe
 class Sweep:
     """One scan of PatchMatch, which changes the target's matches and distances in place."""
 
-    def __init__(self, shape: PatchShape, target: Target, exemplar: Exemplar, scan: Scan) -> None:
+    def __init__(self, shape: PatchShape, target: Target, exemplar: SearchedExemplar, scan: Scan) -> None:
         self.patch, self.target, self.exemplar, self.scan = shape, target, exemplar, scan
         self.penalty, self.key = exemplar.penalty.astype(np.int64), int(scan.key)
 

@@ -11,9 +11,9 @@ from tests.wraps import WRAPS, X, beyond, sides
 from texloom.stages.common.similarity.neighbourhoods import UNIT, fixed_point
 from texloom.stages.kernels.patchmatch.search import (
     ALL_ACTIVE,
-    Exemplar,
     PatchShape,
     Scan,
+    SearchedExemplar,
     Target,
     count_matches,
     count_moves,
@@ -59,10 +59,10 @@ class Problem:
         self, penalty: np.ndarray, own_penalty: int = 0, limit: int = 2**60, *,
         forward: bool = True, radius: int = 9, tries: int = 3, fill_tries: int = 2, key: int = 1,
         everywhere: bool = True, distance_per_try: int = 0,
-    ) -> tuple[PatchShape, Target, Exemplar, Scan]:  # fmt: skip
+    ) -> tuple[PatchShape, Target, SearchedExemplar, Scan]:  # fmt: skip
         """What a sweep takes; it changes the problem in place."""
         target = Target(self.target, *self.match, self.distance, self.active)
-        exemplar = Exemplar(
+        exemplar = SearchedExemplar(
             self.exemplar, np.float32(penalty), np.int64(own_penalty), np.int64(limit), *self.unused
         )
         radii = np.maximum(1, radius // np.arange(1, tries + 1))

@@ -9,12 +9,12 @@ from texloom.stages.analysis.similarity.appearance_stack import AppearanceStackP
 from texloom.stages.common.per_pixel.tables import Tables
 from texloom.stages.common.similarity.appearance import FAR
 from texloom.stages.kernels.distortion.distorted_windows import describe_whole
-from texloom.stages.kernels.per_pixel.arguments import Bonuses, Distortion, LevelState, Pieces, Repetition, Subpass
+from texloom.stages.kernels.per_pixel.arguments import Bonuses, Distortion, LevelState, PhaseMaps, Pieces, Subpass
 from texloom.stages.kernels.per_pixel.correction import contribute, correct, refine, start
 from texloom.stages.synthesis.per_pixel.per_pixel import prepare
 
 SHAPE = (32, 40)
-NO_REPETITION = Repetition(np.zeros((1, 2), np.uint32), np.zeros((1, 2), np.uint32), (0, 0, 0, 0))
+NO_REPETITION = PhaseMaps(np.zeros((1, 2), np.uint32), np.zeros((1, 2), np.uint32), (0, 0, 0, 0))
 
 
 def tables(kind: str, rng: np.random.Generator) -> Tables:
@@ -240,7 +240,7 @@ def test_pieces_that_repeat_are_laid_in_step(kind: str, rng: np.random.Generator
         level, repetition, repeats = coarsest(known, given), NO_REPETITION, None
         if repeating:
             wanted, places = (rng.integers(0, 2**32, (count, 2), np.uint32) for count in (81, known.places))
-            repetition = Repetition(wanted, places, (1500, -200, 90, -2100))
+            repetition = PhaseMaps(wanted, places, (1500, -200, 90, -2100))
             repeats = Repeats(places, wanted.reshape(9, 9, 2), (-3, 5), np.array(repetition.generators))
         start(level, known.exemplar, distortion, pieces, repetition, 0, np.uint64(5), (0, 9, 0, 9))
         for y, x in np.ndindex(9, 9):

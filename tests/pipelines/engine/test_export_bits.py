@@ -10,7 +10,7 @@ import pytest
 from tests.pipelines.flows import open_run, run_local
 from texloom.pipelines.media.arrays import file_source
 from texloom.pipelines.media.material_export import write_maps
-from texloom.pipelines.media.writers.registry import Job, write
+from texloom.pipelines.media.writers.registry import WriteJob, write
 from texloom.pipelines.store import codec
 from texloom.stages.vocabulary.arrays import Image
 
@@ -136,8 +136,8 @@ def test_files_of_8_bits_tell_that_levels_are_lost(tmp_path: Path) -> None:
 def test_a_dropped_alpha_is_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     pixels = np.ones((8, 8, 4), np.float32)
     with caplog.at_level(logging.WARNING):
-        write(Job(tmp_path / "opaque.jpg", Image(pixels, ("R", "G", "B", "A")), Image, {}))
+        write(WriteJob(tmp_path / "opaque.jpg", Image(pixels, ("R", "G", "B", "A")), Image, {}))
         pixels[:2, :, 3] = 0.2
-        write(Job(tmp_path / "holes.jpg", Image(pixels, ("R", "G", "B", "A")), Image, {}))
+        write(WriteJob(tmp_path / "holes.jpg", Image(pixels, ("R", "G", "B", "A")), Image, {}))
     (told,) = [record.getMessage() for record in caplog.records]
     assert told == "alpha is dropped, which JPEG cannot hold; 25.0 % of the pixels have some"

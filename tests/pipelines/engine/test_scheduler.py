@@ -32,7 +32,7 @@ from tests.pipelines.flows import (
 from texloom.pipelines.engine.attempt import compute
 from texloom.pipelines.engine.events import Event, StepProgress, StepStarted
 from texloom.pipelines.engine.executors import worker
-from texloom.pipelines.engine.executors.executor import Executor, Outcome, Task
+from texloom.pipelines.engine.executors.executor import Executor, Outcome, StepTask
 from texloom.pipelines.engine.executors.inline import InlineExecutor
 from texloom.pipelines.engine.run import Run, StepFailedError
 from texloom.pipelines.engine.task import TaskSpec, check_same, run_task
@@ -80,7 +80,7 @@ class Bench(Executor):
     def ahead(self) -> int:
         return self.more
 
-    def submit(self, task: Task) -> None:
+    def submit(self, task: StepTask) -> None:
         self.given.append((task.spec.label, task.threads))
         outcome = self.instead(task.spec.label)
         if outcome is None:

@@ -11,7 +11,7 @@ import pytest
 
 import texloom
 from texloom.pipelines.media import deep_zoom
-from texloom.pipelines.media.writers.registry import Job, write
+from texloom.pipelines.media.writers.registry import WriteJob, write
 from texloom.pipelines.store.atomic import file_digest
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import srgb_codes
@@ -31,7 +31,7 @@ def put_together(folder: Path) -> np.ndarray:
 
 def test_levels_halve_the_picture(tmp_path: Path) -> None:
     image = Image(np.random.default_rng(0).random((37, 50, 4), np.float32), ("R", "G", "B", "height"))
-    digests = write(Job(tmp_path / "a.dzi", image, Image, {}))
+    digests = write(WriteJob(tmp_path / "a.dzi", image, Image, {}))
     assert digests.pop("") == file_digest(tmp_path / "a.dzi")
     assert all(file_digest(tmp_path / name) == digest for name, digest in digests.items())
     size = next(iter(ElementTree.parse(tmp_path / "a.dzi").getroot()))

@@ -13,7 +13,7 @@ from tests.surfaces import square
 from texloom.pipelines import memory
 from texloom.pipelines.media import meshes, shapes
 from texloom.pipelines.media.sources import SourceError, open_mesh
-from texloom.pipelines.media.writers.registry import Job, write
+from texloom.pipelines.media.writers.registry import WriteJob, write
 from texloom.stages.common.surface.mesh import areas, with_normals
 from texloom.stages.vocabulary.arrays import Image
 
@@ -248,7 +248,7 @@ def test_glb_of_a_mesh(tmp_path: Path) -> None:
     mesh = with_normals(square(2.0))
     image = Image(np.full((8, 8, 3), 0.5, np.float32), ("R", "G", "B"))
     path = tmp_path / "square.glb"
-    write(Job(path, image, Image, {}, mesh=mesh))
+    write(WriteJob(path, image, Image, {}, mesh=mesh))
     content = path.read_bytes()
     length = struct.unpack("<I", content[12:16])[0]
     document = json.loads(content[20 : 20 + length])
@@ -273,7 +273,7 @@ def test_a_mesh_that_was_exported_can_be_read_again(tmp_path: Path, suffix: str,
     pytest.importorskip(module)
     mesh = with_normals(square(2.0, (0.25, 0.75)))
     image = Image(np.full((8, 8, 3), 0.5, np.float32), ("R", "G", "B"))
-    write(Job(tmp_path / f"square{suffix}", image, Image, {}, mesh=mesh))
+    write(WriteJob(tmp_path / f"square{suffix}", image, Image, {}, mesh=mesh))
     np.testing.assert_allclose(read(tmp_path / f"square{suffix}"), mesh, atol=1e-6)
 
 
@@ -283,7 +283,7 @@ def test_the_material_of_a_mesh_in_other_programs(tmp_path: Path) -> None:
     mesh[:, 7] /= 2
     image = Image(np.full((8, 8, 4), 0.5, np.float32), ("R", "G", "B", "height"))
     for suffix in (".glb", ".usda", ".mtlx"):
-        write(Job(tmp_path / f"square{suffix}", image, Image, {}, mesh=mesh))
+        write(WriteJob(tmp_path / f"square{suffix}", image, Image, {}, mesh=mesh))
     assert 'name="scale" type="float" value="0.2"' in (tmp_path / "square.mtlx").read_text()
     pygltflib = pytest.importorskip("pygltflib")
     (primitive,) = pygltflib.GLTF2().load(str(tmp_path / "square.glb")).meshes[0].primitives

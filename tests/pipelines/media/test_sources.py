@@ -647,7 +647,7 @@ def test_a_file_that_changes_while_it_is_read(path: Path, monkeypatch: pytest.Mo
     source = open_source("exemplar", str(path))
     original = pictures.read_header
 
-    def read_header(file: io.BufferedReader, *options: bool) -> pictures.Picture:
+    def read_header(file: io.BufferedReader, *options: bool) -> pictures.OpenedPicture:
         path.write_bytes(png(np.ones((3, 3, 3)), 8))
         return original(file, *options)
 

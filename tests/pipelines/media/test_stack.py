@@ -14,7 +14,7 @@ from tests.pipelines.media.test_material_export import saved
 from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.frame_export import write_frames
 from texloom.pipelines.media.sources import Source, open_source
-from texloom.pipelines.media.writers.registry import Job, write
+from texloom.pipelines.media.writers.registry import WriteJob, write
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.frame_stacks import frames_of
@@ -102,6 +102,6 @@ def test_every_frame_is_exported_as_it_came(folder: Path, tmp_path: Path) -> Non
 
 
 def test_a_webp_of_a_stack_is_an_animation(folder: Path, tmp_path: Path) -> None:
-    write(Job(tmp_path / "all.webp", opened(folder).read(), Image, {}))
+    write(WriteJob(tmp_path / "all.webp", opened(folder).read(), Image, {}))
     with PIL.Image.open(tmp_path / "all.webp") as animation:
         assert getattr(animation, "n_frames", 1) == len(COLORS)

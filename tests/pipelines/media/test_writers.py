@@ -22,7 +22,7 @@ from texloom.pipelines.media.delivery import AS_IS, LAYOUTS, Delivery, parse_del
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.media.writers import tx
 from texloom.pipelines.media.writers.layouts import material_name, write_layout
-from texloom.pipelines.media.writers.registry import SUFFIXES, WRITERS, Job, write, writer_of
+from texloom.pipelines.media.writers.registry import SUFFIXES, WRITERS, WriteJob, write, writer_of
 from texloom.pipelines.store.atomic import file_digest
 from texloom.pipelines.store.codec import ArtifactError
 from texloom.stages.vocabulary import scratch
@@ -73,7 +73,7 @@ def codes(values: np.ndarray, largest: int = 255) -> np.ndarray:
 
 def made(path: Path, value: Any, hint: Any = Image, delivery: Delivery = AS_IS, **options: Any) -> Path:
     """The file that a writer has written; all its digests are checked."""
-    digests = write(Job(path, value, hint, {"seed": 3}, delivery, **options))
+    digests = write(WriteJob(path, value, hint, {"seed": 3}, delivery, **options))
     assert {name: file_digest(path.parent / name if name else path) for name in digests} == digests
     return path
 
@@ -122,7 +122,7 @@ def test_data_that_a_png_cannot_hold_is_refused(image: Image, tmp_path: Path) ->
         (image, Image, "export it as .png"),
     ):
         with pytest.raises(ArtifactError, match=message):
-            write(Job(tmp_path / "a.data.png", value, kind, {}))
+            write(WriteJob(tmp_path / "a.data.png", value, kind, {}))
     assert not list(tmp_path.iterdir())
 
 
@@ -160,7 +160,7 @@ def test_radiance(tmp_path: Path, rng: np.random.Generator, caplog: pytest.LogCa
 def test_sizes_are_bounded(tmp_path: Path) -> None:
     wide = Image(np.zeros((1, 17000, 1), np.float32), ("Y",))
     with pytest.raises(ArtifactError, match=r"17000 x 1 px, \.webp holds at most 16383 px a side"):
-        write(Job(tmp_path / "a.webp", wide, Image, {}))
+        write(WriteJob(tmp_path / "a.webp", wide, Image, {}))
     assert not any(tmp_path.iterdir())
 
 
@@ -256,7 +256,7 @@ def test_slopes_of_heights(image: Image, tmp_path: Path, monkeypatch: pytest.Mon
         np.testing.assert_allclose(pixels[..., square], slope**2, atol=1e-6)
     colored = Image(image.pixels[..., :3], ("R", "G", "B"))
     with pytest.raises(ArtifactError, match="slopes are made from heights"):
-        write(Job(tmp_path / "b.slopes.tx", colored, Image, {}))
+        write(WriteJob(tmp_path / "b.slopes.tx", colored, Image, {}))
 
 
 # -- documents

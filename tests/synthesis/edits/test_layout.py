@@ -9,7 +9,7 @@ import pytest
 from tests.runs import run_with_threads
 from tests.synthetic import blobs, masked, picture, tiled
 from texloom.stages.lookup.registry import find_stage
-from texloom.stages.synthesis.edits.layout import Layout, LayoutParams, layout
+from texloom.stages.synthesis.edits.layout import CollageLayout, LayoutParams, layout
 from texloom.stages.synthesis.optimisation.optimise import Optimised, optimise
 from texloom.stages.synthesis.optimisation.optimise_params import OptimiseParams
 from texloom.stages.vocabulary.arrays import Image
@@ -33,7 +33,7 @@ def pasted(exemplar: Image) -> Image:
     return Image(pixels, exemplar.channels)
 
 
-def run(exemplar: Image, collage: Image, seed: int = 1, pieces: Any = None, **params: Any) -> Layout:
+def run(exemplar: Image, collage: Image, seed: int = 1, pieces: Any = None, **params: Any) -> CollageLayout:
     return layout(exemplar, collage, LayoutParams(**params), np.random.default_rng(seed), pieces)
 
 

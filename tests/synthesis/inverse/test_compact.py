@@ -18,7 +18,7 @@ from texloom.stages.synthesis.control_maps.control_features import ControlFeatur
 from texloom.stages.synthesis.inverse.best_crop import BestCropParams, best_crop
 from texloom.stages.synthesis.inverse.compact import Compacted, CompactLevel, CompactParams, compact
 from texloom.stages.synthesis.inverse.energy import ExactEnergy
-from texloom.stages.synthesis.inverse.level import Level, Matching, Tree
+from texloom.stages.synthesis.inverse.level import Matching, TextureLevel, Tree
 from texloom.stages.synthesis.inverse.summary import outlines
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import lab_from_linear
@@ -120,7 +120,7 @@ def test_a_torus_fits_across_its_borders(texture: Image) -> None:
 
 def test_energy_and_votes_of_a_torus_do_not_change_when_it_is_shifted(texture: Image) -> None:
     features, tree, candidates = prepared(texture, None)
-    level = Level(features, 5, 2, Tree(tree.nodes, tree.leaf, candidates), TsvqParams(), KCoherenceParams())
+    level = TextureLevel(features, 5, 2, Tree(tree.nodes, tree.leaf, candidates), TsvqParams(), KCoherenceParams())
     source = np.stack(np.meshgrid(np.arange(10, 40), np.arange(20, 56), indexing="ij")).astype(np.int32)
     source[:, 12:, 9:] = source[:, :18, :27].copy()
     energies, total_weights = [], []

@@ -10,7 +10,7 @@ import pytest
 from tests.surfaces import cylinder, square
 from tests.synthetic import picture, smooth_noise
 from texloom.pipelines.media.shapes import torus
-from texloom.pipelines.media.writers.registry import Job, write
+from texloom.pipelines.media.writers.registry import WriteJob, write
 from texloom.stages.analysis.similarity.appearance_stack import (
     AppearanceStack,
     AppearanceStackParams,
@@ -195,7 +195,7 @@ def test_light_is_the_same_on_both_sides_of_a_border(stripes: Analysed, placemen
     lit = views[24:40, 16:48]
     np.testing.assert_allclose(lit, lit[0, 0], rtol=0.02)
 
-    write(Job(tmp_path / "mesh.glb", one.image, Image, {}, mesh=mesh))
+    write(WriteJob(tmp_path / "mesh.glb", one.image, Image, {}, mesh=mesh))
     gltf = pytest.importorskip("pygltflib").GLTF2().load(str(tmp_path / "mesh.glb"))
     body = gltf.binary_blob()
 

@@ -3,7 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, state } from "lit/decorators.js";
 import { DirectMode } from "./direct-mode";
 import { document, type Draft } from "./drafts";
-import type { Lattice, LatticePicture, ToPage } from "./messages";
+import type { LatticePicture, LatticeVertices, ToPage } from "./messages";
 import type { Act, Drawable, Over, Point } from "./picture-view";
 import { canvasOf, type Payload } from "./studio";
 import { Undo } from "./undo";
@@ -16,31 +16,31 @@ type Vector = [number, number];
 export class DirectLattice extends DirectMode {
   protected readonly name = "lattice";
   protected override readonly presets = [];
-  @state() protected history = new Undo<Lattice | null>(null);
+  @state() protected history = new Undo<LatticeVertices | null>(null);
   @state() private straight: Drawable | null = null;
   @state() private view: "straight" | "result" = "straight";
   @state() private busy = "";
   private lines: LatticePicture | null = null;
-  private moving: Lattice | null = null;
+  private moving: LatticeVertices | null = null;
   private drag: { vector: 0 | 1 } | { step: Vector } | "origin" | null = null;
   private request = -1;
-  private waiting: Lattice | null = null;
+  private waiting: LatticeVertices | null = null;
   private isWaiting = false;
 
   protected reset(): void {
-    [this.history, this.straight, this.lines, this.moving, this.busy] = [new Undo<Lattice | null>(null), null, null, null, ""];
+    [this.history, this.straight, this.lines, this.moving, this.busy] = [new Undo<LatticeVertices | null>(null), null, null, null, ""];
     this.isWaiting = false;
     this.request = -1;
   }
 
-  private get lattice(): Lattice | null {
+  private get lattice(): LatticeVertices | null {
     return this.moving ?? this.history.now;
   }
 
   // -- the server's answers
 
   /** Have the server lay the lattice through what is placed; while it does, only the last change is remembered. */
-  private follow(lattice: Lattice | null): void {
+  private follow(lattice: LatticeVertices | null): void {
     if (this.isWaiting) {
       this.waiting = lattice;
       return;
@@ -84,7 +84,7 @@ export class DirectLattice extends DirectMode {
     this.set({ vertices: [[0, 0, height / 2, width / 2]], generators: [[height / CELLS, 0], [0, width / CELLS]] });
   }
 
-  private set(lattice: Lattice): void {
+  private set(lattice: LatticeVertices): void {
     this.history.set(lattice);
     this.moving = null;
     this.follow(lattice);
@@ -146,7 +146,7 @@ export class DirectLattice extends DirectMode {
     else if (vertex) this.drag = { step: [vertex[0], vertex[1]] };
   }
 
-  private dragged(at: Point): Lattice | null {
+  private dragged(at: Point): LatticeVertices | null {
     const { frame, history } = this;
     const lattice = history.now;
     if (!lattice || !frame || !this.drag) return null;
@@ -263,5 +263,5 @@ export class DirectLattice extends DirectMode {
   }
 }
 
-const without = (lattice: Lattice, [i, j]: Vector): Lattice["vertices"] =>
+const without = (lattice: LatticeVertices, [i, j]: Vector): LatticeVertices["vertices"] =>
   lattice.vertices.filter(([row, column]) => row !== i || column !== j);

@@ -4,7 +4,7 @@ import { customElement, property, query, state } from "lit/decorators.js";
 import { Element } from "./element";
 import { choice } from "./fields";
 import "./material-view";
-import type { Job, Layers, Recipe } from "./messages";
+import type { ExrContents, Job, Recipe } from "./messages";
 import type { Drawable, Mode } from "./picture-view";
 import { ENDLESS, type TiledView, type Tiles } from "./tiled-view";
 import "./tiled-view";
@@ -25,7 +25,7 @@ const exrOf = ({ files }: Job): string | undefined => ["texture.exr", ...files].
 export class InspectView extends Element {
   @property({ attribute: false }) studio!: Studio;
   @state() private item = "";
-  @state() private layers: Layers | null = null;
+  @state() private layers: ExrContents | null = null;
   @state() private name = "";
   @state() private tiles: Tiles | null = null;
   @state() private exemplar: Drawable | null = null;

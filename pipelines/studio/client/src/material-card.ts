@@ -2,7 +2,7 @@
 import { html, type TemplateResult } from "lit";
 import { customElement, property } from "lit/decorators.js";
 import { Element } from "./element";
-import type { Entry } from "./messages";
+import type { WallEntry } from "./messages";
 import { title } from "./recipe-form";
 import { pictureAddress, thumbnailAddress } from "./server";
 
@@ -11,7 +11,7 @@ const SIDE = 192; // px
 /** Tells `open` with its id, `choose`, and `favourite`. */
 @customElement("material-card")
 export class MaterialCard extends Element {
-  @property({ attribute: false }) entry!: Entry;
+  @property({ attribute: false }) entry!: WallEntry;
   @property({ type: Boolean }) chosen = false;
 
   override render(): TemplateResult {
@@ -29,7 +29,7 @@ export class MaterialCard extends Element {
 }
 
 /** What a material looks like: its result, or the picture it begins with. */
-export function coverOf({ cover, picture }: Entry): TemplateResult {
+export function coverOf({ cover, picture }: WallEntry): TemplateResult {
   const address = cover ? thumbnailAddress(cover) : picture ? pictureAddress(picture, SIDE) : "";
   if (!address) return html`<span class="blank"></span>`;
   return html`<img class=${cover ? "" : "exemplar"} src=${address} alt="" loading="lazy" draggable="false"

@@ -4,7 +4,7 @@ import { customElement, property, state } from "lit/decorators.js";
 import { Element } from "./element";
 import "./job-panel";
 import { coverOf } from "./material-card";
-import type { Entry, Job } from "./messages";
+import type { Job, WallEntry } from "./messages";
 import { openMaterial } from "./server";
 import type { Studio } from "./studio";
 
@@ -12,7 +12,7 @@ import type { Studio } from "./studio";
 @customElement("material-details")
 export class MaterialDetails extends Element {
   @property({ attribute: false }) studio!: Studio;
-  @property({ attribute: false }) entry!: Entry;
+  @property({ attribute: false }) entry!: WallEntry;
   @state() private job: Job | null = null;
   private asked = "";
 

@@ -5,7 +5,7 @@ import { repeat } from "lit/directives/repeat.js";
 import { Element } from "./element";
 import "./material-card";
 import "./material-details";
-import type { Entry, MaterialRequest, ToPage, Wall } from "./messages";
+import type { MaterialRequest, ToPage, Wall, WallEntry } from "./messages";
 import { duplicateMaterial, editMaterial, wall } from "./server";
 import type { Studio } from "./studio";
 
@@ -29,10 +29,10 @@ export class MaterialsView extends Element {
   @property({ type: Boolean }) isShown = false;
   @state() private query: Query = ALL;
   @state() private found: Wall | null = null;
-  @state() private shown: Entry[] = [];
+  @state() private shown: WallEntry[] = [];
   @state() private chosen = "";
   /** what was thrown away last, which can be undone */
-  @state() private thrown: Entry | null = null;
+  @state() private thrown: WallEntry | null = null;
   private number = 0;
   private timer = 0;
   private readonly end = new IntersectionObserver((entries) => entries.some((one) => one.isIntersecting) && void this.more());
@@ -63,7 +63,7 @@ export class MaterialsView extends Element {
   private async load(): Promise<void> {
     const number = ++this.number;
     const wanted = Math.max(PAGE, this.shown.length);
-    const shown: Entry[] = [];
+    const shown: WallEntry[] = [];
     let found: Wall | undefined;
     do {
       found = await this.studio.attempt(wall(this.asked(shown.length)));
@@ -99,17 +99,17 @@ export class MaterialsView extends Element {
     return made !== undefined;
   }
 
-  private async throwAway(entry: Entry): Promise<void> {
+  private async throwAway(entry: WallEntry): Promise<void> {
     if (!(await this.edit(entry.id, { is_deleted: true }))) return;
     [this.thrown, this.chosen] = [entry, ""];
     if (this.studio.project.material?.id === entry.id) this.studio.project.close();
   }
 
-  private async restore(entry: Entry): Promise<void> {
+  private async restore(entry: WallEntry): Promise<void> {
     if (await this.edit(entry.id, { is_deleted: false })) this.thrown = null;
   }
 
-  private async duplicate(entry: Entry): Promise<void> {
+  private async duplicate(entry: WallEntry): Promise<void> {
     const made = await this.studio.attempt(duplicateMaterial(entry.id));
     await this.load();
     if (made) this.chosen = made.id;

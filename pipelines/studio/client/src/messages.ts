@@ -52,7 +52,7 @@ export interface Setting {
   udim: string;
 }
 
-export interface Choice {
+export interface Picker {
   label: string;
   settings: (Setting)[];
   without: string;
@@ -78,7 +78,7 @@ export interface Method {
   default_uniformity: number;
   others: (OtherPicture)[];
   several: SeveralPictures | null;
-  choices: (Choice)[];
+  choices: (Picker)[];
   controls: (Control)[];
   views: (ResultPicture)[];
   is_texture: boolean;
@@ -232,7 +232,7 @@ export interface Layer {
   width: number;
 }
 
-export interface Layers {
+export interface ExrContents {
   key: string;
   layers: (Layer)[];
   about: string;
@@ -281,7 +281,7 @@ export interface MaterialRequest {
   file?: string | null;
 }
 
-export interface Entry {
+export interface WallEntry {
   id: string;
   name: string;
   tags: (string)[];
@@ -296,7 +296,7 @@ export interface Entry {
 }
 
 export interface Wall {
-  shown: (Entry)[];
+  shown: (WallEntry)[];
   first: number;
   found: number;
   kept: number;
@@ -380,7 +380,7 @@ export interface PhotoRequest {
   propose?: boolean;
 }
 
-export interface Lattice {
+export interface LatticeVertices {
   vertices: ([number, number, number, number])[];
   generators: [[number, number], [number, number]] | null;
 }
@@ -389,7 +389,7 @@ export interface LatticeRequest {
   kind: "lattice";
   number: number;
   picture: string;
-  lattice?: Lattice | null;
+  lattice?: LatticeVertices | null;
 }
 
 export interface Connected {
@@ -483,7 +483,7 @@ export interface PhotoLines {
 export interface LatticePicture {
   kind: "lattice_picture";
   number: number;
-  lattice: Lattice;
+  lattice: LatticeVertices;
   vertices: ([number, number, number, number])[];
   problem: string;
   height: number;

@@ -2,7 +2,7 @@
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property } from "lit/decorators.js";
 import { Element } from "./element";
-import type { Choice, Control, Method, Recipe, Setting } from "./messages";
+import type { Control, Method, Picker, Recipe, Setting } from "./messages";
 
 const OWN = "own"; // of a choice whose params have other values
 const COARSE = 30; // range from which a slider has whole numbers
@@ -37,7 +37,7 @@ export class MethodControls extends Element {
     return this.controls.map((one) => (one.is_switch ? this.checkbox(one) : this.slider(one)));
   }
 
-  private choice(one: Choice): TemplateResult {
+  private choice(one: Picker): TemplateResult {
     const active = activeOf(this.recipe, one);
     return html`<label class="field"><span>${one.label}</span>
       <select aria-label=${one.label} @change=${(event: Event) => this.take(one, one.settings[Number((event.target as HTMLSelectElement).value)])}>
@@ -46,7 +46,7 @@ export class MethodControls extends Element {
       </select></label>`;
   }
 
-  private take(choice: Choice, { params, lists, udim }: Setting): void {
+  private take(choice: Picker, { params, lists, udim }: Setting): void {
     const names = namesOf(choice);
     const kept = <Value>(given: Record<string, Value> = {}): Record<string, Value> =>
       Object.fromEntries(Object.entries(given).filter(([name]) => !names.includes(name)));
@@ -81,7 +81,7 @@ export class MethodControls extends Element {
 }
 
 /** The number of the setting that a recipe has; -1: none of them. */
-function activeOf(recipe: Recipe, choice: Choice): number {
+function activeOf(recipe: Recipe, choice: Picker): number {
   const same = (given: unknown, wanted: unknown): boolean => JSON.stringify(given) === JSON.stringify(wanted);
   return choice.settings.findIndex(({ params, lists }) =>
     namesOf(choice).every((name) => same(recipe.params?.[name], params[name]) && same(recipe.lists?.[name], lists[name])));
@@ -95,6 +95,6 @@ export function toldOf(recipe: Recipe, method: Method, card: Control["card"]): s
 }
 
 /** All params that some setting changes. */
-const namesOf = ({ settings }: Choice): string[] => [
+const namesOf = ({ settings }: Picker): string[] => [
   ...new Set(settings.flatMap(({ params, lists }) => [...Object.keys(params), ...Object.keys(lists)])),
 ];

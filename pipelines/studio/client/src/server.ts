@@ -1,6 +1,6 @@
 // Talking to the server: requests over HTTP, and how messages are packed.
 import type {
-  Described, FlowEntry, Insight, Job, KeptPhoto, Layers, Material, MaterialRequest, OpenMaterial, PastRuns, PastStep, PhotoRecipe, Picture, PicturePage,
+  Described, ExrContents, FlowEntry, Insight, Job, KeptPhoto, Material, MaterialRequest, OpenMaterial, PastRuns, PastStep, PhotoRecipe, Picture, PicturePage,
   Problem, ProjectState, ProjectViewRequest, Recipe, Start, ToPage, ToServer, Wall,
 } from "./messages";
 
@@ -82,7 +82,7 @@ export const thumbnailAddress = (job: string): string => `/api/thumbnails/${job}
 export const runs = async (): Promise<PastRuns> => (await request("/api/runs")).json();
 export const steps = async (id: string): Promise<PastStep[]> => (await request(`/api/runs/${id}`)).json();
 export const flows = async (): Promise<FlowEntry[]> => (await request("/api/flows")).json();
-export const layers = async (item: string): Promise<Layers> =>
+export const layers = async (item: string): Promise<ExrContents> =>
   (await request(`/api/layers?${new URLSearchParams({ item })}`)).json();
 /** The corners of a mesh with texture coordinates for a texture of ``side`` px. */
 export const mesh = async (id: string, side: number): Promise<Float32Array> =>
