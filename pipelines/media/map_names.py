@@ -218,7 +218,7 @@ def several_materials(paths: Sequence[Path], is_grey: Callable[[Path], bool | No
     Each has an albedo and other maps.
     """
     groups: dict[str, list[Path]] = {}
-    smaller = largest(whole_files(paths))[1]
+    smaller = set(largest(whole_files(paths))[1])
     for path in (one for one in paths if one not in smaller):
         words = words_of(stem_of(path))
         if (start := _beginning(words)) is not None:

@@ -44,13 +44,13 @@ def largest(paths: Sequence[Path]) -> tuple[list[Path], tuple[Path, ...]]:
         sizes = [size for word in words if (size := _pixels(word))]
         rest = tuple(word for word in words if not _pixels(word) and word not in _FORMATS)
         named.setdefault(rest, {}).setdefault(max(sizes, default=0), []).append(path)
-    kept = [
+    kept = {
         path
         for sizes in named.values()
         for size, files in sizes.items()
         for path in files
         if size in (0, max(sizes))
-    ]
+    }
     return sorted(kept), tuple(path for path in paths if path not in kept)
 
 
