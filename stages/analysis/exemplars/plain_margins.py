@@ -16,8 +16,8 @@ _STEP = (
 )
 _SOFT = 2  # px around what is plain, mixed with it by reduction and compression
 _WIDEST = 0.25  # of the picture's side
-_ELSEWHERE = 0.002  # share of all else that has the same colour over `_SIDE` px; else the texture has it too
-_SIDE = 5
+_ELSEWHERE = 0.002  # share of all else that is plain parts of the same colour; more is of the texture
+_PARTS = (5, 5), (1, 15), (15, 1)  # px of such parts at least: areas and lines, such as joints
 _PLAIN, _OPEN = 0.95, 0.3  # shares of a line that have the colour: in a margin, or at a label's edge; and beside it
 
 _LOOKED_AT = 1024  # px a side, to which larger pictures are reduced, but for margins
@@ -119,8 +119,8 @@ def _has_parts_of(
     like = _like(pixels, color)
     if but is not None:
         like &= ~but
-    parts = cv2.erode(like.astype(np.uint8), np.ones((_SIDE, _SIDE), np.uint8), borderValue=0)
-    return float(parts.mean()) > _ELSEWHERE
+    parts = (cv2.erode(like.astype(np.uint8), np.ones(sides, np.uint8), borderValue=0) for sides in _PARTS)
+    return any(float(part.mean()) > _ELSEWHERE for part in parts)
 
 
 def _mark_labels(codes: Float32[np.ndarray, "h w c"], marked: Mask) -> None:

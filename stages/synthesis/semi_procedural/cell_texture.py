@@ -28,6 +28,7 @@ from texloom.stages.synthesis.semi_procedural.course_runs import STRETCH, course
 from texloom.stages.synthesis.stitching.exemplar import Exemplar, lab_of
 from texloom.stages.vocabulary.arrays import Image, ScalarMap, Vectors
 from texloom.stages.vocabulary.declare import InputError, NoParams, Params, stage
+from texloom.stages.vocabulary.masks import without_usable
 
 _LOG = logging.getLogger(__name__)
 
@@ -119,6 +120,7 @@ def cell_texture(
         raise InputError(f"generators: cells of less than {_SMALLEST:g} px are too small; {_ADVICE}")
     straight, points = _straightened(image, steps, vertices.astype(np.float64), frame)
     exemplar = Exemplar(image, lab_of, 100.0, {})
+    image = without_usable(image)
     source = TileSource(exemplar, straight)
     shift, runs = [0, 0, 1], None
     if courses:

@@ -77,8 +77,12 @@ def test_what_belongs_to_a_texture_is_not() -> None:
     for top in range(10, 250, 60):
         for left in range(10, 250, 60):
             tiles[top : top + 50, left : left + 50] = GRAVEL[:50, :50]
+    bricks = np.full((216, 216, 3), (100, 140, 200), np.uint8)
+    for course in range(9):
+        for left in range(-20 * (course % 2), 216, 40):
+            bricks[24 * course + 3 : 24 * course + 24, max(0, left + 2) : left + 39] = GRAVEL[:1, 7 * course] // 2
     gradient = np.repeat(np.linspace(0, 255, 240).astype(np.uint8)[:, None, None], 300, axis=1).repeat(3, axis=2)
-    for texture in (GRAVEL, tiles, gradient, np.full((64, 64, 3), 90, np.uint8)):
+    for texture in (GRAVEL, tiles, bricks, gradient, np.full((64, 64, 3), 90, np.uint8)):
         assert not found(texture).any()
     assert not found(labelled(tiles, (200, 200, 200))).any()  # of the joints' colour
 

@@ -27,6 +27,7 @@ from texloom.stages.synthesis.semi_procedural.cell_texture import (
 from texloom.stages.synthesis.semi_procedural.cell_tiling import CellTiling
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.masks import with_usable
 
 SIDE = 240
 
@@ -199,3 +200,12 @@ def test_few_cells_are_told_and_what_has_none_is_refused(caplog: pytest.LogCaptu
     small = np.float32([[5, 0], [0, 5]])
     with pytest.raises(InputError, match="less than 64 px are too small"):
         cell_texture(image, small, *lattice(small), params)
+
+
+def test_cells_with_excluded_pixels_are_not_taken() -> None:
+    image = wall()
+    valid = np.ones((image.height, image.width), np.bool_)
+    valid[-80:] = False
+    texture, _ = made(with_usable(image, valid))
+    assert texture.image.channels == image.channels
+    assert 4 <= texture.layout["cells"] < wall_made()[0].layout["cells"]
