@@ -61,7 +61,7 @@ DROPS = {
     "synthesis.reapply",  # it wraps as the earlier result
     "evaluation.cell_plane", "synthesis.cell_texture",
     "evaluation.contact_sheet", "evaluation.endless_plane", "evaluation.energy_curve", "evaluation.hex_plane",
-    "evaluation.lit_preview", "evaluation.sequence",
+    "evaluation.lit_preview", "evaluation.sequence", "evaluation.size_curve",
     "evaluation.source_positions", "evaluation.surface_views", "evaluation.thumbnail", "evaluation.wang_tiling",
 }  # fmt: skip
 """stages that return another picture than one that may repeat"""
