@@ -177,17 +177,19 @@ def find_planes(image: Image, support: float = PlaneProposalParams().support) ->
             planes.append(plane)
     frontal = as_frontal(image, segments)
     report(Progress(1.0))
-    if planes and planes[0].holds:
-        prefers_frontal = frontal is not None and frontal.is_surface and frontal.merit[1] > planes[0].merit[1]
-        return FoundPlanes(planes, int(not prefers_frontal), "")
+    holds = bool(planes) and planes[0].holds
+    if holds and (frontal is None or not frontal.is_surface or frontal.merit[1] <= planes[0].merit[1]):
+        return FoundPlanes(planes, 1, "")
     cues = depth_cues(image, segments, points)
     doubt, hint = cues.reason, cues.hint
     if not doubt and frontal is not None:
         if not frontal.is_surface:
             doubt = "its parts differ as several surfaces do"
         elif not frontal.is_clear:
-            hint = hint or f"its parts differ (evenness {frontal.evenness:.2f}), so that it may be curved"
-    return FoundPlanes(planes, 0, doubt, hint)
+            parts = f"its parts differ (evenness {frontal.evenness:.2f})"
+            doubt = f"{hint}, and {parts}" if hint else ""  # two weak signs are one that counts
+            hint = f"{parts}, so that it may be curved, or show several surfaces"
+    return FoundPlanes(planes, 1, "") if holds and doubt else FoundPlanes(planes, 0, doubt, hint)
 
 
 def _extended(image: Image, plane: RankedPlane) -> tuple[RankedPlane, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from tests.photographs import unit_square
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.analysis.photographs import plane_proposal as module
+from texloom.stages.analysis.photographs.depth_cues import DepthCues
 from texloom.stages.analysis.photographs.plane_candidates import PlaneCandidate
 from texloom.stages.analysis.photographs.plane_proposal import (
     PlaneProposalParams,
@@ -218,6 +220,44 @@ def test_several_surfaces_are_not_frontal(rng: np.random.Generator) -> None:
     parts[130:] = 0.05
     with pytest.raises(InputError, match="its parts differ"):
         plane_proposal(picture(np.clip(parts, 0, 1)), PlaneProposalParams())
+
+
+def test_weak_signs_of_depth_count_where_parts_differ(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    photo = picture(smooth_noise((240, 320), 2, rng))
+    as_found = module.as_frontal
+
+    def uneven(*of: Any) -> RankedPlane:
+        return dataclasses.replace(as_found(*of), repetition=0.2, evenness=0.6)
+
+    monkeypatch.setattr(module, "depth_cues", lambda *_: DepthCues(0.0, False, False, "a little finer"))
+    assert find_planes(photo).hint == "a little finer"
+    monkeypatch.setattr(module, "as_frontal", uneven)
+    assert "a little finer, and its parts differ" in find_planes(photo).doubt
+
+
+@pytest.mark.parametrize("converge", [False, True])
+def test_a_frontal_surface_that_comes_before_a_plane_is_examined(
+    converge: bool, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    corners = pixels(rectangle(2.9, 3.8, -0.4, 0.1, 0.0))
+    photo = rendered([(large_tiles(rng), corners)], rng)
+    as_found = module.as_frontal
+
+    def frontal(*of: Any) -> RankedPlane:
+        return dataclasses.replace(as_found(*of), repetition=0.45, evenness=0.6, straightness=1.0)
+
+    def barely(*of: Any) -> list[RankedPlane]:
+        return [dataclasses.replace(plane, repetition=0.5, evenness=0.5, straightness=0.4) for plane in found(*of)]
+
+    found = module.ranked
+    monkeypatch.setattr(module, "as_frontal", frontal)
+    monkeypatch.setattr(module, "ranked", barely)
+    monkeypatch.setattr(module, "depth_cues", lambda *_: DepthCues(0.3 * converge, False, False))
+    planes = find_planes(photo)
+    assert planes.best == int(converge)
+    assert ("several surfaces" in planes.hint) != converge
 
 
 def test_a_wall_comes_before_clutter(rng: np.random.Generator) -> None:
