@@ -18,6 +18,7 @@ _SOFT = 2  # px around what is plain, mixed with it by reduction and compression
 _WIDEST = 0.25  # of the picture's side
 _ELSEWHERE = 0.002  # share of all else that is plain parts of the same colour; more is of the texture
 _PARTS = (5, 5), (1, 15), (15, 1)  # px of such parts at least: areas and lines, such as joints
+_BROAD = 12  # px of a margin, from which narrow parts of its colour, such as joints, are none like it
 _PLAIN, _OPEN = 0.95, 0.3  # shares of a line that have the colour: in a margin, or at a label's edge; and beside it
 
 _LOOKED_AT = 1024  # px a side, to which larger pictures are reduced, but for margins
@@ -30,7 +31,8 @@ def plain_margins(image: Image) -> Mask | None:
 
     A margin consists of lines from border to border of one colour, which end in a step. A label is a box at the rim
     with plain edges, and writing on a plain ground. Neither is one where the rest of the picture has parts of its
-    colour: it then belongs to the texture, as joints of tiles do.
+    colour: it then belongs to the texture, as joints of tiles do. A margin of 12 px and more is one where such
+    parts are less than half as broad.
 
     References
     ----------
@@ -86,10 +88,12 @@ def inside_margins(color: Float32[np.ndarray, "h w c"]) -> tuple[slice, slice]:
                 plain[side] = np.median(_codes(lines[0]), axis=0)
                 sides[side] += -breadth if side % 2 else breadth
     if plain:
+        whole = (0, color.shape[0], 0, color.shape[1])
         rest = _reduced(color[sides[0] : sides[1], sides[2] : sides[3]])
         for side, value in plain.items():
-            if _has_parts_of(rest, value):
-                sides[side] = (0, color.shape[0], 0, color.shape[1])[side]
+            breadth = abs(sides[side] - whole[side]) * max(rest.shape) // max(color.shape)
+            if _has_parts_of(rest, value) and (breadth < _BROAD or _has_as_broad(rest, value, breadth)):
+                sides[side] = whole[side]
     return slice(*sides[:2]), slice(*sides[2:])
 
 
@@ -121,6 +125,14 @@ def _has_parts_of(
         like &= ~but
     parts = (cv2.erode(like.astype(np.uint8), np.ones(sides, np.uint8), borderValue=0) for sides in _PARTS)
     return any(float(part.mean()) > _ELSEWHERE for part in parts)
+
+
+def _has_as_broad(pixels: Float32[np.ndarray, "h w c"], color: Float32[np.ndarray, "*_"], breadth: int) -> bool:
+    """Whether a picture has a plain part of a colour that is half as broad as a margin; joints rarely are."""
+    import cv2
+
+    like = _like(pixels, color).astype(np.uint8)
+    return bool(cv2.erode(like, np.ones((breadth // 2, breadth // 2), np.uint8), borderValue=0).any())
 
 
 def _mark_labels(codes: Float32[np.ndarray, "h w c"], marked: Mask) -> None:

@@ -72,17 +72,31 @@ def test_of_a_large_picture() -> None:
     assert mask.mean() < 0.015
 
 
-def test_what_belongs_to_a_texture_is_not() -> None:
-    tiles = np.full((250, 250, 3), 200, np.uint8)
+def tiled(ground: int) -> np.ndarray:
+    """Tiles of gravel with joints of 10 px."""
+    tiles = np.full((250, 250, 3), ground, np.uint8)
     for top in range(10, 250, 60):
         for left in range(10, 250, 60):
             tiles[top : top + 50, left : left + 50] = GRAVEL[:50, :50]
+    return tiles
+
+
+def test_a_frame_of_the_colour_of_thin_joints() -> None:
+    mask = found(np.pad(tiled(255)[10:, 10:], ((30, 0), (0, 0), (0, 0)), constant_values=255))
+    assert mask[:30].all()
+    assert not mask[33:].any()
+
+
+def test_what_belongs_to_a_texture_is_not() -> None:
+    tiles = tiled(200)
+    beams = np.repeat(GRAVEL[:, :, :1] // 2, 3, axis=2)
+    beams[:40] = beams[100:130] = 255  # as broad as others, or nearly
     bricks = np.full((216, 216, 3), (100, 140, 200), np.uint8)
     for course in range(9):
         for left in range(-20 * (course % 2), 216, 40):
             bricks[24 * course + 3 : 24 * course + 24, max(0, left + 2) : left + 39] = GRAVEL[:1, 7 * course] // 2
     gradient = np.repeat(np.linspace(0, 255, 240).astype(np.uint8)[:, None, None], 300, axis=1).repeat(3, axis=2)
-    for texture in (GRAVEL, tiles, bricks, gradient, np.full((64, 64, 3), 90, np.uint8)):
+    for texture in (GRAVEL, tiles, bricks, beams, gradient, np.full((64, 64, 3), 90, np.uint8)):
         assert not found(texture).any()
     assert not found(labelled(tiles, (200, 200, 200))).any()  # of the joints' colour
 
