@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import pydantic
 
-from texloom.pipelines.errors import refused
+from texloom.pipelines.errors import refused, shown
 from texloom.pipelines.flow.model import Overrides
 from texloom.pipelines.request_fields import DELIVERY, MOST_SEEDS, OPTIONS, PART, RUNNER, SHORT
 from texloom.stages.vocabulary.sizes import parse_size
@@ -90,8 +90,11 @@ def _check_picture(picture: str) -> None:
     """`InputError` where a word was meant as a size, as standard input, or is that of an unset variable."""
     if not picture:
         raise refused("PICTURE: the name is empty; give a file, a folder or a pattern")
-    if Path(picture).exists():
-        return
+    try:
+        if Path(picture).exists():
+            return
+    except OSError as error:  # such as a name that is too long
+        raise refused(f"PICTURE: {shown(picture)}: cannot be read: {error.strerror}") from None
     if picture == "-":
         raise refused("-: pictures are not read from standard input; give a file")
     if parse_size(picture) is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import html
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -144,7 +144,9 @@ class Texture:
     def maps(self) -> dict[str, np.ndarray]:
         """All maps by the names that they were given by, each of its own kind; ``albedo`` alone for one picture."""
         if not hasattr(self, "_maps"):
-            self._maps = {kind.name: kind.array(self._linear) for kind in self._kinds}
+            known = self._linear.channels  # of several exemplars, those that all have
+            kinds = [kind for kind in self._kinds if channels_of(kind.role, known)]
+            self._maps = {kind.name: kind.array(self._linear) for kind in kinds}
         return self._maps
 
     @property
@@ -232,25 +234,30 @@ def main_image(flow: Flow, method: str | os.PathLike[str]) -> Reference:
     raise InputError(f"method '{method}' makes no picture; use texloom.run")
 
 
-def main_result(result: Result, given: Mapping[str, Picture]) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+def main_result(
+    result: Result, given: Mapping[str, Picture | Sequence[Picture]]
+) -> tuple[dict[str, np.ndarray], dict[str, float]]:
     """The maps of the image that a run is about, each as the source that it is like was given, and its scores.
 
-    Nothing of flows over sets; no maps of those that make no picture.
+    Nothing of flows that make an image for each item of a set; no maps of those that make no picture.
     """
     from texloom.pipelines.engine.run_scores import main_scores
 
     opened = result._opened
     flow = opened.flow
-    if flow.is_set:
-        return {}, {}
     try:
         image = main_image(flow, flow.name)
     except InputError:
         return {}, main_scores(opened)
+    if opened.scope_of(image) == "item" or image.name not in result:
+        return {}, {}
     likes = [like for export, like in flow.likes.items() if flow.exports[export] == image]
     name = next(iter([*likes, *flow.sources]))
-    source = opened.shared.source(name)
-    return Texture(result, image, source, given.get(name, source.reference), flow.name).maps, main_scores(opened)
+    sources = [scope.source(name) for scope in opened.known_scopes if scope.has_source(name)]
+    source = max(sources, key=lambda one: max(one.map_bits.values(), default=0))  # of a set, the one with most bits
+    like: Any = given.get(name, source.reference)
+    like = source.reference if isinstance(like, list | tuple) else like
+    return Texture(result, image, source, like, flow.name).maps, main_scores(opened)
 
 
 def scores_of(flow: Flow) -> Reference | None:

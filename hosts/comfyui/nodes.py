@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 from comfy_execution.graph_utils import ExecutionBlocker
 
-from .running import grey, image, masks, pictures, run_all
+from .running import grey, image, levels, masks, paired, pictures, run_all
 
 _MAPS = ("albedo", "normal", "roughness", "height", "metallic", "ao")
 _GREY = _MAPS[2:]
@@ -17,6 +17,7 @@ _SEED = ("INT", {"default": 7, "min": 0, "max": 2**31 - 1, "tooltip": "equal see
 _TILEABLE = (["off", "x", "y", "both"], {"tooltip": "the borders across which the result repeats"})
 _PRESET = (["default", "fast"],)
 _EXR = "texture.exr"
+_EXEMPLARS = ("first", "second", "third", "fourth")
 
 
 class _Node:
@@ -167,16 +168,83 @@ class Revise(_Node):
         self, texture: Any, exemplar: Any, mask: Any, tileable: str, preset: str, seed: int
     ) -> tuple[Any, ...]:
         """IMAGE."""
-        given, exemplars = pictures(texture), pictures(exemplar)
-        if len(exemplars) not in (1, len(given)):
-            raise ValueError(f"exemplar: {len(exemplars)} pictures for {len(given)} textures; give one, or as many")
-        exemplars *= len(given) if len(exemplars) == 1 else 1
+        given = pictures(texture)
+        exemplars = paired(pictures(exemplar), len(given), "exemplar", "textures")
         regions = masks(mask, len(given), "mask")
         sources = [
             {"texture": one, "exemplar": like, "region": region}
             for one, like, region in zip(given, exemplars, regions)
         ]
         return _edited("revise", sources, preset, seed, {}, tileable=tileable)
+
+
+class Remix(_Node):
+    """One texture of several exemplars."""
+
+    DESCRIPTION = "One texture with patches of several exemplars. All pictures of a batch are exemplars."
+
+    @classmethod
+    def INPUT_TYPES(cls) -> dict[str, Any]:  # noqa: N802
+        """What ComfyUI asks for."""
+        told = "how much of the texture is from it, about, relative to the others, whatever its size"
+        weight = ("FLOAT", {"default": 1.0, "min": 0.01, "max": 1000.0, "step": 0.05, "tooltip": told})
+        tone = "how far mean and contrast of each exemplar are moved to those of all"
+        required = {
+            **dict.fromkeys(_EXEMPLARS[:2], ("IMAGE",)), **{f"{name}_weight": weight for name in _EXEMPLARS},
+            "match_tone": ("FLOAT", {"default": 0.0, "min": 0.0, "max": 1.0, "step": 0.05, "tooltip": tone}),
+            "width": _SIZE, "height": _SIZE, "tileable": _TILEABLE, "preset": _PRESET, "seed": _SEED,
+        }  # fmt: skip
+        return {"required": required, "optional": dict.fromkeys(_EXEMPLARS[2:], ("IMAGE",))}
+
+    def make(
+        self, match_tone: float, width: int, height: int, tileable: str, preset: str, seed: int, **inputs: Any
+    ) -> tuple[Any, ...]:
+        """IMAGE."""
+        batches = {name: pictures(inputs[name]) for name in _EXEMPLARS if inputs.get(name) is not None}
+        shares = [inputs[f"{name}_weight"] / len(batch) for name, batch in batches.items() for _ in batch]
+        weights = {str(number): share for number, share in enumerate(shares, 1)}  # as texloom calls what is sent
+        sources = [{"exemplars": [one for batch in batches.values() for one in batch]}]
+        params = {"sheet.weights": weights, "match_tone": match_tone}
+        return _edited("remix", sources, preset, seed, params, size=f"{width}x{height}", tileable=tileable)
+
+
+class Mix(_Node):
+    """A transition between two exemplars."""
+
+    DESCRIPTION = (
+        "The first exemplar where the mask is black, the second where it is white; without one, a gradient."
+    )
+
+    @classmethod
+    def INPUT_TYPES(cls) -> dict[str, Any]:  # noqa: N802
+        """What ComfyUI asks for."""
+        turned = "direction of the gradient where there is no mask: 0 from left to right, 90 from top to bottom"
+        patches = "0: one border where the mask is half; 1: patches wherever it is between black and white"
+        colours = "where both are without structure, colours change gradually with the mask"
+        required = {
+            "first": ("IMAGE",), "second": ("IMAGE",), "width": _SIZE, "height": _SIZE,
+            "angle": ("FLOAT", {"default": 0.0, "min": -360.0, "max": 360.0, "step": 5.0, "tooltip": turned}),
+            "patchiness": ("FLOAT", {"default": 0.6, "min": 0.0, "max": 1.0, "step": 0.05, "tooltip": patches}),
+            "gradual": ("BOOLEAN", {"default": True, "tooltip": colours}),
+            "tileable": _TILEABLE, "preset": _PRESET, "seed": _SEED,
+        }  # fmt: skip
+        return {"required": required, "optional": {"mask": ("MASK", {"tooltip": "stretched to width and height"})}}
+
+    def make(
+        self, first: Any, second: Any, width: int, height: int, angle: float, patchiness: float, gradual: bool,
+        tileable: str, preset: str, seed: int, mask: Any = None,
+    ) -> tuple[Any, ...]:  # fmt: skip
+        """IMAGE."""
+        ones = pictures(first)
+        others = paired(pictures(second), len(ones), "second", "first exemplars")
+        sources: list[dict[str, Any]] = [{"exemplars": [one, other]} for one, other in zip(ones, others)]
+        params: dict[str, Any] = {"patchiness": patchiness, "gradual": gradual}
+        if mask is None:
+            params["mixture.angle"] = angle
+        else:
+            for given, way in zip(sources, levels(mask, len(ones), "mask")):
+                given["map"] = way
+        return _edited("mix", sources, preset, seed, params, size=f"{width}x{height}", tileable=tileable)
 
 
 def _edited(
@@ -217,7 +285,8 @@ def _images(made: list[Any]) -> tuple[Any, ...]:
 
 
 NODE_CLASS_MAPPINGS = {
-    f"Texloom{node.__name__}": node for node in (Synthesise, MakeTileable, Material, Reapply, Fill, Revise)
+    f"Texloom{node.__name__}": node
+    for node in (Synthesise, MakeTileable, Material, Reapply, Fill, Revise, Remix, Mix)
 }
 NODE_DISPLAY_NAME_MAPPINGS = {
     "TexloomSynthesise": "Texloom: larger texture",
@@ -226,4 +295,6 @@ NODE_DISPLAY_NAME_MAPPINGS = {
     "TexloomReapply": "Texloom: reapply to more maps",
     "TexloomFill": "Texloom: fill a mask",
     "TexloomRevise": "Texloom: revise a mask",
+    "TexloomRemix": "Texloom: remix exemplars",
+    "TexloomMix": "Texloom: mix along a mask",
 }

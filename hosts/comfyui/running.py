@@ -46,9 +46,19 @@ def grey(picture: np.ndarray, name: str) -> np.ndarray:
 def masks(mask: Any, count: int, name: str) -> list[np.ndarray]:
     """The masks of a MASK (B, H, W) or (H, W) for so many pictures, white where they are above a half."""
     white = [255 * (np.asarray(one.cpu().numpy()) > 0.5).astype(np.uint8) for one in _batch(mask)]
-    if len(white) not in (1, count):
-        raise ValueError(f"{name}: {len(white)} masks for {count} pictures; give one, or as many")
-    return white * count if len(white) == 1 else white
+    return paired(white, count, name, "pictures")
+
+
+def levels(mask: Any, count: int, name: str) -> list[np.ndarray]:
+    """The same with all that is between black and white."""
+    return paired(pictures(_batch(mask)), count, name, "pictures")
+
+
+def paired(given: list[np.ndarray], count: int, name: str, others: str) -> list[np.ndarray]:
+    """One of ``given`` for each of so many others."""
+    if len(given) not in (1, count):
+        raise ValueError(f"{name}: {len(given)} given for {count} {others}; give one, or as many")
+    return given * count if len(given) == 1 else given
 
 
 def _batch(mask: Any) -> Any:

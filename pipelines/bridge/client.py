@@ -109,7 +109,8 @@ class RunResult(NamedTuple):
 
 
 Source = Union[str, os.PathLike, bytes, Pixels, Any, Mapping[str, Any]]
-"""a path; `Pixels` or a NumPy array; (name, bytes) of a file; or the maps of a material, name to one of the two"""
+"""a path; `Pixels` or a NumPy array; (name, bytes) of a file; the maps of a material, name to one of the two; a
+list of several, where a flow takes a set"""
 
 
 class RunHandle:
@@ -214,6 +215,8 @@ class RunHandle:
 
     def _sent(self, given: Source) -> Any:
         """Send the pictures of a source; what stands for it in the request."""
+        if isinstance(given, list):
+            return [self._sent(one) for one in given]
         if isinstance(given, Mapping):
             return {"maps": {name: self._client._send(one) for name, one in given.items()}}
         if isinstance(given, (str, os.PathLike)):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from texloom.pipelines.store.store import Store
 
 _NAME = re.compile(r"[^/\\]+$")
-_ARRAY = re.compile(r"[0-9a-f]{64}\.(png|exr)")  # as `file_source` names them
+_ARRAY = re.compile(r".*/[0-9a-f]{64}(\.png|\.exr|/maps\.yaml)?")  # as `file_source` names them
 
 
 def _store_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -72,10 +72,18 @@ def _users_of(opened: Store) -> _Users:
 
 
 def _print_entries(results: Sequence[StoreEntry], others: Sequence[StoreEntry], users: _Users) -> None:
-    rows = [("FLOW", "PICTURE", "STEP", "SIZE", "LAST USED"), *_rows(results, users)]
-    _print_table(
-        [*rows, *(("", "", _other(entry), format_byte_size(entry.size), _age(entry.used)) for entry in others)]
-    )
+    arrays = [entry for entry in others if _ARRAY.fullmatch(entry.folder.as_posix())]
+    named = [(_other(entry), [entry]) for entry in others if entry not in arrays]
+    if arrays:  # whose names are digests
+        named.append((_count(len(arrays), "array"), arrays))
+    _print_table([
+        ("FLOW", "PICTURE", "STEP", "SIZE", "LAST USED"), *_rows(results, users),
+        *(("", "", what, *_size_and_age(listed)) for what, listed in named),
+    ])  # fmt: skip
+
+
+def _size_and_age(listed: Sequence[StoreEntry]) -> tuple[str, str]:
+    return format_byte_size(sum(entry.size for entry in listed)), _age(max(entry.used for entry in listed))
 
 
 def _rows(results: Sequence[StoreEntry], users: _Users) -> Iterable[tuple[str, ...]]:
@@ -92,14 +100,15 @@ def _rows(results: Sequence[StoreEntry], users: _Users) -> Iterable[tuple[str, .
         for step in sorted(groups[number], key=lambda step: order.index(step) if step in order else 0):
             listed = groups[number][step]
             what = step if len(listed) == 1 else f"{step} ({_count(len(listed), 'result')})"
-            used = max(entry.used for entry in listed)
-            yield (*names, what, format_byte_size(sum(entry.size for entry in listed)), _age(used))
+            yield (*names, what, *_size_and_age(listed))
             names = ("", "")
 
 
 def _pictures(run: LoggedRun) -> str:
-    names = [found[0] if (found := _NAME.search(source)) else source for source in run.sources.values()]
-    return ", ".join("array" if _ARRAY.fullmatch(name) else name for name in names)
+    return ", ".join(
+        "array" if _ARRAY.fullmatch(source) else found[0] if (found := _NAME.search(source)) else source
+        for source in run.sources.values()
+    )
 
 
 def _other(entry: StoreEntry) -> str:
@@ -189,7 +198,9 @@ def prune(store_folder: Path, as_json: bool, days: float, dry_run: bool) -> int:
         opened.check_writable()
     users = _users_of(opened)
     removed = housekeeping.prune(opened, days, dry_run)
-    return _print_removed(removed, users, "would go" if dry_run else "removed", as_json)
+    told = "would go" if dry_run else "removed"
+    told += "" if removed else f"; nothing has been unused for {days:g} days"
+    return _print_removed(removed, users, told, as_json)
 
 
 @store.command(short_help="Keep the store within a size, from now on.")
@@ -227,7 +238,8 @@ def limit(store_folder: Path, as_json: bool, size: str | None, dry_run: bool) ->
         raise refused(f"--store {store_folder}: {problem}")
     housekeeping.set_limit(opened, most)
     users = _users_of(opened)
-    return _print_removed(housekeeping.keep_limit(opened), users, "removed", as_json)
+    done = f"removed; {opened.root} has {'no limit' if most is None else f'a limit of {format_byte_size(most)}'}"
+    return _print_removed(housekeeping.keep_limit(opened), users, done, as_json)
 
 
 def _warn_of_limit(opened: Store) -> None:

@@ -35,7 +35,8 @@ def find_flow(name: str, folder: Path = Path()) -> Path:
         raise refused(f"{name}: is a picture, not a flow, as in: texloom run self_tuning {name}")
     if path.is_dir():
         raise refused(f"{name}: is a folder, not a flow file")
-    file = file_called(name, folder)
+    stem = name.removesuffix(".yaml").removesuffix(".yml")
+    file = file_called(stem, folder) or (stem if stem in shipped or stem in others else None)
     near = f"; did you mean '{file}'?" if file else closest(name, [*shipped, *others])
     raise refused(f"{name}: no such flow{near or '; `texloom flows` lists those that ship'}")
 

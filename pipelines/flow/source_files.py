@@ -64,6 +64,8 @@ def source_of(
     except InputError as error:
         raise refused(f"sources.{name}: {error}") from None
     notes = [f"sources.{name}: {reference}: {told}" for reference in references if (told := _unread(reference))]
+    libraries = [one for one in references if _is_library(one, takes_maps)]
+    notes += [f"sources.{name}: {one}: {told}" for one in libraries if (told := _ignored(one))]
     notes += [f"sources.{name}: {one}: {found.told}" for one, found in patterns.items() if found.told]
     if folder is not None:
         notes.append(
@@ -112,9 +114,13 @@ def matching(pattern: str) -> MatchedFiles:
     left = [one for one in files if has_pictures or kinds[one] not in MESHES]
     if not left:
         return MatchedFiles(found, "")
-    shown = ", ".join(map(basename, left[:_LISTED])) + (", ..." if len(left) > _LISTED else "")
-    count = "1 file" if len(left) == 1 else f"{len(left)} files"
-    return MatchedFiles([one for one in found if one not in {*left}], f"{count} beside the others ignored: {shown}")
+    return MatchedFiles([one for one in found if one not in {*left}], _told_of_ignored(left))
+
+
+def _told_of_ignored(files: Sequence[str]) -> str:
+    shown = ", ".join(map(basename, files[:_LISTED])) + (", ..." if len(files) > _LISTED else "")
+    count = "1 file" if len(files) == 1 else f"{len(files)} files"
+    return f"{count} beside the others ignored: {shown}"
 
 
 def _is_library(reference: str, takes_maps: bool) -> bool:
@@ -148,3 +154,16 @@ def _unread(reference: str) -> str:
     """What is told of pictures in a folder that are not read."""
     folder = Path(reference)
     return formats.told_of_unread(path.name for path in folder.iterdir()) if folder.is_dir() else ""
+
+
+def _ignored(reference: str) -> str:
+    """What is told of other files beside the pictures of a folder; hidden ones are none."""
+    left = [
+        one.name
+        for one in sorted(Path(reference).iterdir())
+        if one.suffix.lower() not in formats.SUFFIXES
+        and not one.name.startswith(".")
+        and not formats.is_unread(one.name)
+        and one.is_file()
+    ]
+    return _told_of_ignored(left) if left else ""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,8 @@ from texloom.stages.vocabulary.facts import GREENS, MapFacts
 from texloom.stages.vocabulary.normals import NORMAL, rounding, unit
 from texloom.stages.vocabulary.scratch import bands, empty, release
 
+_LOG = logging.getLogger(__name__)
+
 _NAME = "material"
 _BITS = {"height": 16}
 """of maps made from files whose bits nobody knows, if not 8"""
@@ -43,8 +46,8 @@ def write_maps(
     ``material.exr`` holds all channels, normals with unit length; ``material.mtlx`` binds the PNGs. These have the
     names and direction of green of the files of ``like``; they are named by their role without such a file, and
     where it packs several maps or holds 1 minus one. In PNG
-    only, heights are normalised, see `relief_of`, and other values beyond 0..1 clipped, both with a warning. Pixels
-    copied from files of ``like`` keep their bits.
+    only, heights are normalised, see `relief_of`, other values beyond 0..1 clipped, and a grey albedo is written as
+    three equal channels, each with a warning. Pixels copied from files of ``like`` keep their bits.
 
     Parameters
     ----------
@@ -67,6 +70,7 @@ def write_maps(
     written = {f"{_NAME}.exr": codec.export(shown, Image, folder / f"{_NAME}.exr", provenance, attributes)}
     relief = relief_of(image)
     relief.tell()
+    tell_of_grey(image)
     image = relief.normalised(image)
     stems = [one.stem for one in like]
     bound = []
@@ -126,6 +130,12 @@ def channels_of(role: str, known: Sequence[str]) -> list[str]:
     if set(names) <= set(known):
         return list(names)
     return [role] if role in known else []
+
+
+def tell_of_grey(image: Image) -> None:
+    """Warn that the albedo of a grey image is written as colour."""
+    if image.channels[0] == "Y":
+        _LOG.warning("albedo: is grey, and written as three equal channels, as shaders expect")
 
 
 def facts_of_file(role: str, directx: bool, relief: Relief) -> MapFacts:

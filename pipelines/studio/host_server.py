@@ -26,8 +26,8 @@ from texloom.pipelines.studio.messages.hosts import (
     PROTOCOL,
     Hello,
     HostRun,
-    Maps,
     OnePicture,
+    OneSource,
     PixelFormat,
     Submitted,
 )
@@ -174,7 +174,9 @@ def _has_ended(job: HostRun) -> bool:
     return job.state not in ("waiting", "running")
 
 
-def _ids(given: str | OnePicture | Maps) -> list[str]:
+def _ids(given: OneSource | list[OneSource]) -> list[str]:
+    if isinstance(given, list):
+        return [one for source in given for one in _ids(source)]
     if isinstance(given, str):
         return []
     return [given.picture] if isinstance(given, OnePicture) else list(given.maps.values())

@@ -101,6 +101,28 @@ def test_exports_by_pattern_in_the_layout_that_was_asked_for(client: Client, pic
     assert f"inputs:scale = ({0.05 * 64 * 0.002:g}," in document.decode()  # height in metres
 
 
+def test_several_pictures_have_numbers_for_names(client: Client, picture: np.ndarray, tmp_path: Path) -> None:
+    """Raw ones; files have their own. The result is as the deepest of them."""
+    other = 255 - picture
+    PIL.Image.fromarray(other[:40]).save(tmp_path / "grass.png")
+    given = [picture, picture, ("grass.png", (tmp_path / "grass.png").read_bytes()), other.astype(np.uint16) * 257]
+    params = {"sheet.weights": {"1": 2, "grass": 1}}
+    options = {"size": 64, "preset": "fast", "files": ("exemplars.json",)}
+    made = client.submit("remix", {"exemplars": given}, params, **options).wait(600)
+    assert (made.maps["albedo"].shape, made.maps["albedo"].dtype) == ((64, 64, 3), "uint16")
+    told = json.loads(made.files["exemplars.json"])
+    assert sorted(one["name"] for one in told["exemplars"]) == ["1", "2", "4", "grass"]
+
+
+def test_several_materials(client: Client, picture: np.ndarray) -> None:
+    """The maps that all have."""
+    first = {"albedo": picture, "height": picture[..., 0], "roughness": picture[..., 1]}
+    second = {"albedo": picture[::-1].copy(), "roughness": picture[..., 2]}
+    options = {"size": 64, "preset": "fast"}
+    made = client.submit("remix", {"exemplars": [first, second]}, **options).wait(600)
+    assert {name: one.shape for name, one in made.maps.items()} == {"albedo": (64, 64, 3), "roughness": (64, 64)}
+
+
 def test_a_large_picture(client: Client, picture: np.ndarray) -> None:
     large = np.tile(picture, (64, 64, 1))
     assert large.shape == (4096, 4096, 3)
@@ -309,6 +331,8 @@ def test_two_clients_at_once(client: Client, picture: np.ndarray) -> None:
         ("quilting", {"exemplar": np.zeros((8, 8, 3))}, {}, "dtype: float64: Input should be 'uint8', 'uint16' or"),
         ("quilting", {"exemplar": np.zeros((8, 8, 2), np.uint8)}, {}, "exemplar"),
         ("quilting", {"exemplar": np.zeros((8, 0, 3), np.uint8)}, {}, "shape: "),
+        ("remix", {"exemplars": []}, {}, "sources.exemplars"),
+        ("remix", {"exemplars": [np.zeros((8, 8), np.uint8)] * 2}, {}, "8 x 8 px is too small"),
         ("quilting", {"exemplar": Pixels(b"abc", (8, 8), "uint8")}, {}, "shape: 8,8 of uint8 are 64 bytes, but"),
         ("quilting", {"exemplar": Pixels(b"a" * 64, (8, 8), "uint8", "linear")}, {}, "color_space: uint8 is srgb"),
         ("quilting", {"exemplar": ("../a.png", b"")}, {}, "name: ../a.png is no name of a file"),

@@ -127,11 +127,23 @@ def hole() -> Tensor:
     return Tensor(values)
 
 
+def ramp() -> Tensor:
+    """From left to right, from 0 to 1 in the middle half."""
+    columns = np.clip(np.linspace(-0.5, 1.5, SIZE, dtype=np.float32), 0, 1)
+    return Tensor(np.tile(columns, (1, SIZE, 1)))
+
+
 def inputs_of(name: str) -> Tensor:
     """A picture of the workflows by its name."""
     picture = exemplar()
     grey = picture.mean(axis=2, keepdims=True).astype(np.uint8).repeat(3, 2)
-    others = {"normal.png": np.full_like(picture, (128, 128, 255)), "roughness.png": grey[::-1], "height.png": grey}
+    second = np.stack([255 - picture[..., 0], picture[..., 1] // 4, picture[..., 2] // 4], axis=2)
+    others = {
+        "second.png": second,
+        "normal.png": np.full_like(picture, (128, 128, 255)),
+        "roughness.png": grey[::-1],
+        "height.png": grey,
+    }
     return loaded(others.get(name, picture))
 
 
@@ -146,7 +158,7 @@ def run_workflow(name: str, package: Any) -> dict[str, Any]:
         if kind == "LoadImage":
             made[identity] = (inputs_of(given["image"]),)
         elif kind == "LoadImageMask":
-            made[identity] = (hole(),)
+            made[identity] = (ramp() if given["image"] == "map.png" else hole(),)
         elif kind == "SaveImage":
             saved[given["filename_prefix"]] = given["images"]
         else:
@@ -196,6 +208,43 @@ def test_fill_and_revise(comfy: tuple[Host, Any]) -> None:
         np.testing.assert_array_equal(one[~inside], before[~inside])
         assert (one[inside] != before[inside]).any()
     assert (filled != revised).any()
+
+
+def reddish(image: Any) -> np.ndarray:
+    """Where each picture is from the second exemplar, whose green and blue are at most a quarter."""
+    is_red: np.ndarray = values_of(image)[..., 1:].max(3) < 0.26
+    return is_red
+
+
+def test_remix(comfy: tuple[Host, Any]) -> None:
+    """Twice as much of the first as of the second."""
+    (made,) = run_workflow("remix", comfy[1]).values()
+    assert values_of(made).shape == (1, SIZE, SIZE, 3)
+    assert 0.2 < reddish(made).mean() < 0.47
+
+
+def test_remix_takes_batches_and_sizes(comfy: tuple[Host, Any]) -> None:
+    node = comfy[1].NODE_CLASS_MAPPINGS["TexloomRemix"]()
+    asked = {
+        name: default[1]["default"]
+        for name, default in node.INPUT_TYPES()["required"].items()
+        if name[-6:] == "weight"
+    }
+    first = inputs_of("example.png")
+    both = Tensor(np.concatenate([first.numpy(), first.numpy()[:, ::-1]]))
+    third = Tensor(inputs_of("second.png").numpy()[:, :40, :48])
+    how = {"match_tone": 0.0, "width": 96, "height": 64, "tileable": "off", "preset": "fast", "seed": 7}
+    (made,) = node.make(first=both, second=first, third=third, **asked, **how)
+    assert values_of(made).shape == (1, 64, 96, 3)
+    assert 0.15 < reddish(made).mean() < 0.5
+
+
+def test_mix(comfy: tuple[Host, Any]) -> None:
+    by_mask, by_angle = (reddish(one)[0] for one in run_workflow("mix", comfy[1]).values())
+    assert by_mask.shape == by_angle.shape == (SIZE, SIZE)
+    for along in (by_mask.T, by_angle):  # from left to right, from the top to the bottom
+        assert along[:10].mean() < 0.3
+        assert along[-10:].mean() > 0.6
 
 
 def test_material(comfy: tuple[Host, Any]) -> None:
@@ -270,7 +319,7 @@ def test_interruption(comfy: tuple[Host, Any]) -> None:
 @pytest.mark.parametrize(
     ("kind", "given", "problem"),
     [
-        ("TexloomFill", {"mask": Tensor(np.ones((2, 8, 8)))}, "mask: 2 masks for 1 pictures; give one, or as many"),
+        ("TexloomFill", {"mask": Tensor(np.ones((2, 8, 8)))}, "mask: 2 given for 1 pictures; give one, or as many"),
         (
             "TexloomFill",
             {"mask": Tensor(np.zeros((8, 8)))},

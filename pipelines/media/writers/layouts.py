@@ -17,7 +17,13 @@ import numpy as np
 from texloom.pipelines.media import udim as udim_tiles
 from texloom.pipelines.media.conventions import COLORS, LAYOUTS, ROLES, Layout, LayoutFile, role_of
 from texloom.pipelines.media.delivery import Delivery
-from texloom.pipelines.media.material_export import channels_of, codes_of, facts_of_file, with_unit_normals
+from texloom.pipelines.media.material_export import (
+    channels_of,
+    codes_of,
+    facts_of_file,
+    tell_of_grey,
+    with_unit_normals,
+)
 from texloom.pipelines.media.materialx import BoundMap, document
 from texloom.pipelines.media.relief import Relief, relief_of
 from texloom.pipelines.store.atomic import write_atomically
@@ -192,6 +198,7 @@ def write_layout(
     if left := [role for role in ROLES if role not in held and channels_of(role, image.channels)]:
         count = "1 map is" if len(left) == 1 else f"{len(left)} maps are"
         _LOG.warning("%s not part of layout %s: %s", count, delivery.layout, ", ".join(left))
+    tell_of_grey(image)
     image = with_unit_normals(image, 16)
     files, written = write_maps_of(image, folder, name, layout, delivery, provenance, fed or {})
     if layout.document:

@@ -76,12 +76,17 @@ class Maps(Message):
     """name to id"""
 
 
+OneSource = str | OnePicture | Maps
+
+
 class Submitted(Message):
     """A run that is wanted: the options of ``texloom run``."""
 
     flow: str
-    sources: dict[str, str | OnePicture | Maps] = Field({}, max_length=32)
-    """name to a file of this machine, as the command takes it, or to what was sent"""
+    sources: dict[str, OneSource | Annotated[list[OneSource], Field(min_length=1, max_length=32)]] = Field(
+        {}, max_length=32
+    )
+    """name to a file of this machine, as the command takes it, to what was sent, or to several of these"""
     params: dict[str, Any] = Field({})
     size: str | int | None = None
     """WIDTHxHEIGHT, or one number for both, px"""

@@ -170,9 +170,11 @@ def _edges(codes: Float32[np.ndarray, "h w c"]) -> Iterator[tuple[int, int, int]
     change[:, 1:-1] = np.abs(np.diff(codes[first:-_SOFT], axis=1)).max(axis=2) > 2 * _SAME
     row, column = np.nonzero(change)
     long = np.flatnonzero((np.diff(column) >= _LEAST[1]) & (np.diff(row) == 0))
-    for last, begin, end in zip(
-        (row[long] + first).tolist(), column[long].tolist(), column[long + 1].tolist(), strict=True
-    ):
-        beyond = _like(codes[last + _SOFT, begin:end], np.median(codes[last, begin:end], axis=0))
-        if beyond.mean() <= _OPEN:
-            yield last, begin, end
+    last, begin, end = row[long] + first, column[long], column[long + 1]
+    is_edge = np.zeros(len(long), np.bool_)
+    for length in np.unique(end - begin):  # thousands of runs, of few lengths
+        own = np.flatnonzero(end - begin == length)
+        along = begin[own, None] + np.arange(length)
+        color = np.median(codes[last[own, None], along], axis=1, keepdims=True)
+        is_edge[own] = _like(codes[last[own, None] + _SOFT, along], color).mean(axis=1) <= _OPEN
+    yield from zip(last[is_edge].tolist(), begin[is_edge].tolist(), end[is_edge].tolist(), strict=True)

@@ -1,6 +1,7 @@
 """A rough collage as a layout: what of it is kept, and what guides the rest."""
 
 import dataclasses
+import logging
 from collections.abc import Mapping
 from typing import Annotated, Any
 
@@ -35,6 +36,8 @@ from texloom.stages.vocabulary.masks import (
 )
 from texloom.stages.vocabulary.progress import Progress, report
 from texloom.stages.vocabulary.tileable import Tileable
+
+_LOG = logging.getLogger(__name__)
 
 _PATCH = 10  # px
 _COARSEST, _RATIO = 35, 1.6  # first scale of the search for the layout's pixels in the exemplar, and scales' ratio
@@ -298,6 +301,12 @@ def _continued(sources: np.ndarray, laid: Mask, shape: tuple[int, int]) -> np.nd
 
 def _with_maps(layout: Image, exemplar: Image, sources: Correspondence) -> Image:
     """The layout with the channels of the exemplar."""
+    if "Y" in exemplar.channels and "R" in layout.channels:
+        _LOG.warning(
+            "the layout's colours are dropped, as the exemplar is grey; give an exemplar in colour to keep them"
+        )
+    elif "R" in exemplar.channels and "Y" in layout.channels:
+        _LOG.warning("the layout is grey, taken as three equal channels, as the exemplar is in colour")
     planes = exemplar.pixels[sources[..., 0], sources[..., 1]]
     grey = matrix_product(layout.color, np.array([0.2126, 0.7152, 0.0722], np.float32))
     for index, name in enumerate(exemplar.channels):

@@ -124,6 +124,10 @@ def _common_channels(texture: tuple[str, ...], exemplar: tuple[str, ...]) -> Non
     """`InputError` unless the exemplar has all maps of the texture."""
     known = {*exemplar, *("RGB" if "Y" in exemplar else ())}
     missing = [name for name in texture if name not in known and name not in EXCLUSION_CHANNELS]
+    if "Y" in missing:
+        raise InputError(
+            "exemplar: is in colour and the texture grey; give a grey exemplar, or the texture in colour"
+        )
     if missing:
         raise InputError(f"exemplar: lacks the channel {missing[0]} of the texture; it has {', '.join(exemplar)}")
 
@@ -132,6 +136,8 @@ def exemplar_like(exemplar: Image, texture: Image) -> Image:
     """The exemplar with the channels of the texture, and `usable` where some of it must not be copied."""
     valid = valid_pixels(exemplar)
     planes = []
+    if "Y" in exemplar.channels and "R" in texture.channels:
+        _LOG.warning("the exemplar is grey, taken as three equal channels, as the texture is in colour")
     for name in texture.channels:
         if name in exemplar.channels:
             planes.append(exemplar.pixels[..., exemplar.channels.index(name)])

@@ -134,7 +134,7 @@ def _of_one_kind(names: Sequence[str], images: Sequence[Image]) -> list[Image]:
     made = list(map(_in_colour, images)) if any(colours) else list(images)
     if any(colours) and not all(colours):
         grey = [name for name, is_colour in zip(names, colours, strict=True) if not is_colour]
-        _LOG.warning("%s: grey among exemplars in colour", ", ".join(grey))
+        _LOG.warning("%s: grey, taken as three equal channels, as others are in colour", ", ".join(grey))
     common = [name for name in made[0].channels if all(name in image.channels for image in made)]
     for name, image in zip(names, made, strict=True):
         if left_out := [channel for channel in image.channels if channel not in common]:

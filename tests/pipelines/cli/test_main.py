@@ -370,6 +370,8 @@ WRONG_COMMANDS = {
     "store limit 20": "SIZE: 20 has no unit; give 20GB, or 20B for bytes",
     "store limit -5GB": "No such option",
     "run 'self\ntuning'": "self\\ntuning: no such flow",
+    "run quilting.yaml": "quilting.yaml: no such flow; did you mean 'quilting'?",
+    f"plan quilting {300 * 'a'}": f"PICTURE: '{79 * 'a'}...: cannot be read: File name too long",
 }
 
 
@@ -1542,6 +1544,20 @@ def test_the_list_is_by_run(again: Path) -> None:
     assert {line.split()[0] for line in texloom("store", "ls").out.splitlines()[1:11]} <= set(stage_names())
 
 
+def test_a_store_of_arrays_and_its_limit_are_told_in_words(folder: Path, rng: np.random.Generator) -> None:
+    exemplar = rng.integers(0, 256, (48, 48, 3), np.uint8)
+    maps = {"albedo": exemplar, "height": exemplar[..., 0]}
+    for given in (exemplar, maps):
+        api.synthesize(given, method="quilting", size=48, store=folder / "own")
+    listed = texloom("store", "ls", "--store", "own").out
+    assert not re.search(r"[0-9a-f]{64}", listed)
+    assert [line.split()[:2] for line in listed.splitlines() if " array" in line] == [
+        ["quilting", "array"], ["quilting", "array"], ["2", "arrays"],
+    ]  # fmt: skip
+    assert "own has a limit of 1.0 GB" in texloom("store", "limit", "1GB", "--store", "own").out
+    assert "own has no limit" in texloom("store", "limit", "none", "--store", "own").out
+
+
 # -- whose store it is
 
 
@@ -1651,7 +1667,7 @@ def test_an_array_is_listed_without_its_digest(folder: Path) -> None:
 
 
 def test_prune(again: Path) -> None:
-    assert texloom("store", "prune").out == "0 results, 0 bytes removed\n"
+    assert texloom("store", "prune").out == "0 results, 0 bytes removed; nothing has been unused for 30 days\n"
     before = tree(again)
     kept = texloom("store", "prune", "--days", "0", "--dry-run")
     assert kept.code == 0
@@ -1665,7 +1681,8 @@ def test_prune(again: Path) -> None:
 
 def test_limit(again: Path) -> None:
     assert texloom("store", "limit").out == "no limit\n"
-    assert texloom("store", "limit", "20GB").out == "0 results, 0 bytes removed\n"
+    limited = texloom("store", "limit", "20GB").out
+    assert limited == f"0 results, 0 bytes removed; {again / 'artifacts'} has a limit of 20.0 GB\n"
     assert texloom("store", "limit").out == "20.0 GB\n"
     assert "limit 20.0 GB" in texloom("store", "ls").out
     assert json.loads(texloom("store", "limit", "--json").out) == {"limit": 20_000_000_000}

@@ -134,6 +134,7 @@ def test_pictures_that_are_not_read_are_told(folder: Path) -> None:
     (source,) = opened(".").sources.values()
     assert source.notes == (
         f"sources.exemplar: {folder}: 2 files are not read: D.XCF, c.jxl; save them as PNG, TIFF or EXR",
+        f"sources.exemplar: {folder}: 1 file beside the others ignored: notes.txt",
     )
     (folder / "empty" / "e.jxl").write_bytes(b"e")
     with pytest.raises(InputError, match=r"is a folder without pictures; 1 file is not read: e\.jxl"):

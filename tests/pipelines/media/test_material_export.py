@@ -15,8 +15,10 @@ from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.loader import load_flow
 from texloom.pipelines.flow.model import Overrides
+from texloom.pipelines.media.delivery import Delivery
 from texloom.pipelines.media.material_export import write_maps
 from texloom.pipelines.media.sources import open_source
+from texloom.pipelines.media.writers.layouts import write_layout
 from texloom.pipelines.store.store import Store
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -115,6 +117,19 @@ def test_maps_without_an_original(tmp_path: Path, rng: np.random.Generator) -> N
     assert saved(tmp_path / "out" / "albedo.png").shape == (*SIDES, 3)
     height = saved(tmp_path / "out" / "height.png")
     np.testing.assert_array_equal(height, np.rint(image.pixels[..., 1].astype(np.float64) * 65535))
+
+
+@pytest.mark.parametrize("layout", [None, "unreal"])
+def test_a_grey_albedo_is_written_as_colour_which_is_told(
+    tmp_path: Path, rng: np.random.Generator, caplog: pytest.LogCaptureFixture, layout: str | None
+) -> None:
+    image = Image(rng.random((*SIDES, 1), dtype=np.float32), ("Y",))
+    if layout is None:
+        write_maps(image, tmp_path, (), {})
+    else:
+        write_layout(image, tmp_path, "moss", Delivery(layout=layout), {})
+    assert {saved(path).ndim for path in tmp_path.glob("*.png")} == {3}
+    assert "albedo: is grey, and written as three equal channels, as shaders expect" in caplog.messages
 
 
 def test_files_of_one_name_from_several_folders(tmp_path: Path, rng: np.random.Generator) -> None:

@@ -134,6 +134,19 @@ def test_maps_that_the_collage_lacks_are_those_of_the_exemplar(exemplar: Image) 
     assert np.quantile(errors, 0.9) < 0.02
 
 
+@pytest.mark.parametrize(
+    ("is_grey", "told"), [(True, "the layout's colours are dropped"), (False, "three equal channels")]
+)
+def test_grey_and_colour_are_told(
+    exemplar: Image, caplog: pytest.LogCaptureFixture, is_grey: bool, told: str
+) -> None:
+    grey = Image(exemplar.pixels[..., :1].copy(), ("Y",))
+    made = run(grey, pasted(exemplar)) if is_grey else run(exemplar, pasted(grey))
+    assert made.image.channels[0] == ("Y" if is_grey else "R")
+    (message,) = caplog.messages
+    assert told in message
+
+
 def test_one_result_for_any_number_of_threads(exemplar: Image, monkeypatch: pytest.MonkeyPatch) -> None:
     one, two = run_with_threads(lambda: run(exemplar, pasted(exemplar)), monkeypatch, (1, 2))
     np.testing.assert_array_equal(one.start, two.start)

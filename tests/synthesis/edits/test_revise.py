@@ -248,3 +248,11 @@ def test_an_exemplar_without_the_maps_is_refused(exemplar: Image, texture: Image
         run(deep, exemplar, marked(BOX))
     with pytest.raises(InputError, match="too small"):
         run(picture(np.ones((15, 60, 3))), exemplar, marked(np.s_[:2, :2], size=(15, 60)))
+
+
+def test_grey_and_colour(exemplar: Image, texture: Image, caplog: pytest.LogCaptureFixture) -> None:
+    grey = Image(exemplar.pixels[..., :1].copy(), ("Y",))
+    assert_only(run(texture, grey, marked(BOX)), texture, marked(BOX))
+    assert "the exemplar is grey, taken as three equal channels, as the texture is in colour" in caplog.messages
+    with pytest.raises(InputError, match="exemplar: is in colour and the texture grey"):
+        run(Image(texture.pixels[..., :1].copy(), ("Y",)), exemplar, marked(BOX))

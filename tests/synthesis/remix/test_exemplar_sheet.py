@@ -94,7 +94,7 @@ def test_grey_exemplars_become_coloured_and_it_is_said(
 ) -> None:
     made = sheet([two[0], picture(rng.random((40, 40)).astype(np.float32))])
     assert made.image.channels == ("R", "G", "B", "usable")
-    assert caplog.messages == ["b: grey among exemplars in colour"]
+    assert caplog.messages == ["b: grey, taken as three equal channels, as others are in colour"]
 
 
 def test_weights_are_shares_relative_to_even_use(two: list[Image | None]) -> None:
