@@ -28,6 +28,19 @@ TEXLOOM = (sys.executable, "-m", "texloom")
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / ".import")}
 SMALL = 64  # px of a side of the exemplar
 
+# Without a GPU a lit material takes seconds to draw, most of them for smooth edges, and for the 256 samples a pixel
+# that three.js takes of its surroundings.
+ROUGH_SCENES = """{
+  const { prototype: canvas } = HTMLCanvasElement, { prototype: gl } = WebGL2RenderingContext;
+  const { getContext } = canvas, { shaderSource } = gl;
+  canvas.getContext = function (kind, options) {
+    return getContext.call(this, kind, { ...options, antialias: false });
+  };
+  gl.shaderSource = function (shader, text) {
+    shaderSource.call(this, shader, text.replace("GGX_SAMPLES 256u", "GGX_SAMPLES 4u"));
+  };
+}"""
+
 
 class Served:
     """A studio in a process of its own."""
@@ -151,6 +164,7 @@ class Watched:
 def watching(chromium: Any, served: Served, width: int, height: int, **options: Any) -> Iterator[Watched]:
     """A page in a window of its own of this size; its console and requests are checked at the end."""
     context = chromium.new_context(viewport={"width": width, "height": height}, **options)
+    context.add_init_script(ROUGH_SCENES)
     watched = Watched(context.new_page(), served)
     yield watched
     watched.check()

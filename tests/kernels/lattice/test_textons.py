@@ -32,7 +32,7 @@ def test_equals_twin(rng: np.random.Generator) -> None:
 def test_one_texton_again_and_again_copies_its_pixels(rng: np.random.Generator) -> None:
     """Whole generators, no deformation: all is as it was."""
     pixels = rng.random((20, 20, 1)).astype(np.float32)
-    source = np.moveaxis(np.indices((20, 20)), 0, -1).astype(np.float32)
+    source = np.moveaxis(np.indices((20, 20)), 0, -1).astype(np.float32, order="C")
     lattice = np.array([[6.0, 0.0], [0.0, 8.0]])
     ids = np.zeros((5, 5), np.int64)
     places = np.ascontiguousarray(np.argwhere(np.ones((12, 16))), float)

@@ -30,7 +30,7 @@ def test_between_two_pieces_no_choice_costs_less_than_the_cut(
     gradients: bool, filled: int, old: tuple[int, int], new: tuple[int, int], rng: np.random.Generator
 ) -> None:
     costs = SeamCosts(rng.random((9, 8, 3), np.float32), gradients).given
-    here = np.moveaxis(np.indices((5, 5)), 0, 2).astype(np.int32)
+    here = np.moveaxis(np.indices((5, 5)), 0, 2).astype(np.int32, order="C")
     pieces = [here + np.array(shift, np.int32) for shift in (old, new)]
     state = np.full((5, 5), KEPT, np.int8)
     state[:, filled] = FILLED
