@@ -230,6 +230,7 @@ export class MakeMaterial {
   /** Go on without it. */
   undraw(): void {
     this.opened += 1;
+    this.studio.project.undraw();
     this.draw(undrawn(this.recipe!, this.method, this.studio.begin.methods));
   }
 

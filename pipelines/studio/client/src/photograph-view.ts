@@ -8,7 +8,7 @@ import { words } from "./method-names";
 import type { PatchRecipe, PhotoPatch, PhotoProposal, PhotoRecipe, Picture, Recipe, ToPage } from "./messages";
 import { AREA_COLORS, type Brush, type Edit, type Shown } from "./photo-canvas";
 import "./photo-canvas";
-import { changed, cleared, EMPTY, type Handle, painted, type PhotoDocument, weighted, withPlane, without } from "./photo-document";
+import { changed, cleared, documentOf, EMPTY, type Handle, painted, type PhotoDocument, weighted, withPlane, without } from "./photo-document";
 import { photoFlow, PURPOSES, type Purpose, type Settings } from "./photo-flows";
 import { bitmap, pictureAddress } from "./server";
 import { sides, sizeText } from "./sizes";
@@ -34,8 +34,7 @@ const BRUSHES: Record<Brush["tool"], Partial<Brush>> = {
 
 /** A photograph with what has been done to it. */
 class Photo {
-  readonly undo = new Undo<PhotoDocument>(EMPTY);
-  readonly areas = new Map<string, HTMLCanvasElement>();
+  readonly undo: Undo<PhotoDocument>;
   described: ReadonlyMap<string, PhotoPatch> = new Map();
   streamlines: Shown | null = null;
   front: HTMLCanvasElement | null = null;
@@ -44,7 +43,13 @@ class Photo {
   constructor(
     readonly picture: Picture,
     readonly bitmap: ImageBitmap,
-  ) {}
+    begun: PhotoDocument,
+    /** as they are in the session of the server, which only tells those that change */
+    readonly areas = new Map<string, HTMLCanvasElement>(),
+  ) {
+    this.undo = new Undo(begun);
+    this.patch = begun.patches[0]?.name ?? "";
+  }
 
   get recipe(): PhotoRecipe {
     return { photo: this.picture.id, ...this.undo.now };
@@ -89,10 +94,12 @@ export class PhotographView extends MaterialLayer {
 
   protected override async open(): Promise<void> {
     const { picture } = this;
-    if (!photos.has(picture.id)) {
-      const loaded = await this.studio.attempt(bitmap(pictureAddress(picture.id, SIDE)));
+    const kept = documentOf(this.kept?.surfaces);
+    const known = photos.get(picture.id);
+    if (!known || JSON.stringify(known.undo.now) !== JSON.stringify(kept)) {
+      const loaded = known?.bitmap ?? (await this.studio.attempt(bitmap(pictureAddress(picture.id, SIDE))));
       if (!loaded) return;
-      photos.set(picture.id, new Photo(picture, loaded));
+      photos.set(picture.id, new Photo(picture, loaded, kept, known?.areas));
     }
     if (picture !== this.picture) return;
     this.photo = photos.get(picture.id)!;
@@ -179,6 +186,7 @@ export class PhotographView extends MaterialLayer {
   private set(document: PhotoDocument): void {
     this.live = null;
     this.photo!.undo.set(document);
+    this.keep({ surfaces: this.photo!.recipe });
     if (!document.patches.some((one) => one.name === this.photo!.patch)) this.photo!.patch = document.patches.at(-1)?.name ?? "";
     this.photo!.streamlines = null;
     this.ask();
@@ -197,6 +205,7 @@ export class PhotographView extends MaterialLayer {
   private undoOrRedo(direction: "undo" | "redo"): void {
     if (!this.photo) return;
     this.photo.undo[direction]();
+    this.keep({ surfaces: this.photo.recipe });
     this.live = null;
     if (!this.document.patches.some((one) => one.name === this.photo!.patch)) this.photo.patch = this.document.patches[0]?.name ?? "";
     this.photo.streamlines = null;
