@@ -19,7 +19,7 @@ from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.media.sources import Source, open_source
 from texloom.pipelines.store.housekeeping import set_limit
 from texloom.pipelines.store.store import Store
-from texloom.pipelines.studio.library import Library
+from texloom.pipelines.studio.library import GEOMETRY, Library
 from texloom.pipelines.studio.messages.answers import PreviewPicture
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.requests import PreviewRequest
@@ -34,6 +34,7 @@ from texloom.pipelines.studio.recipe_flows import (
     steps_alone,
     upstream_of,
 )
+from texloom.pipelines.studio.reduced_geometry import reduced_geometry
 from texloom.pipelines.studio.reduced_recipes import Reducer, Reduction, reduced_document, reduced_lengths
 from texloom.pipelines.studio.work import Places
 from texloom.stages.vocabulary.arrays import Image
@@ -44,6 +45,8 @@ _COLOUR = "self_tuning"  # by which a photograph becomes a material
 _FAST = "fast"  # preset of previews of many tiles
 _TILE = "tile"  # the param of the side of tiles of a set
 _TILES = 2  # sides of an exemplar that all tiles of a set take, about
+_WHOLE = ("mesh", "surfaces")  # layers of whose results no part can be made
+_PYRAMID = 32  # px that divide the sides of tileable textures that are made in a photograph
 _CHARTS = "charts"  # the step that gives a mesh its texture coordinates
 _INTERVAL = 0.06  # seconds between pictures of one preview
 _NEARLY_DONE = 0.99  # of a picture that is not made from all scales yet
@@ -84,7 +87,8 @@ class Previewer:
         exemplar = min(self._exemplars(recipe, run), key=lambda one: min(one.height, one.width))
         size = _size(recipe, run, exemplar, offer)
         os.environ.pop("PREFECT_API_URL", None)  # a server there shows runs, not previews
-        first = Reduction.first((exemplar.height, exemplar.width), size, is_whole=offer.layer == "mesh")
+        step = _PYRAMID if offer.layer == "surfaces" else 4
+        first = Reduction.first((exemplar.height, exemplar.width), size, offer.layer in _WHOLE, step)
         if offer.layer == "mesh" and not self._has_charts(recipe, first.size(size), check):
             first = Reduction(1.0, max(size))
         last = 0.0
@@ -135,7 +139,7 @@ class Previewer:
         sources = {
             name: self._reduced_source(run.shared.source(name), exemplar, reduction)
             for name, given in recipe.sources.items()
-            if isinstance(given, str)
+            if isinstance(given, str) and offer.layer != "surfaces"
         }
         flow = dataclasses.replace(smaller.flow, sources={**smaller.flow.sources, **sources})
         run = Run(flow, self.store)
@@ -200,9 +204,11 @@ class Previewer:
             changes["preset"] = _FAST
         if scale < 1:
             changes["sources"] = {
-                name: given
-                if isinstance(given, str)
-                else tuple(self._reduced_of(name, one, scale) for one in given)
+                name: tuple(self._reduced_of(name, one, scale) for one in given)
+                if not isinstance(given, str)
+                else self._reduced_of(name, given, scale)
+                if offer.layer == "surfaces"  # whose geometry is checked with them
+                else given
                 for name, given in recipe.sources.items()
             }
         return recipe.model_copy(update=changes)
@@ -230,8 +236,13 @@ class Previewer:
         """The documents of a recipe for reduced pictures."""
         made = {}
         for name, file in recipe.files.items():
-            path = self._reduced_document(name, Path(self.library.reference(file)), scale)
-            made[name] = f"attached:{path.name}"
+            path = Path(self.library.reference(file))
+            if path.name == GEOMETRY:
+                folder = self.attached / f"reduced_{name}"
+                path = reduced_geometry(path, folder, scale) if scale < 1 else path
+                made[name] = f"attached:{folder.name}/{path.name}" if scale < 1 else file
+            else:
+                made[name] = f"attached:{self._reduced_document(name, path, scale).name}"
         return made
 
     def _reduced_document(self, name: str, file: Path, scale: float) -> Path:

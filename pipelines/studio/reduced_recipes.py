@@ -39,19 +39,21 @@ class Reduction:
     """of a side; 1 is the full size"""
     most: int
     """px of a side of the preview; of larger ones a part is made"""
+    step: int = 4
+    """px of which the sides of a reduced one are multiples, which tileable pyramids divide"""
 
     @classmethod
-    def first(cls, exemplar: tuple[int, int], size: tuple[int, int], is_whole: bool = False) -> Self:
+    def first(cls, exemplar: tuple[int, int], size: tuple[int, int], is_whole: bool = False, step: int = 4) -> Self:
         """That of the first picture of a preview, which is to come at once; ``is_whole``: never of a part."""
         least, most = (min(1.0, side / min(exemplar)) for side in (_LEAST_EXEMPLAR, _EXEMPLAR))
         if is_whole:
-            return cls(min(most, max(least, _WHOLE / max(size))), max(size))
-        return cls(min(most, max(least, _RESULT / max(size))), _LARGEST_RESULT)
+            return cls(min(most, max(least, _WHOLE / max(size))), max(size), step)
+        return cls(min(most, max(least, _RESULT / max(size))), _LARGEST_RESULT, step)
 
     def size(self, size: tuple[int, int]) -> tuple[int, int]:
-        """Height and width of a preview, px; reduced ones are multiples of 4, which tileable pyramids divide."""
-        step = 1 if self.scale >= 1 else 4
-        height, width = (min(self.most, max(16, step * round(side * self.scale / step))) for side in size)
+        """Height and width of a preview, px."""
+        step = 1 if self.scale >= 1 else self.step
+        height, width = (min(self.most, max(16, step, step * round(side * self.scale / step))) for side in size)
         return height, width
 
     def finer(self, size: tuple[int, int], largest: int, seconds: float) -> Self | None:
