@@ -12,6 +12,9 @@ WEIGHTS = "sheet.weights"
 WAY = ("suits", "way")
 """a step that chooses how a flow goes on, or refuses, and the param that decides instead"""
 
+STROKES = "direction.stroke_radius"
+"""the param of how far from a line on a mesh that leads, px of the picture of all lines"""
+
 _TEXTURE = ResultPicture(file="texture.png", name="Texture")
 
 OFFERS = {
@@ -196,7 +199,9 @@ OFFERS = {
     ),
     "rectify_pieces": Offer("Pieces of the picture that are laid, made coherent", layer="collage"),
     "per_pixel_control": Offer("What is where follows a map that is painted", layer="paint"),
-    "on_mesh": Offer("Along lines and by values that are drawn on a mesh", layer="mesh", is_texture=False),
+    "on_mesh": Offer(
+        "Along lines and by values that are drawn on a mesh", layer="mesh", is_texture=False, lengths={STROKES: 2}
+    ),
     "photo_flattening": Offer("A surface that is placed by hand, laid flat", layer="surfaces"),
     "photo_to_texture": Offer("A surface that is placed by hand, synthesised where it is", layer="surfaces"),
     "photo_completion": Offer("A hole that is filled as its surface lies", layer="surfaces", is_texture=False),

@@ -11,18 +11,20 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.media.sources import Source, open_source
 from texloom.pipelines.store.housekeeping import set_limit
 from texloom.pipelines.store.store import Store
-from texloom.pipelines.studio.library import Library
+from texloom.pipelines.studio.library import GEOMETRY, Library
 from texloom.pipelines.studio.messages.answers import PreviewPicture
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.requests import PreviewRequest
 from texloom.pipelines.studio.offer import Offer
-from texloom.pipelines.studio.offers import OFFERS, WAY
+from texloom.pipelines.studio.offers import OFFERS, STROKES, WAY
 from texloom.pipelines.studio.page_images import rgba
 from texloom.pipelines.studio.recipe_flows import (
     image_of,
@@ -32,6 +34,7 @@ from texloom.pipelines.studio.recipe_flows import (
     steps_alone,
     upstream_of,
 )
+from texloom.pipelines.studio.reduced_geometry import reduced_geometry
 from texloom.pipelines.studio.reduced_recipes import Reducer, Reduction, reduced_document, reduced_lengths
 from texloom.pipelines.studio.work import Places
 from texloom.stages.vocabulary.arrays import Image
@@ -42,6 +45,9 @@ _COLOUR = "self_tuning"  # by which a photograph becomes a material
 _FAST = "fast"  # preset of previews of many tiles
 _TILE = "tile"  # the param of the side of tiles of a set
 _TILES = 2  # sides of an exemplar that all tiles of a set take, about
+_WHOLE = ("mesh", "surfaces")  # layers of whose results no part can be made
+_PYRAMID = 32  # px that divide the sides of tileable textures that are made in a photograph
+_CHARTS = "charts"  # the step that gives a mesh its texture coordinates
 _INTERVAL = 0.06  # seconds between pictures of one preview
 _NEARLY_DONE = 0.99  # of a picture that is not made from all scales yet
 
@@ -56,6 +62,7 @@ class Previewer:
         set_limit(self.store, _MOST_BYTES)
         self.reducer = Reducer(self.store.root / "sources")
         others = {"attached": self.attached, "reduced": self.reducer.folder}
+        self._charts: dict[Any, bool] = {}
         self.library = Library(Path(places.folder), Path(places.store), **others)
 
     def make(
@@ -80,7 +87,10 @@ class Previewer:
         exemplar = min(self._exemplars(recipe, run), key=lambda one: min(one.height, one.width))
         size = _size(recipe, run, exemplar, offer)
         os.environ.pop("PREFECT_API_URL", None)  # a server there shows runs, not previews
-        first = Reduction.first((exemplar.height, exemplar.width), size)
+        step = _PYRAMID if offer.layer == "surfaces" else 4
+        first = Reduction.first((exemplar.height, exemplar.width), size, offer.layer in _WHOLE, step)
+        if offer.layer == "mesh" and not self._has_charts(recipe, first.size(size), check):
+            first = Reduction(1.0, max(size))
         last = 0.0
 
         def tell(image: Image, scale: float, done: float, is_final: bool) -> None:
@@ -127,14 +137,38 @@ class Previewer:
         offer = OFFERS.get(recipe.flow, _UNOFFERED)
         smaller, made = open_texture(self._smaller(recipe, run, reduction, offer), self.library, self.store, export)
         sources = {
-            name: self.reducer.reference(run.shared.source(name), exemplar, reduction)
+            name: self._reduced_source(run.shared.source(name), exemplar, reduction)
             for name, given in recipe.sources.items()
-            if isinstance(given, str)
+            if isinstance(given, str) and offer.layer != "surfaces"
         }
         flow = dataclasses.replace(smaller.flow, sources={**smaller.flow.sources, **sources})
         run = Run(flow, self.store)
         execute(run, listen, self.store.root / "out")
         return image_of(run, made)
+
+    def _reduced_source(self, source: Source, exemplar: Source, reduction: Reduction) -> str:
+        """What stands for a source in a preview: meshes stay as they are, and lines get a smaller picture."""
+        if source.kind != "picture" or reduction.scale >= 1:
+            return source.reference
+        if source.reference.endswith(".json"):
+            return str(self._reduced_document(source.name, Path(source.reference), reduction.scale))
+        return self.reducer.reference(source, exemplar, reduction)
+
+    def _has_charts(self, recipe: Recipe, size: tuple[int, int], check: Callable[[], None]) -> bool:
+        """Whether a mesh has the same texture coordinates at a smaller size, as lines drawn in them need."""
+        key = recipe.sources["mesh"], recipe.size, size
+        if key not in self._charts:
+            self._charts[key] = self._compared(recipe, size, check)
+        return self._charts[key]
+
+    def _compared(self, recipe: Recipe, size: tuple[int, int], check: Callable[[], None]) -> bool:
+        found = []
+        for one in (recipe.size, size):
+            run = open_recipe(recipe.model_copy(update={"size": one}), self.library, self.store)
+            run = steps_alone(run, {_CHARTS})
+            execute(run, lambda _: check(), self.store.root / "out")
+            found.append(output_of(run, _CHARTS, "mesh")[:, 6:8])
+        return np.array_equal(found[0], found[1])
 
     def _of_surface(self, recipe: Recipe, run: Run, step: str, check: Callable[[], None]) -> Recipe:
         """The recipe of the colour of what a step makes of a photograph, which reduced shows too little."""
@@ -155,9 +189,13 @@ class Previewer:
     def _smaller(self, recipe: Recipe, run: Run, reduction: Reduction, offer: Offer) -> Recipe:
         """The recipe of reduced pictures; those of which there is one for a source are replaced in its run."""
         scale = reduction.scale
+        params = recipe.params
+        if STROKES in offer.lengths:
+            step, _, name = STROKES.partition(".")
+            params = {STROKES: getattr(run.flow.steps[step].params, name)} | params
         changes: dict[str, Any] = {
             "files": self._reduced_files(recipe, scale),
-            "params": reduced_lengths(recipe.params, offer.lengths, scale),
+            "params": reduced_lengths(params, offer.lengths, scale),
         }
         if "size" in run.flow.params:
             exemplar = self._exemplars(recipe, run)[0]
@@ -166,9 +204,11 @@ class Previewer:
             changes["preset"] = _FAST
         if scale < 1:
             changes["sources"] = {
-                name: given
-                if isinstance(given, str)
-                else tuple(self._reduced_of(name, one, scale) for one in given)
+                name: tuple(self._reduced_of(name, one, scale) for one in given)
+                if not isinstance(given, str)
+                else self._reduced_of(name, given, scale)
+                if offer.layer == "surfaces"  # whose geometry is checked with them
+                else given
                 for name, given in recipe.sources.items()
             }
         return recipe.model_copy(update=changes)
@@ -196,11 +236,19 @@ class Previewer:
         """The documents of a recipe for reduced pictures."""
         made = {}
         for name, file in recipe.files.items():
-            content = json.loads(Path(self.library.reference(file)).read_bytes())
-            path = self.attached / f"reduced_{name}.json"
-            path.write_text(json.dumps(reduced_document(content, scale)))
-            made[name] = f"attached:{path.name}"
+            path = Path(self.library.reference(file))
+            if path.name == GEOMETRY:
+                folder = self.attached / f"reduced_{name}"
+                path = reduced_geometry(path, folder, scale) if scale < 1 else path
+                made[name] = f"attached:{folder.name}/{path.name}" if scale < 1 else file
+            else:
+                made[name] = f"attached:{self._reduced_document(name, path, scale).name}"
         return made
+
+    def _reduced_document(self, name: str, file: Path, scale: float) -> Path:
+        path = self.attached / f"reduced_{name}.json"
+        path.write_text(json.dumps(reduced_document(json.loads(file.read_bytes()), scale)))
+        return path
 
 
 def _size(recipe: Recipe, run: Run, exemplar: Source, offer: Offer) -> tuple[int, int]:

@@ -8,22 +8,26 @@ import math
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
+import pydantic
 
 from texloom.pipelines.media.array_sources import file_source
 from texloom.pipelines.media.sources import Source
 from texloom.pipelines.studio.messages.recipes import Params
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.masks import valid_pixels, without_usable
+from texloom.stages.vocabulary.sizes import SIDES, size_value
 
 _EXEMPLAR = 208  # px of an exemplar's shorter side, at most, at first
 _LEAST_EXEMPLAR = 72  # px of it, at least
 _RESULT = 288  # px of a result's longer side, unless the exemplar would become too small
 _LARGEST_RESULT = 400  # px; of larger ones a part is shown
+_WHOLE = 144  # px of a result's longer side where no part can be shown, as of a texture on a mesh
 _FINER = 2.0  # times as large is each picture after the first
 _NEARLY = 0.7  # of the last one's scale, from which the next picture is the last one
+_SIZE: pydantic.TypeAdapter[tuple[int, int]] = pydantic.TypeAdapter(Annotated[tuple[int, int], SIDES])
 _PATIENCE = 10.0  # seconds, below which a preview of the full size is made
 
 
@@ -35,17 +39,21 @@ class Reduction:
     """of a side; 1 is the full size"""
     most: int
     """px of a side of the preview; of larger ones a part is made"""
+    step: int = 4
+    """px of which the sides of a reduced one are multiples, which tileable pyramids divide"""
 
     @classmethod
-    def first(cls, exemplar: tuple[int, int], size: tuple[int, int]) -> Self:
-        """That of the first picture of a preview, which is to come at once."""
+    def first(cls, exemplar: tuple[int, int], size: tuple[int, int], is_whole: bool = False, step: int = 4) -> Self:
+        """That of the first picture of a preview, which is to come at once; ``is_whole``: never of a part."""
         least, most = (min(1.0, side / min(exemplar)) for side in (_LEAST_EXEMPLAR, _EXEMPLAR))
-        return cls(min(most, max(least, _RESULT / max(size))), _LARGEST_RESULT)
+        if is_whole:
+            return cls(min(most, max(least, _WHOLE / max(size))), max(size), step)
+        return cls(min(most, max(least, _RESULT / max(size))), _LARGEST_RESULT, step)
 
     def size(self, size: tuple[int, int]) -> tuple[int, int]:
-        """Height and width of a preview, px; reduced ones are multiples of 4, which tileable pyramids divide."""
-        step = 1 if self.scale >= 1 else 4
-        height, width = (min(self.most, max(16, step * round(side * self.scale / step))) for side in size)
+        """Height and width of a preview, px."""
+        step = 1 if self.scale >= 1 else self.step
+        height, width = (min(self.most, max(16, step, step * round(side * self.scale / step))) for side in size)
         return height, width
 
     def finer(self, size: tuple[int, int], largest: int, seconds: float) -> Self | None:
@@ -80,7 +88,7 @@ def reduced_lengths(params: Params, lengths: Mapping[str, int], scale: float) ->
 
 
 def reduced_document(content: dict[str, Any], scale: float) -> dict[str, Any]:
-    """Pieces of a collage, or a lattice, of pictures that are reduced; other documents are returned as they are."""
+    """Pieces of a collage, a lattice or strokes, of pictures that are reduced; others are returned as they are."""
 
     def at(point: Sequence[float]) -> list[float]:  # whole numbers are the middles of pixels
         return [(one + 0.5) * scale - 0.5 for one in point]
@@ -93,6 +101,10 @@ def reduced_document(content: dict[str, Any], scale: float) -> dict[str, Any]:
             changes["polygon"] = [at(point) for point in piece["polygon"]]
         return piece | changes
 
+    if "strokes" in content:
+        height, width = (max(2, round(side * scale)) for side in _SIZE.validate_python(content["size"]))
+        lines = [[at(point) for point in line] for line in content["strokes"]]
+        return content | {"size": size_value((height, width)), "strokes": lines}
     if "pieces" in content:
         return {"pieces": [moved(piece) for piece in content["pieces"]]}
     if "vertices" in content:

@@ -8,12 +8,12 @@ from typing import Any
 
 import pydantic
 
-from texloom.pipelines.studio.messages import answers, catalogue, projects, recipes, requests, runs
+from texloom.pipelines.studio.messages import answers, catalogue, drawings, projects, recipes, requests, runs
 from texloom.pipelines.studio.messages.message import Message
 
 FILE = Path(__file__).parent / "client" / "src" / "messages.ts"
 _HEAD = "// Written by texloom.pipelines.studio.typescript from the room messages; do not edit.\n"
-_MODULES = (catalogue, recipes, runs, projects, requests, answers)
+_MODULES = (catalogue, recipes, runs, drawings, projects, requests, answers)
 _PLAIN = {"string": "string", "integer": "number", "number": "number", "boolean": "boolean", "null": "null"}
 
 

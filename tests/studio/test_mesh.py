@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -52,7 +54,12 @@ def test_strokes_and_values_reach_the_texture(watched: Watched, tmp_path: Path) 
     view.get_by_role("button", name="Undo").click()
     assert page.evaluate(f"() => ({painted})().codes") is None
     view.get_by_role("button", name="Redo").click()
+    page.wait_for_function("() => document.querySelector('mesh-view').preview.isWhole")
+    seen = page.evaluate("() => document.querySelector('mesh-view').preview.picture.toDataURL()")
     flow = yaml.safe_load(repeated(view, tmp_path, "Make the texture"))
+    preview = PIL.Image.open(io.BytesIO(base64.b64decode(seen.partition(",")[2])))
+    with PIL.Image.open(tmp_path / "texture.png") as texture:
+        np.testing.assert_array_equal(np.asarray(preview), np.asarray(texture.convert("RGBA")))
     assert {"strokes", "control", "target"} <= set(flow["sources"])
     page.locator("mesh-view[ready]").wait_for()
     view.get_by_role("button", name="Inspect it").click()

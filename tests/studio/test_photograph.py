@@ -209,6 +209,8 @@ def test_from_a_dropped_photograph_to_the_same_bits_in_a_terminal(watched: Watch
     view.get_by_role("radio", name="Texture").click()
     surfaces.get_by_label("Size").fill("64")
     surfaces.get_by_label("Size").press("Enter")
+    view.get_by_text("Preview at full size").wait_for()
+    view.locator("picture-view").wait_for()
     repeated(surfaces, tmp_path, "Make a texture")
     surfaces.get_by_role("button", name="Inspect it").click()
     page.locator("inspect-view material-view[ready]").wait_for()

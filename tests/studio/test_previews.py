@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,13 @@ import pytest
 import texloom
 from tests.studio.conftest import Served
 from tests.studio.sockets import Page
+from texloom.pipelines.studio import photographs
 from texloom.pipelines.studio.messages.answers import PreviewPicture
-from texloom.pipelines.studio.messages.recipes import Recipe
+from texloom.pipelines.studio.messages.recipes import BrushRecipe, KeptPhoto, PatchRecipe, PhotoRecipe, Recipe
 from texloom.pipelines.studio.messages.requests import PreviewRequest, PreviewStopRequest
 from texloom.pipelines.studio.previews import Previewer
-from texloom.pipelines.studio.reduced_recipes import Reduction
-from texloom.pipelines.studio.work import Places
+from texloom.pipelines.studio.reduced_recipes import Reduction, reduced_document
+from texloom.pipelines.studio.work import KeepPhotoWork, Places
 
 EXEMPLAR, RESULT = (512, 512), (1024, 1024)
 
@@ -69,6 +71,74 @@ def test_all_of_what_a_small_exemplar_makes_follows_its_part() -> None:
 def test_sides_of_the_full_size_are_kept() -> None:
     assert Reduction(1.0, 400).size((301, 299)) == (301, 299)
     assert Reduction(0.5, 400).size((301, 299)) == (152, 148)
+
+
+def test_what_no_part_shows_is_made_whole() -> None:
+    first = Reduction.first(EXEMPLAR, (2048, 2048), is_whole=True)
+    assert first == Reduction(72 / 512, 2048)
+    assert first.size((2048, 2048)) == (288, 288)
+    assert Reduction.first(EXEMPLAR, RESULT, is_whole=True).size(RESULT) == (144, 144)
+
+
+def test_lines_of_smaller_pictures_lie_at_the_same_shares() -> None:
+    document = {"size": "64x32", "strokes": [[[-0.5, 63.5], [31.5, 15.5]]], "width": 3}
+    assert reduced_document(document, 0.5) == {
+        "size": "32x16",
+        "strokes": [[[-0.5, 31.5], [15.5, 7.5]]],
+        "width": 3,
+    }
+
+
+def test_the_finest_picture_of_a_mesh_is_its_texture(tmp_path: Path) -> None:
+    """Along the lines that are drawn on it, which a smaller picture follows too."""
+    places = Places(folder=f"{tmp_path}", store=f"{tmp_path}/store", scratch=f"{tmp_path}/scratch")
+    PIL.Image.fromarray(np.random.default_rng(2).integers(0, 256, (160, 160, 3), np.uint8)).save(
+        tmp_path / "noise.png"
+    )
+    lines = {"size": "160x160", "strokes": [[[30, 30], [60, 90], [120, 130]]], "width": 3}
+    content = json.dumps(lines).encode()
+    sources = {"exemplar": "folder:noise.png", "mesh": "texloom:torus", "strokes": "attached:strokes.json"}
+    request = PreviewRequest(
+        number=1, largest=400, attached={"strokes.json": len(content)},
+        recipe=Recipe(flow="on_mesh", sources=sources, size=(160, 160), seed=5),
+    )  # fmt: skip
+    sent: list[tuple[PreviewPicture, bytes]] = []
+    Previewer(places).make(request, content, lambda: None, lambda *told: sent.append(told))
+    whole = [one for one, _ in sent if one.done == 1]
+    assert [(one.height, one.is_final) for one in whole] == [(144, False), (160, True)]
+    (tmp_path / "lines.json").write_bytes(content)
+    given = {"exemplar": tmp_path / "noise.png", "mesh": "texloom:torus", "strokes": tmp_path / "lines.json"}
+    texloom.run("on_mesh", given, size=160, seed=5, store=tmp_path / "store", out=tmp_path / "made")
+    made = np.asarray(PIL.Image.open(tmp_path / "made/texture.png").convert("RGBA"))
+    np.testing.assert_array_equal(np.frombuffer(sent[-1][1], np.uint8).reshape(160, 160, 4), made)
+
+
+def test_the_finest_picture_of_a_surface_is_its_texture(tmp_path: Path) -> None:
+    """Patches and painted areas follow the photograph that is reduced."""
+    places = Places(folder=f"{tmp_path}", store=f"{tmp_path}/store", scratch=f"{tmp_path}/scratch")
+    pixels = np.random.default_rng(2).integers(0, 256, (260, 300, 3), np.uint8)
+    PIL.Image.fromarray(pixels).save(tmp_path / "noise.png")
+    patch = PatchRecipe(name="wall", corners=((20, 20), (10, 280), (240, 250), (230, 40)))
+    areas = {"without": (BrushRecipe(tool="stroke", points=((60, 60), (90, 60)), radius=9),)}
+    photo = PhotoRecipe(photo="folder:noise.png", patches=(patch,), areas=areas)
+    kept: list[KeptPhoto] = []
+    photographs.keep(KeepPhotoWork(recipe=photo), places, lambda one, *_: kept.append(one))
+    recipe = Recipe(
+        flow="photo_to_texture", sources={"photo": "folder:noise.png"}, size=(64, 64), tileable="both", seed=5,
+        files={"surface.geometry": kept[0].geometry},
+    )  # fmt: skip
+    sent: list[tuple[PreviewPicture, bytes]] = []
+    previewer = Previewer(places)
+    request = PreviewRequest(number=1, recipe=recipe, largest=400)
+    previewer.make(request, b"", lambda: None, lambda *told: sent.append(told))
+    whole = [one for one, _ in sent if one.done == 1]
+    assert [(one.scale, one.height, one.is_final) for one in whole] == [(0.8, 64, False), (1, 64, True)]
+    geometry = previewer.library.reference(kept[0].geometry)
+    given = {"size": 64, "tileable": "both", "seed": 5, "params": {"surface.geometry": geometry}}
+    stored = {"store": tmp_path / "store", "out": tmp_path / "made"}
+    texloom.run("photo_to_texture", {"photo": tmp_path / "noise.png"}, **given, **stored)
+    made = np.asarray(PIL.Image.open(tmp_path / "made/texture.png").convert("RGBA"))
+    np.testing.assert_array_equal(np.frombuffer(sent[-1][1], np.uint8).reshape(64, 64, 4), made)
 
 
 def test_the_finest_picture_is_the_result(tmp_path: Path) -> None:

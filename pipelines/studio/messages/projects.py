@@ -7,11 +7,12 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from texloom.pipelines.studio.messages.catalogue import Picture
+from texloom.pipelines.studio.messages.drawings import Drawing
 from texloom.pipelines.studio.messages.message import Message
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.runs import Job
 
-SCHEMA = 1
+SCHEMA = 2
 """of the files of a project; rises where an earlier texloom could not read them"""
 MOST_VARIANTS = 1000
 """of one material"""
@@ -60,6 +61,7 @@ class Material(Message):
     """how it is looked at"""
     file: _File = ""
     """the export that is shown of a result"""
+    drawing: Drawing = Drawing()
     saved_as: Annotated[tuple[_File, ...], Field(max_length=64)] = ()
     """the folders beside the pictures that hold its exports, which no other material may take"""
     variants: Annotated[tuple[Variant, ...], Field(max_length=MOST_VARIANTS)] = ()
@@ -86,6 +88,7 @@ class MaterialRequest(Message):
     shown: Annotated[str, Field(pattern=r"^([0-9a-f]{16})?$")] | None = None
     mode: _View | None = None
     file: _File | None = None
+    drawing: Drawing | None = None
 
 
 class WallEntry(Message):

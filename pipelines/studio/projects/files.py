@@ -153,7 +153,7 @@ class ProjectFiles:
 
     def write_material(self, material: Material) -> None:
         """Save a material; `OSError` where that is not possible."""
-        content = _json(material.model_dump(mode="json"))
+        content = _json(material.model_dump(mode="json") | {"version": SCHEMA})
         if len(content) > _MOST_BYTES:
             raise OSError(errno.EFBIG, os.strerror(errno.EFBIG))
         self._write((_MATERIALS,), f"{material.id}.json", content)

@@ -100,7 +100,7 @@ class Project:
     def duplicate(self, material: str) -> Material:
         """A copy with the settings as they are; results belong to the first one, and are cached for the copy."""
         one = self.material(material)
-        return self.create(one.name, one.draft, tags=one.tags, mode=one.mode)
+        return self.create(one.name, one.draft, tags=one.tags, mode=one.mode, drawing=one.drawing)
 
     def add(self, material: str, job: Job, parent: str = "") -> Material:
         """Add a variant that is wanted now; `InputError` where there are too many."""

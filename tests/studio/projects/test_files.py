@@ -15,6 +15,7 @@ import pytest
 
 from tests.printed import next_line
 from tests.studio.conftest import ENVIRONMENT, TEXLOOM
+from texloom.pipelines.studio.messages.drawings import Drawing
 from texloom.pipelines.studio.messages.projects import SCHEMA, Material, ProjectView
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.projects.files import FOLDER, ProjectFiles
@@ -136,6 +137,19 @@ def test_links_are_not_followed(tmp_path: Path, linked: str) -> None:
         with pytest.raises(OSError, match="link"):
             files.write_material(material("Other"))
         assert {path: path.read_bytes() for path in before} == before
+
+
+def test_a_file_of_an_earlier_version_is_read_and_written_as_this_one(tmp_path: Path) -> None:
+    files = ProjectFiles(tmp_path)
+    files.write_material(material())
+    path = tmp_path / FOLDER / "materials" / f"{ID}.json"
+    content = json.loads(path.read_text())
+    del content["drawing"]
+    path.write_text(json.dumps(content | {"version": 1}))
+    (read,), problems = files.read_materials()
+    assert (read.drawing, problems) == (Drawing(), [])
+    files.write_material(read)
+    assert json.loads(path.read_text())["version"] == SCHEMA
 
 
 def test_foreign_files_stay(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from texloom.pipelines.studio.jobs import Jobs
+from texloom.pipelines.studio.messages.drawings import Drawing, DrawnCollage
 from texloom.pipelines.studio.messages.projects import MaterialRequest, ProjectView
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.projects.project import Project, stem
@@ -135,7 +136,9 @@ def test_the_wall_finds_sorts_and_counts() -> None:
 
 def test_a_copy_has_the_settings_and_a_name_of_its_own() -> None:
     one, _ = project()
-    made = one.edit(one.create("moss", recipe(seed=9)).id, MaterialRequest(tags=("wet",)))
+    drawing = Drawing(picture="folder:moss.png", collage=DrawnCollage(pieces=(), strength=40))
+    made = one.edit(one.create("moss", recipe(seed=9)).id, MaterialRequest(tags=("wet",), drawing=drawing))
     one.add(made.id, Jobs.new("", recipe(seed=9)))
     copy = one.duplicate(made.id)
     assert (copy.name, copy.draft, copy.tags, copy.variants) == ("moss 2", recipe(seed=9), ("wet",), ())
+    assert copy.drawing == drawing

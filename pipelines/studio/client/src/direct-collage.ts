@@ -4,7 +4,8 @@ import { customElement, state } from "lit/decorators.js";
 import { DirectMode } from "./direct-mode";
 import { document, type Draft } from "./drafts";
 import { choice, slider } from "./fields";
-import { boxOf, contains, drawPiece, fileOf, handles, type Piece } from "./pieces";
+import type { Drawing, Piece } from "./messages";
+import { boxOf, contains, drawPiece, fileOf, handles } from "./pieces";
 import type { Act, Over, Point } from "./picture-view";
 import { Undo } from "./undo";
 
@@ -32,6 +33,14 @@ export class DirectCollage extends DirectMode {
 
   protected reset(): void {
     [this.history, this.chosen, this.moving, this.outline] = [new Undo<Piece[]>([]), -1, null, []];
+  }
+
+  protected drawing(): Partial<Drawing> {
+    return { collage: { pieces: this.history.now, strength: this.strength } };
+  }
+
+  protected override restore({ collage }: Drawing): void {
+    if (collage) [this.history, this.strength] = [new Undo(collage.pieces), collage.strength];
   }
 
   private get pieces(): Piece[] {

@@ -3,7 +3,7 @@ import { html, nothing, type TemplateResult } from "lit";
 import { customElement, state } from "lit/decorators.js";
 import { DirectMode } from "./direct-mode";
 import { document, type Draft } from "./drafts";
-import type { LatticePicture, LatticeVertices, ToPage } from "./messages";
+import type { Drawing, LatticePicture, LatticeVertices, ToPage } from "./messages";
 import type { Act, Drawable, Over, Point } from "./picture-view";
 import { canvasOf, type Payload } from "./studio";
 import { Undo } from "./undo";
@@ -31,6 +31,16 @@ export class DirectLattice extends DirectMode {
     [this.history, this.straight, this.lines, this.moving, this.busy] = [new Undo<LatticeVertices | null>(null), null, null, null, ""];
     this.isWaiting = false;
     this.request = -1;
+  }
+
+  protected drawing(): Partial<Drawing> {
+    return { lattice: this.history.now };
+  }
+
+  protected override restore({ lattice }: Drawing): void {
+    if (!lattice) return;
+    this.history = new Undo<LatticeVertices | null>(lattice);
+    this.follow(lattice);
   }
 
   private get lattice(): LatticeVertices | null {

@@ -5,7 +5,7 @@ import { type Draft, kept } from "./drafts";
 import { card, failure, isTyping, undoButtons } from "./fields";
 import { KIND, LAYERS, type LayerName } from "./layers";
 import { MaterialLayer } from "./material-layer";
-import type { Job, Method, Recipe, ToPage } from "./messages";
+import type { Drawing, Job, Method, Recipe, ToPage } from "./messages";
 import type { Drawable, PictureView } from "./picture-view";
 import "./picture-view";
 import "./recipe-form";
@@ -14,6 +14,7 @@ import { screenPixels, sides, sizeText } from "./sizes";
 import { canvasOf, isFollowed, type Payload } from "./studio";
 
 const EXEMPLAR = 2048; // px of the exemplar that is shown, at most
+const PAUSE = 1000; // ms without a stroke until the material has what is drawn
 
 export abstract class DirectMode extends MaterialLayer {
   @state() protected exemplar: ImageBitmap | null = null;
@@ -34,11 +35,16 @@ export abstract class DirectMode extends MaterialLayer {
   private turn = 0;
   /** whether the recipe of the material lacks what is drawn */
   private isNew = false;
+  private timer = 0;
 
   /** What would be made now; a text says what is missing. */
   protected abstract draft(): Promise<Draft | string>;
   /** Begin with another exemplar. */
   protected abstract reset(): void;
+  /** What is drawn, as the project keeps it beside the recipe. */
+  protected abstract drawing(): Partial<Drawing>;
+  /** Go on with what was drawn before the page was loaded. */
+  protected restore(_drawing: Drawing): void {}
 
   private get method(): Method {
     return this.studio.begin.methods.find(({ flow }) => flow === this.flow)!;
@@ -65,6 +71,7 @@ export abstract class DirectMode extends MaterialLayer {
     [this.exemplar, this.shown, this.job, this.problem, this.done, this.number, this.isNew] = [null, this.begun, "", "", 1, -1, false];
     this.reset();
     this.sync();
+    if (this.kept) this.restore(this.kept);
     const loaded = await this.studio.attempt(bitmap(pictureAddress(picture.id, EXEMPLAR)));
     if (loaded && picture === this.picture) this.exemplar = loaded;
   }
@@ -90,7 +97,27 @@ export abstract class DirectMode extends MaterialLayer {
   protected changed(): void {
     [this.job, this.isNew] = ["", true];
     this.requestUpdate();
+    this.keep(this.drawing());
+    clearTimeout(this.timer);
+    this.timer = window.setTimeout(() => void this.keepDraft(), PAUSE);
     void this.ask();
+  }
+
+  /** Let the project have the recipe of what is drawn, with which another page would go on. */
+  private async keepDraft(): Promise<void> {
+    const recipe = await this.described();
+    if (recipe && this.isNew && this.isConnected) this.studio.project.edit({ draft: recipe });
+  }
+
+  /** The recipe of what is drawn; none where something is missing. */
+  private async described(): Promise<Recipe | undefined> {
+    const draft = await this.draft();
+    return typeof draft === "string" ? undefined : this.studio.attempt(kept(draft));
+  }
+
+  override disconnectedCallback(): void {
+    super.disconnectedCallback();
+    clearTimeout(this.timer);
   }
 
   /** A refusal of the server in the words of this mode. */
@@ -163,8 +190,7 @@ export abstract class DirectMode extends MaterialLayer {
 
   /** The material goes on with what is drawn. */
   protected override async leave(layer: LayerName): Promise<void> {
-    const draft = this.isNew && (await this.draft());
-    const recipe = draft && typeof draft !== "string" && (await this.studio.attempt(kept(draft)));
+    const recipe = this.isNew && (await this.described());
     if (recipe) this.tell("drawn", recipe);
     this.isNew = false;
     await super.leave(layer);

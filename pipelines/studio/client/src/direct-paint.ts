@@ -5,7 +5,7 @@ import { DirectMode } from "./direct-mode";
 import { type Draft, picture } from "./drafts";
 import { amount, choice, slider } from "./fields";
 import { KIND } from "./layers";
-import type { Recipe } from "./messages";
+import type { Drawing, Recipe } from "./messages";
 import { Changes, connected, flattened, Layer } from "./painting";
 import type { Act, Over, Point } from "./picture-view";
 
@@ -64,6 +64,11 @@ export class DirectPaint extends DirectMode {
     this.history = new Changes();
     this.given = this.recipe;
     this.names = JSON.parse(localStorage.getItem(namesKey(this.picture.id)) ?? "{}");
+  }
+
+  /** It is in the sources of the recipe. */
+  protected drawing(): Partial<Drawing> {
+    return {};
   }
 
   private nameOf(label: number): string {

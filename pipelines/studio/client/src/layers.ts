@@ -11,6 +11,10 @@ const DRAWN: Record<string, string> = { exemplar_structure: "structure", target_
 /** the param of what guides are */
 export const KIND = "guide.kind";
 
+/** The layers on which previews of their own begin with the first stroke; on others the material's would go on behind them. */
+const BEGINNING: readonly LayerName[] = ["result", "guides", "collage", "lattice"];
+export const isHeld = (layer: LayerName): boolean => !BEGINNING.includes(layer);
+
 /** Whether small versions of a method's pictures show what it will make. */
 export const hasPreview = ({ layer }: Method): boolean => layer === "" || layer === "collage";
 

@@ -4,7 +4,7 @@ import { statusOf } from "./make-status";
 import { MadeResults, TEXTURE } from "./made-results";
 import { MakePreviews } from "./make-previews";
 import { FIRST_STATE, type MakeState, MODES, modesOf, type Shown, UNCORRECTED } from "./make-modes";
-import { hasPreview, type LayerName, undrawn } from "./layers";
+import { hasPreview, isHeld, type LayerName, undrawn } from "./layers";
 import type { Job, Material, Method, Picture, Recipe, ToPage, Variant } from "./messages";
 import { isFull, lacking, picturesOf, toggled, tooMany, withExemplar, withMethod } from "./recipe-edits";
 import { RequestError } from "./server";
@@ -69,8 +69,7 @@ export class MakeMaterial {
 
   /** The results of this material, as they are now. */
   private get made(): Variant[] {
-    const { project, jobs } = this.studio;
-    return (project.material?.variants ?? []).map((one) => ({ ...one, job: jobs.get(one.job.id) ?? one.job }));
+    return (this.studio.project.material?.variants ?? []).map((one) => ({ ...one, job: this.studio.jobs.get(one.job.id) ?? one.job }));
   }
 
   private get exemplarId(): string {
@@ -219,6 +218,7 @@ export class MakeMaterial {
     this.other.end();
     this.see({ mode: "single", layer });
     if (isStale) this.refresh(); // the previews of a layer end its own
+    else if (isHeld(layer)) this.previews.hold();
   }
 
   /** Go on with what is drawn. */
@@ -230,6 +230,7 @@ export class MakeMaterial {
   /** Go on without it. */
   undraw(): void {
     this.opened += 1;
+    this.studio.project.undraw();
     this.draw(undrawn(this.recipe!, this.method, this.studio.begin.methods));
   }
 
@@ -249,10 +250,7 @@ export class MakeMaterial {
 
   /** Take a version of a spot, or end the correction without one. */
   async accept(recipe: Recipe | null): Promise<void> {
-    if (!recipe) {
-      this.see(UNCORRECTED);
-      return;
-    }
+    if (!recipe) return this.see(UNCORRECTED);
     const job = await this.studio.make(recipe, this.results.id);
     if (!job) return;
     this.results.correct(job, this.state.outline);
@@ -277,14 +275,15 @@ export class MakeMaterial {
     results.forget();
     this.see(this.other.job ? { ...UNCORRECTED, mode: "single" } : UNCORRECTED);
     this.other.end();
-    const { mode, kind, file } = this.state;
+    const { mode, kind, file, layer } = this.state;
     if (mode !== "variants") results.recall(recipe);
     this.changed();
     if (!recipe) return;
     this.studio.project.edit({ draft: recipe, shown: results.id, mode, file });
-    if (this.lacking || (!hasPreview(this.method) && results.job?.state !== "done")) previews.stop();
+    const isDone = results.job?.state === "done";
+    if (this.lacking || (!hasPreview(this.method) && !isDone)) previews.stop();
     else if (mode === "variants") previews.askForSheet(newSheet(kind, recipe, this.studio.begin.methods, this.made));
-    else if (results.job?.state === "done") {
+    else if (isDone || isHeld(layer)) {
       previews.hold();
       this.load();
     } else previews.ask(recipe);

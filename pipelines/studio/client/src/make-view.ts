@@ -33,8 +33,13 @@ export class MakeView extends Element {
 
   override connectedCallback(): void {
     super.connectedCallback();
-    this.made ??= new MakeMaterial(this.studio, () => screenPixels(this.querySelector(".stage")), () => this.requestUpdate());
+    this.made ??= new MakeMaterial(this.studio, () => screenPixels(this.shownStage), () => this.requestUpdate());
     this.studio.addEventListener("change", () => this.requestUpdate());
+  }
+
+  /** That of the result, or of the layer that is being left. */
+  private get shownStage(): HTMLElement | null {
+    return [...this.querySelectorAll<HTMLElement>(".stage")].find((one) => one.checkVisibility()) ?? null;
   }
 
   /** Draw on the material that is open, if there is one. */

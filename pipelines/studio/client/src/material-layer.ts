@@ -5,7 +5,7 @@ import { Element } from "./element";
 import { card, choice } from "./fields";
 import "./job-panel";
 import { LAYERS, type LayerName } from "./layers";
-import type { Job, Picture, Recipe, ToPage } from "./messages";
+import type { Drawing, Job, Picture, Recipe, ToPage } from "./messages";
 import type { Drawable } from "./picture-view";
 import { isOver, type Payload, type Studio } from "./studio";
 
@@ -41,6 +41,17 @@ export abstract class MaterialLayer extends Element {
 
   protected override willUpdate(changed: Map<string, unknown>): void {
     if (changed.has("picture") && (changed.get("picture") as Picture | undefined)?.id !== this.picture.id) void this.open();
+  }
+
+  /** What is kept of what was drawn on this picture; none where nothing was. */
+  protected get kept(): Drawing | null {
+    const { drawing } = this.studio.project;
+    return drawing.picture === this.picture.id ? drawing : null;
+  }
+
+  /** Keep what is drawn on this layer. */
+  protected keep(change: Partial<Drawing>): void {
+    if (Object.keys(change).length) this.studio.project.draw(this.picture.id, change);
   }
 
   /** Begin with another picture. */

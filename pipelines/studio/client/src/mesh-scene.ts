@@ -1,19 +1,12 @@
 // A mesh in three dimensions with its texture, on which directions and values are painted.
 import {
   CanvasTexture, CatmullRomCurve3, Mesh, MeshBasicMaterial, MeshStandardMaterial, Raycaster, SRGBColorSpace, TubeGeometry, Vector2,
-  type Vector3,
+  Vector3,
 } from "three";
 import type { Corners } from "./corners";
+import { type Hit, rounded } from "./mesh-strokes";
 import { type Maps, MaterialScene } from "./scene";
 import type { TexelMap } from "./texel-map";
-
-/** A place of the surface: in space, and in texture coordinates from the texture's upper left corner. */
-export interface Hit {
-  point: Vector3;
-  normal: Vector3;
-  row: number;
-  column: number;
-}
 
 const ABOVE = 0.004; // how far lines are above the surface, of its radius
 const THICKNESS = 0.008; // of lines, likewise
@@ -34,9 +27,14 @@ export class MeshScene extends MaterialScene {
   }
 
   override async setMaps(maps: Maps): Promise<boolean> {
+    const { under } = this;
     const isShown = await super.setMaps(maps);
-    if (isShown) this.under = this.mesh.material;
-    return isShown;
+    if (!isShown) return false;
+    under.dispose();
+    this.under = this.mesh.material;
+    if (this.shown) this.mesh.material = this.values;
+    this.draw();
+    return true;
   }
 
   /** Whether dragging turns the mesh, or paints. */
@@ -57,7 +55,7 @@ export class MeshScene extends MaterialScene {
     caster.setFromCamera(new Vector2(2 * x - 1, 1 - 2 * y), this.camera);
     const hit = caster.intersectObject(this.mesh, false)[0];
     if (!hit?.uv || !hit.face) return null;
-    return { point: this.mesh.worldToLocal(hit.point.clone()), normal: hit.face.normal.clone(), row: 1 - hit.uv.y, column: hit.uv.x };
+    return rounded([...this.mesh.worldToLocal(hit.point.clone()), ...hit.face.normal, 1 - hit.uv.y, hit.uv.x]);
   }
 
   /** Show lines on the surface. */
@@ -71,7 +69,7 @@ export class MeshScene extends MaterialScene {
   }
 
   private addLine(hits: readonly Hit[]): void {
-    const places = hits.map(({ point, normal }) => point.clone().addScaledVector(normal, ABOVE * this.radius));
+    const places = hits.map((hit) => new Vector3().fromArray(hit).addScaledVector(new Vector3().fromArray(hit, 3), ABOVE * this.radius));
     if (places.length < 2) return;
     const tube = new TubeGeometry(new CatmullRomCurve3(places), 2 * places.length, THICKNESS * this.radius, 6);
     const line = new Mesh(tube, this.ink);

@@ -2,12 +2,17 @@
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, query, state } from "lit/decorators.js";
 import type { Corners } from "./corners";
+import { document as contentOf, type Draft, kept, picture } from "./drafts";
 import { amount, meshFields, slider, undoButtons } from "./fields";
+import { LayerPreview } from "./layer-preview";
+import type { LayerName } from "./layers";
 import { MaterialLayer } from "./material-layer";
-import type { Hit, MeshScene } from "./mesh-scene";
-import type { Job, Recipe } from "./messages";
-import { fileAddress, keepDocument, mesh, PAINTED, upload } from "./server";
-import { sizeText } from "./sizes";
+import type { MeshScene } from "./mesh-scene";
+import { type Hit, linesOf, NOTHING, type Painted } from "./mesh-strokes";
+import type { DrawnMesh, Job, Recipe, ToPage } from "./messages";
+import { fileAddress, mesh } from "./server";
+import { screenPixels, sizeText } from "./sizes";
+import type { Payload } from "./studio";
 import { TexelMap } from "./texel-map";
 import { Undo } from "./undo";
 
@@ -15,14 +20,7 @@ const SIDES = [512, 1024, 2048];
 const MAP_SIDE = 512; // px of the painted control map
 const TOOLS = { turn: "Turn", direction: "Direction", control: "Amount" } as const;
 type Tool = keyof typeof TOOLS;
-const BROKEN = 0.1; // of the texture: points of a stroke that are farther apart are on other charts
 const STEP = 6; // screen px between points of a stroke
-
-interface Painted {
-  strokes: readonly Hit[][];
-  codes: Uint8Array | null;
-}
-const NOTHING: Painted = { strokes: [], codes: null };
 
 @customElement("mesh-view")
 export class MeshView extends MaterialLayer {
@@ -43,7 +41,14 @@ export class MeshView extends MaterialLayer {
   private dropped = "";
   private stroke: Hit[] = [];
   private last: [number, number] | null = null;
+  private preview!: LayerPreview;
+  private previewed: HTMLCanvasElement | null = null;
   private readonly observer = new ResizeObserver(() => this.scene?.draw());
+
+  override connectedCallback(): void {
+    super.connectedCallback();
+    this.preview ??= new LayerPreview(this.studio, () => this.draft(), () => screenPixels(this.canvas), () => this.onPreview());
+  }
 
   override disconnectedCallback(): void {
     super.disconnectedCallback();
@@ -54,18 +59,72 @@ export class MeshView extends MaterialLayer {
   protected override onChange = (): void => {
     const { run } = this;
     if (run?.state === "done" && this.shown !== run.id) void this.show(run);
-    if (this.dropped !== this.studio.mesh && this.canvas?.checkVisibility()) void this.unfold((this.dropped = this.studio.mesh));
+    if (this.dropped !== this.studio.mesh && this.canvas?.checkVisibility()) void this.choose((this.dropped = this.studio.mesh), this.side);
     this.requestUpdate();
   };
 
   // -- what is shown
 
   protected override async open(): Promise<void> {
-    this.control = "";
+    const drawn = this.kept?.mesh ?? null;
+    this.control = drawn?.control ?? "";
     this.dropped = this.studio.mesh;
-    if (this.dropped) this.shape = this.dropped;
+    [this.shape, this.side] = [drawn?.mesh ?? (this.dropped || this.shape), drawn?.side ?? this.side];
     await this.updateComplete;
-    if (!this.scene) await this.unfold(this.shape);
+    if (!this.scene || drawn) await this.unfold(this.shape);
+    if (drawn && this.corners) await this.studio.attempt(this.goOn(drawn));
+    this.preview.ask();
+  }
+
+  /** Go on with what was drawn before the page was loaded. */
+  private async goOn({ strokes, amounts }: DrawnMesh): Promise<void> {
+    if (amounts) this.map ??= new TexelMap(this.corners!, MAP_SIDE, 0);
+    this.painted = new Undo<Painted>({ strokes, codes: amounts ? await this.map!.load(amounts) : null });
+    this.restore();
+  }
+
+  /** Let the project have what is drawn. */
+  private keepDrawn(): void {
+    const { strokes, codes } = this.painted.now;
+    this.keep({ mesh: { mesh: this.shape, side: this.side, control: this.control, strokes: [...strokes], amounts: codes ? this.map!.address : "" } });
+  }
+
+  private async choose(shape: string, side: number): Promise<void> {
+    this.side = side;
+    this.preview.stop();
+    await this.unfold(shape);
+    this.drew();
+  }
+
+  /** Something has changed: keep it, and show what that makes. */
+  private drew(): void {
+    this.job = "";
+    this.keepDrawn();
+    this.preview.ask();
+  }
+
+  protected override receive(message: ToPage, payload: Payload): void {
+    this.preview.receive(message, payload);
+  }
+
+  /** Show the preview, in place of the painted amounts when the hand that paints them has been lifted. */
+  private onPreview(): void {
+    const { picture } = this.preview;
+    this.requestUpdate();
+    if (!picture || picture === this.previewed || !this.scene || this.run) return;
+    this.previewed = picture;
+    void this.studio.attempt(this.scene.setMaps({ albedo: picture }));
+    if (!this.last && this.control) this.scene.showValues(null);
+  }
+
+  protected override async leave(layer: LayerName): Promise<void> {
+    this.preview.stop();
+    await super.leave(layer);
+  }
+
+  protected override async finish(): Promise<void> {
+    this.preview.stop();
+    await super.finish();
   }
 
   private async unfold(shape: string): Promise<void> {
@@ -116,6 +175,7 @@ export class MeshView extends MaterialLayer {
   private undo(direction: "undo" | "redo"): void {
     this.painted[direction]();
     this.restore();
+    this.drew();
   }
 
   // -- painting
@@ -124,6 +184,7 @@ export class MeshView extends MaterialLayer {
     if (this.tool === "turn" || event.button !== 0 || !this.canvas) return;
     this.canvas.setPointerCapture(event.pointerId);
     [this.stroke, this.last] = [[], null];
+    if (this.tool === "control") this.scene?.showValues(this.map);
     this.move(event);
   }
 
@@ -137,40 +198,53 @@ export class MeshView extends MaterialLayer {
       const [x, y] = [at(before[0], event.clientX), at(before[1], event.clientY)];
       const hit = this.scene.pick((x - box.left) / box.width, (y - box.top) / box.height);
       if (!hit) continue;
-      if (this.tool === "control") this.map!.dab(hit.point, (this.radius / 100) * this.scene.radius, this.code);
+      if (this.tool === "control") this.map!.dab(hit, (this.radius / 100) * this.scene.radius, this.code);
       else this.stroke.push(hit);
     }
     this.last = [event.clientX, event.clientY];
     if (this.tool === "control") this.scene.updateValues();
     else this.scene.setStrokes([...this.painted.now.strokes, this.stroke]);
+    this.preview.follow();
   }
 
   private up(): void {
     if (!this.last) return;
+    const { strokes, codes } = this.now;
+    const { now } = this.painted;
     this.last = null;
+    if (strokes === now.strokes && codes === now.codes) return;
+    this.painted.set({ strokes, codes: codes === now.codes ? codes : this.map!.codes.slice() });
+    this.drew();
+  }
+
+  /** What is drawn, also what a hand is drawing. */
+  private get now(): Painted {
     const { strokes, codes } = this.painted.now;
-    if (this.tool === "control") this.painted.set({ strokes, codes: this.map!.codes.slice() });
-    else if (this.stroke.length > 1) this.painted.set({ strokes: [...strokes, this.stroke], codes });
-    this.requestUpdate();
+    if (!this.last) return { strokes, codes };
+    if (this.tool === "control") return { strokes, codes: this.map!.codes };
+    return { strokes: this.stroke.length > 1 ? [...strokes, this.stroke] : strokes, codes };
   }
 
   // -- results
 
   protected override async drawn(): Promise<Recipe | undefined> {
-    return this.studio.attempt(this.described());
+    return this.studio.attempt(this.draft().then(kept));
   }
 
-  private async described(): Promise<Recipe> {
-    const { strokes, codes } = this.painted.now;
+  private async draft(): Promise<Draft> {
+    const { strokes, codes } = this.now;
+    const attached: Record<string, Blob> = {};
     const sources: Record<string, string> = { exemplar: this.picture.id, mesh: this.shape };
-    const lines = strokes.flatMap((one) => pieces(one, this.side));
-    if (lines.length) sources.strokes = await keepDocument("strokes", { size: sizeText([this.side, this.side]), strokes: lines, width: 3 });
-    if (codes && this.control) {
-      const blob = await new Promise<Blob | null>((done) => this.map!.canvas.toBlob(done, "image/png"));
-      sources.control = this.control;
-      sources.target = (await upload([new File([blob!], `${PAINTED}target.png`)], "")).id;
+    const lines = strokes.flatMap((one) => linesOf(one, this.side));
+    if (lines.length) {
+      attached["strokes.json"] = contentOf({ size: sizeText([this.side, this.side]), strokes: lines, width: 3 });
+      sources.strokes = "attached:strokes.json";
     }
-    return { flow: "on_mesh", sources, size: sizeText([this.side, this.side]), seed: this.recipe.seed };
+    if (codes && this.control) {
+      attached["target.png"] = await picture(this.map!.canvas);
+      [sources.control, sources.target] = [this.control, "attached:target.png"];
+    }
+    return { recipe: { flow: "on_mesh", sources, size: sizeText([this.side, this.side]), seed: this.recipe.seed }, attached };
   }
 
   // -- how it looks
@@ -195,9 +269,12 @@ export class MeshView extends MaterialLayer {
 
   private status(): string {
     if (this.waits) return this.waits;
-    if (this.tool === "direction") return "Draw lines along which the texture's columns run";
-    if (this.tool === "control") return this.control ? "Paint how much there is of what leads it" : "Choose first what leads it: a grey map of the picture";
-    return "Drag to turn";
+    if (this.preview.problem) return this.preview.problem;
+    const hints = {
+      turn: "Drag to turn", direction: "Draw lines along which columns run",
+      control: this.control ? "Paint how much there is of what leads it" : "Choose first what leads it: a grey map",
+    };
+    return [hints[this.tool], this.run ? "" : this.preview.status].filter(Boolean).join(". ");
   }
 
   private settings(): TemplateResult {
@@ -206,30 +283,18 @@ export class MeshView extends MaterialLayer {
       (one) => one.id !== picture.id && one.height === picture.height && one.width === picture.width && !one.is_material,
     );
     return html`
-      ${meshFields(this.studio.meshes, this.shape, this.studio.begin.mesh_suffixes, (one) => void this.unfold(one), (file) => void this.studio.takeMesh(file))}
+      ${meshFields(this.studio.meshes, this.shape, this.studio.begin.mesh_suffixes, (one) => void this.choose(one, this.side), (file) => void this.studio.takeMesh(file))}
       <div class="chips" role="group" aria-label="Size of the texture">${SIDES.map((side) => html`<button aria-pressed=${side === this.side}
-        @click=${() => {
-          this.side = side;
-          void this.unfold(this.shape);
-        }}>${side}</button>`)}</div>
+        @click=${() => void this.choose(this.shape, side)}>${side}</button>`)}</div>
       <label class="field"><span>Led by</span><select aria-label="Control map of the exemplar"
-        @change=${(event: Event) => (this.control = (event.target as HTMLSelectElement).value)}>
+        @change=${(event: Event) => {
+          this.control = (event.target as HTMLSelectElement).value;
+          this.drew();
+        }}>
         <option value="">none</option>
         ${maps.map((one) => html`<option value=${one.id} ?selected=${one.id === this.control}>${one.name}</option>`)}</select></label>
       ${this.tool === "control" ? html`${amount("Amount", this.code, (code) => (this.code = code))}
         ${slider("Brush radius", this.radius, 100, (value) => (this.radius = Math.max(1, value)))}` : nothing}
     `;
   }
-}
-
-/** A stroke as lines of the texture, px, cut where it goes on in another chart. */
-function pieces(stroke: readonly Hit[], side: number): [number, number][][] {
-  const lines: [number, number][][] = [];
-  let before: Hit | null = null;
-  for (const hit of stroke) {
-    if (!before || Math.hypot(hit.row - before.row, hit.column - before.column) > BROKEN) lines.push([]);
-    lines.at(-1)!.push([hit.row * side - 0.5, hit.column * side - 0.5]);
-    before = hit;
-  }
-  return lines.filter((line) => line.length > 1);
 }

@@ -239,6 +239,39 @@ export interface ExrContents {
   about: string;
 }
 
+export interface Place {
+  x: number;
+  y: number;
+}
+
+export interface Piece {
+  outline: (Place)[];
+  at: Place;
+  angle: number;
+  scale: number;
+}
+
+export interface DrawnCollage {
+  pieces: (Piece)[];
+  strength: number;
+}
+
+export interface DrawnMesh {
+  mesh: string;
+  side: number;
+  control: string;
+  strokes: (([number, number, number, number, number, number, number, number])[])[];
+  amounts: string;
+}
+
+export interface Drawing {
+  picture: string;
+  collage: DrawnCollage | null;
+  lattice: LatticeVertices | null;
+  mesh: DrawnMesh | null;
+  surfaces: PhotoRecipe | null;
+}
+
 export interface Variant {
   job: Job;
   made: number;
@@ -261,6 +294,7 @@ export interface Material {
   shown: string;
   mode: string;
   file: string;
+  drawing: Drawing;
   saved_as: (string)[];
   variants: (Variant)[];
 }
@@ -280,6 +314,7 @@ export interface MaterialRequest {
   shown?: string | null;
   mode?: string | null;
   file?: string | null;
+  drawing?: Drawing | null;
 }
 
 export interface WallEntry {

@@ -1,6 +1,6 @@
 // What is placed and painted on a photograph. Every change makes a new document, so that undo keeps the old ones.
 import { bounded, type Corners, type Spot, surface, type Weights } from "./bezier";
-import type { BrushRecipe, PatchRecipe } from "./messages";
+import type { BrushRecipe, PatchRecipe, PhotoRecipe } from "./messages";
 
 export interface PhotoDocument {
   readonly patches: PatchRecipe[];
@@ -11,6 +11,12 @@ export type Handle = { kind: "corner"; at: number } | { kind: "control"; row: nu
 
 export const EMPTY: PhotoDocument = { patches: [], areas: {} };
 const CORNERS = [[0, 0], [0, 3], [3, 3], [3, 0]] as const;
+
+/** What a recipe has of a photograph, as it is written here: without what is not given. */
+export function documentOf(recipe: PhotoRecipe | null | undefined): PhotoDocument {
+  const { patches = EMPTY.patches, areas = EMPTY.areas } = recipe ?? {};
+  return JSON.parse(JSON.stringify({ patches, areas }, (_, value) => (value === null ? undefined : value)));
+}
 
 const kept = ([row, column]: Spot): Spot => [bounded(row), bounded(column)];
 const minus = (one: Spot, other: Spot): Spot => [one[0] - other[0], one[1] - other[1]];

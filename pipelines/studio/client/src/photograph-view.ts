@@ -2,57 +2,28 @@
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, query, state } from "lit/decorators.js";
 import { surface } from "./bezier";
-import { failure, choice, tilingField, undoButtons } from "./fields";
+import type { Draft } from "./drafts";
+import { choice, failure, undoButtons } from "./fields";
+import { LayerPreview } from "./layer-preview";
+import type { LayerName } from "./layers";
 import { MaterialLayer } from "./material-layer";
+import type { PatchRecipe, PhotoPatch, PhotoProposal, Recipe, ToPage } from "./messages";
 import { words } from "./method-names";
-import type { PatchRecipe, PhotoPatch, PhotoProposal, PhotoRecipe, Picture, Recipe, ToPage } from "./messages";
-import { AREA_COLORS, type Brush, type Edit, type Shown } from "./photo-canvas";
+import { Photo, photos, tinted } from "./photo";
+import type { Brush, Edit } from "./photo-canvas";
 import "./photo-canvas";
-import { changed, cleared, EMPTY, type Handle, painted, type PhotoDocument, weighted, withPlane, without } from "./photo-document";
-import { photoFlow, PURPOSES, type Purpose, type Settings } from "./photo-flows";
+import { changed, cleared, documentOf, EMPTY, type Handle, painted, type PhotoDocument, weighted, withPlane, without } from "./photo-document";
+import { photoFlow, PURPOSES, type Settings } from "./photo-flows";
+import { type Area, AREAS, areasSide, makeSide, slider } from "./photo-sides";
+import "./picture-view";
 import { bitmap, pictureAddress } from "./server";
-import { sides, sizeText } from "./sizes";
+import { screenPixels, sides, sizeText } from "./sizes";
 import { canvasOf, type Payload } from "./studio";
-import { Undo } from "./undo";
 
 const SIDE = 2048; // px of the photograph that is shown, at most
 const FRONT = 320; // px of the patch as seen from the front
 const STEPS = { surface: "Surface", areas: "Areas", make: "Make" } as const;
 type Step = keyof typeof STEPS;
-const AREAS = { region: "Region", without: "Without", hole: "Hole", "features.joints": "Joints" } as const;
-type Area = keyof typeof AREAS;
-const ABOUT: Record<Area, string> = {
-  region: "Where texture is taken from. Unpainted: all that patches cover.",
-  without: "What lies in front and is not taken.",
-  hole: "What is filled or covered.",
-  "features.joints": "Joints of bricks or tiles, which keep elements whole.",
-};
-const TOOLS: Record<Brush["tool"], string> = { stroke: "Brush", outline: "Outline", fill: "Fill", features: "Threshold" };
-const BRUSHES: Record<Brush["tool"], Partial<Brush>> = {
-  stroke: { radius: 24 }, outline: {}, fill: { tolerance: 8 }, features: { radius: 12, tolerance: 4 },
-};
-
-/** A photograph with what has been done to it. */
-class Photo {
-  readonly undo = new Undo<PhotoDocument>(EMPTY);
-  readonly areas = new Map<string, HTMLCanvasElement>();
-  described: ReadonlyMap<string, PhotoPatch> = new Map();
-  streamlines: Shown | null = null;
-  front: HTMLCanvasElement | null = null;
-  patch = "";
-
-  constructor(
-    readonly picture: Picture,
-    readonly bitmap: ImageBitmap,
-  ) {}
-
-  get recipe(): PhotoRecipe {
-    return { photo: this.picture.id, ...this.undo.now };
-  }
-}
-
-/** what has been done to each since the page was loaded; one may be placed into another */
-const photos = new Map<string, Photo>();
 
 @customElement("photograph-view")
 export class PhotographView extends MaterialLayer {
@@ -71,6 +42,10 @@ export class PhotographView extends MaterialLayer {
   private failed: (() => void) | null = null;
   @state() private isProposing = false;
   @query("canvas.front") private front!: HTMLCanvasElement;
+  private preview!: LayerPreview;
+  /** of which the server has said, or will say, whether it is valid */
+  private asked: PhotoDocument = EMPTY;
+  private previewed: PhotoDocument = EMPTY;
   private live: PhotoDocument | null = null; // while a hand moves
   private number = -1;
   private isWaiting = false;
@@ -89,10 +64,12 @@ export class PhotographView extends MaterialLayer {
 
   protected override async open(): Promise<void> {
     const { picture } = this;
-    if (!photos.has(picture.id)) {
-      const loaded = await this.studio.attempt(bitmap(pictureAddress(picture.id, SIDE)));
+    const kept = documentOf(this.kept?.surfaces);
+    const known = photos.get(picture.id);
+    if (!known || JSON.stringify(known.undo.now) !== JSON.stringify(kept)) {
+      const loaded = known?.bitmap ?? (await this.studio.attempt(bitmap(pictureAddress(picture.id, SIDE))));
       if (!loaded) return;
-      photos.set(picture.id, new Photo(picture, loaded));
+      photos.set(picture.id, new Photo(picture, loaded, kept, known?.areas));
     }
     if (picture !== this.picture) return;
     this.photo = photos.get(picture.id)!;
@@ -104,9 +81,9 @@ export class PhotographView extends MaterialLayer {
   private ask(): void {
     this.isDirty = true;
     if (this.isWaiting || !this.photo) return;
-    [this.isDirty, this.isWaiting] = [false, true];
+    [this.isDirty, this.isWaiting, this.asked] = [false, true, this.document];
     this.number = this.studio.next();
-    const recipe = { ...this.photo.recipe, ...this.document };
+    const recipe = { ...this.photo.recipe, ...this.asked };
     const streamlines = this.hasStreamlines && !this.live;
     this.studio.send({ kind: "photo", number: this.number, recipe, patch: this.photo.patch, side: FRONT, streamlines });
   }
@@ -118,12 +95,31 @@ export class PhotographView extends MaterialLayer {
     this.studio.send({ kind: "photo", number: this.number, recipe: { photo: this.photo.picture.id }, propose: true });
   }
 
+  override connectedCallback(): void {
+    super.connectedCallback();
+    const largest = () => screenPixels(this.querySelector("photo-canvas"));
+    this.preview ??= new LayerPreview(this.studio, () => this.draft(), largest, () => this.requestUpdate());
+  }
+
+  protected override async leave(layer: LayerName): Promise<void> {
+    this.preview.stop();
+    await super.leave(layer);
+  }
+
+  protected override async finish(): Promise<void> {
+    this.preview.stop();
+    await super.finish();
+  }
+
   protected override receive(message: ToPage, payload: Payload): void {
+    this.preview.receive(message, payload);
     const { photo } = this;
     if (!photo || !("number" in message) || message.number !== this.number) return;
     if (message.kind === "photo_state") {
       this.problem = "";
       this.describe(photo, message.patches);
+      if (this.previewed !== this.asked) this.live ? this.preview.follow() : this.preview.ask();
+      this.previewed = this.asked;
       this.answered();
     } else if (message.kind === "photo_proposal") {
       this.onProposal(message);
@@ -179,6 +175,7 @@ export class PhotographView extends MaterialLayer {
   private set(document: PhotoDocument): void {
     this.live = null;
     this.photo!.undo.set(document);
+    this.keep({ surfaces: this.photo!.recipe });
     if (!document.patches.some((one) => one.name === this.photo!.patch)) this.photo!.patch = document.patches.at(-1)?.name ?? "";
     this.photo!.streamlines = null;
     this.ask();
@@ -197,6 +194,7 @@ export class PhotographView extends MaterialLayer {
   private undoOrRedo(direction: "undo" | "redo"): void {
     if (!this.photo) return;
     this.photo.undo[direction]();
+    this.keep({ surfaces: this.photo.recipe });
     this.live = null;
     if (!this.document.patches.some((one) => one.name === this.photo!.patch)) this.photo.patch = this.document.patches[0]?.name ?? "";
     this.photo.streamlines = null;
@@ -268,13 +266,14 @@ export class PhotographView extends MaterialLayer {
         })}
         <span class="state" role="status">${this.status(photo)}</span>
       </div>
-      <photo-canvas label="Photograph ${photo.picture.name}" .picture=${photo.bitmap} .photo=${photo.picture}
+      <div class="spaces"><photo-canvas label="Photograph ${photo.picture.name}" .picture=${photo.bitmap} .photo=${photo.picture}
         .document=${this.document} .described=${photo.described} .areas=${new Map(photo.areas)}
         .streamlines=${this.hasStreamlines ? photo.streamlines : null} .patchName=${this.step === "make" ? "" : photo.patch} .isCurved=${this.isCurved}
         .hasGrid=${this.hasGrid} .area=${this.step === "areas" ? this.area : ""} .brush=${this.brush} .handle=${this.handle}
         @edit=${(event: CustomEvent<Edit>) => this.onEdit(event.detail)}
         @select=${(event: CustomEvent<string>) => this.select(event.detail)}
         @handle=${(event: CustomEvent<Handle | null>) => (this.handle = event.detail)}></photo-canvas>
+        ${this.step === "make" && this.preview.picture ? html`<picture-view label="Preview" .picture=${this.preview.picture} .isReduced=${!this.preview.isWhole}></picture-view>` : nothing}</div>
     `;
   }
 
@@ -284,16 +283,33 @@ export class PhotographView extends MaterialLayer {
     if (!this.document.patches.length) return "Propose planes, or add one";
     const invalid = [...photo.described.values()].find((one) => one.problem);
     if (invalid) return invalid.problem;
+    if (this.step === "make") return this.preview.status || "Made at full size when it is finished";
     return this.step === "areas" ? `Paint: ${AREAS[this.area].toLowerCase()}` : "Cells of the grid are squares in the texture";
   }
 
   private side(photo: Photo): TemplateResult {
-    if (this.step === "make") return this.makeSide();
-    return html`${this.step === "areas" ? this.areasSide() : this.surfaceSide(photo)}
+    if (this.step === "make") {
+      const scenes = [...photos.values()].filter((one) => one !== photo && one.undo.now.areas.hole);
+      return makeSide(this.settings, scenes, (settings) => {
+        this.settings = settings;
+        this.preview.ask();
+      });
+    }
+    return html`${this.step === "areas" ? this.areas(photo) : this.surfaceSide(photo)}
       <figure class="front" ?hidden=${!photo.front || !photo.patch}>
         <figcaption>${photo.patch && words(photo.patch)} from the front</figcaption>
         <canvas class="front" role="img" aria-label="The patch as seen from the front"></canvas>
-      </figure>`;
+      </figure>
+      ${this.preview.picture ? html`<figure class="front">
+        <figcaption>${PURPOSES[this.settings.purpose].short}: what is made of it</figcaption>${this.preview.picture}</figure>` : nothing}`;
+  }
+
+  private areas({ undo }: Photo): TemplateResult {
+    const { area, brush } = this;
+    return areasSide(undo.now, area, brush, {
+      area: (one) => (this.area = one), brush: (one) => (this.brush = one), clear: () => this.set(cleared(undo.now, area)),
+      mark: () => this.set(painted(undo.now, area, { ...brush, points: [] })),
+    });
   }
 
   private surfaceSide(photo: Photo): TemplateResult {
@@ -337,76 +353,17 @@ export class PhotographView extends MaterialLayer {
     this.edit(({ size: _, ...others }) => (value > 0 ? { ...others, size: sizeText(size) } : others));
   }
 
-  private areasSide(): TemplateResult {
-    const { brush } = this;
-    const set = (change: Partial<Brush>) => (this.brush = { ...brush, ...change });
-    const usesRadius = ["stroke", "features"].includes(brush.tool);
-    return html`
-      ${choice("Area", AREAS, this.area, (area) => (this.area = area))}
-      <p class="hint">${ABOUT[this.area]}</p>
-      ${choice("Tool", TOOLS, brush.tool, (tool) => set({ tool, ...BRUSHES[tool] }))}
-      ${choice("Paint or erase", { add: "Add", erase: "Erase" }, brush.erase ? "erase" : "add", (one) => set({ erase: one === "erase" }))}
-      ${usesRadius ? slider(brush.tool === "stroke" ? "Brush radius" : "Width, px", brush.radius, 1, 128, String(brush.radius), (radius) => set({ radius })) : nothing}
-      ${brush.tool === "fill" || brush.tool === "features"
-        ? slider("Threshold", brush.tolerance, 0, 40, String(brush.tolerance), (tolerance) => set({ tolerance })) : nothing}
-      ${brush.tool === "fill" ? html`<p class="hint">Click a place: what is connected to it and looks like it is filled.</p>` : nothing}
-      ${brush.tool === "features"
-        ? html`${choice("What is marked", { dark: "Dark", bright: "Bright", both: "Both" }, brush.features, (features) => set({ features }))}
-            <button @click=${() => this.set(painted(this.document, this.area, { ...brush, points: [] }))}>Mark in the whole photograph</button>`
-        : nothing}
-      <button ?disabled=${!this.document.areas[this.area]} @click=${() => this.set(cleared(this.document, this.area))}>Clear ${AREAS[this.area].toLowerCase()}</button>
-    `;
-  }
-
   private get canFinish(): boolean {
     const { purpose, scene } = this.settings;
     return this.document.patches.length > 0 && (purpose !== "place" || scene !== "");
   }
 
-  private makeSide(): TemplateResult {
-    const { settings } = this;
-    const set = (change: Partial<Settings>) => (this.settings = { ...settings, ...change });
-    const purpose = PURPOSES[settings.purpose];
-    const scenes = [...photos.values()].filter((one) => one !== this.photo && one.undo.now.areas.hole);
-    return html`
-      ${choice("What to make", labels(), settings.purpose, (one) => set({ purpose: one }))}
-      <p class="hint">${purpose.about}</p>
-      ${purpose.hasSize
-        ? html`<label class="field"><span>Size, px</span><input type="number" min="64" max="8192" step="1" .value=${String(settings.side)}
-              aria-label="Size" @change=${(event: Event) => set({ side: whole(event, 64, settings.side) })} /></label>
-            ${tilingField(settings.tileable, (one) => set({ tileable: one }))}`
-        : nothing}
-      ${settings.purpose === "place"
-        ? scenes.length
-          ? html`<label class="field"><span>Into</span><select aria-label="Other photograph" @change=${(event: Event) => set({ scene: (event.target as HTMLSelectElement).value })}>
-              <option value="">choose</option>
-              ${scenes.map((one) => html`<option value=${one.picture.id} ?selected=${one.picture.id === settings.scene}>${one.picture.name}</option>`)}</select></label>`
-          : html`<p class="hint">First open the other photograph, place a plane on it and paint its hole.</p>`
-        : nothing}
-      <label class="field"><span>Seed</span><input type="number" min="0" step="1" aria-label="Seed" .value=${String(settings.seed)}
-        @change=${(event: Event) => set({ seed: whole(event, 0, settings.seed) })} /></label>
-    `;
+  /** What of it can be previewed. */
+  private async draft(): Promise<Draft | undefined> {
+    const { photo, asked } = this;
+    const isInvalid = !photo || [...photo.described.values()].some(({ problem }) => problem);
+    if (isInvalid || !asked.patches.length || !this.canFinish || (this.settings.purpose === "fill" && !asked.areas.hole)) return undefined;
+    const recipe = await photoFlow({ ...photo.recipe, ...asked }, photos.get(this.settings.scene)?.recipe ?? null, this.settings).catch(() => undefined);
+    return recipe && { recipe, attached: {} };
   }
-}
-
-const labels = (): Record<Purpose, string> =>
-  Object.fromEntries(Object.entries(PURPOSES).map(([name, one]) => [name, one.short])) as Record<Purpose, string>;
-
-const slider = (
-  label: string, value: number, least: number, most: number, shown: string, set: (value: number) => void,
-): TemplateResult => html`<label class="field wide"><span>${label} <em>${shown}</em></span>
-  <input type="range" min=${least} max=${most} .value=${String(value)} aria-label=${label}
-    @change=${(event: Event) => set(Number((event.target as HTMLInputElement).value))} /></label>`;
-
-const whole = (event: Event, least: number, before: number): number => {
-  const value = Math.trunc(Number((event.target as HTMLInputElement).value));
-  return value >= least ? value : before;
-};
-
-/** An area in its colour. */
-function tinted(name: string, codes: Payload, width: number, height: number): HTMLCanvasElement {
-  const pixels = new Uint8ClampedArray(4 * codes.length);
-  const color = AREA_COLORS[name.split(".")[0]];
-  codes.forEach((code, index) => pixels.set([...color, 0.45 * code], 4 * index));
-  return canvasOf(pixels, width, height);
 }

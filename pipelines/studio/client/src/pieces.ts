@@ -1,15 +1,6 @@
 // Pieces of an exemplar as `rectify_pieces` lays them. Places are continuous: pixel 0 reaches from 0 to 1.
+import type { Piece } from "./messages";
 import type { Drawable, Point } from "./picture-view";
-
-export interface Piece {
-  /** the outline in the exemplar, px */
-  outline: Point[];
-  /** where the middle of its bounding box lies in the result, px */
-  at: Point;
-  /** degrees, counter-clockwise */
-  angle: number;
-  scale: number;
-}
 
 export interface Box {
   left: number;

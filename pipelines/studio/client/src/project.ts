@@ -1,10 +1,12 @@
 // The project: which material is open, and that all changes of it reach the server, in their order.
-import type { Material, MaterialRequest, Picture, ProjectState, Recipe, ToPage, Variant } from "./messages";
+import type { Drawing, Material, MaterialRequest, Picture, ProjectState, Recipe, ToPage, Variant } from "./messages";
 import { createMaterial, editMaterial, lookAt, NoAnswerError, openMaterial, RequestError } from "./server";
 
 const PAUSE = 300; // ms until a change is sent, so that a slider sends one
 const AGAIN = 2000; // ms until what could not be sent is sent again
 const PLACE = "texloom place"; // of this tab
+const MOST_DRAWN = 700_000; // characters of what is drawn; the server refuses more than a MiB
+const UNDRAWN: Drawing = { picture: "", collage: null, lattice: null, mesh: null, surfaces: null };
 
 /** What of the studio a project needs. */
 interface Host extends EventTarget {
@@ -21,6 +23,8 @@ export class Project {
   private target = { id: "" };
   /** whether there is one, or one is being begun */
   isOpen = false;
+  /** what is drawn on the layers of the material that is open */
+  drawing = UNDRAWN;
   private waiting: MaterialRequest = {};
   private timer = 0;
   private last: Promise<unknown> = Promise.resolve();
@@ -67,6 +71,7 @@ export class Project {
 
   private show(material: Material | null): void {
     [this.material, this.target, this.isOpen] = [material, { id: material?.id ?? "" }, material !== null];
+    this.drawing = material?.drawing ?? UNDRAWN;
     this.look(this.state.view.view);
     this.host.dispatchEvent(new Event("opened"));
     this.host.changed();
@@ -76,7 +81,7 @@ export class Project {
   begin(recipe: Recipe): void {
     this.send();
     const target = { id: "" };
-    [this.material, this.target, this.isOpen] = [null, target, true];
+    [this.material, this.target, this.isOpen, this.drawing] = [null, target, true, UNDRAWN];
     this.enqueue(async () => {
       const made = await createMaterial(recipe);
       target.id = made.id;
@@ -94,6 +99,19 @@ export class Project {
     if (this.material) this.material = { ...this.material, ...(change as Partial<Material>) };
     clearTimeout(this.timer);
     this.timer = window.setTimeout(() => this.send(), PAUSE);
+  }
+
+  /** Keep what is drawn on layers over a picture; nothing is left of what was drawn over another one. */
+  draw(picture: string, change: Partial<Drawing>): void {
+    this.drawing = { ...(this.drawing.picture === picture ? this.drawing : UNDRAWN), ...change, picture };
+    if (JSON.stringify(this.drawing).length < MOST_DRAWN) this.edit({ drawing: this.drawing });
+    else this.host.problem(new RequestError("So much is drawn that the project does not keep the last of it; it is there until the page is closed"));
+  }
+
+  /** Forget what is drawn. */
+  undraw(): void {
+    this.drawing = UNDRAWN;
+    this.edit({ drawing: UNDRAWN });
   }
 
   /** The id of the material that is open, when it has one and the server has all changes. */

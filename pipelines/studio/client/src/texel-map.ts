@@ -59,10 +59,10 @@ export class TexelMap {
   }
 
   /** Give a value to everything within a distance of a point. */
-  dab(point: { x: number; y: number; z: number }, radius: number, code: number): void {
+  dab(point: readonly number[], radius: number, code: number): void {
     const { places, codes } = this;
     for (let index = 0; index < codes.length; index += 1) {
-      const [x, y, z] = [places[3 * index] - point.x, places[3 * index + 1] - point.y, places[3 * index + 2] - point.z];
+      const [x, y, z] = [places[3 * index] - point[0], places[3 * index + 1] - point[1], places[3 * index + 2] - point[2]];
       if (x * x + y * y + z * z < radius * radius) codes[index] = code;
     }
     this.draw();
@@ -71,6 +71,22 @@ export class TexelMap {
   restore(codes: Uint8Array): void {
     this.codes.set(codes);
     this.draw();
+  }
+
+  /** The values as the address of a picture. */
+  get address(): string {
+    return this.canvas.toDataURL("image/png");
+  }
+
+  /** The values that a picture has at an address. */
+  async load(address: string): Promise<Uint8Array> {
+    const picture = new Image();
+    picture.src = address;
+    await picture.decode();
+    const context = new OffscreenCanvas(this.side, this.side).getContext("2d")!;
+    context.drawImage(picture, 0, 0);
+    const { data } = context.getImageData(0, 0, this.side, this.side);
+    return this.codes.map((_, index) => data[4 * index]);
   }
 
   private draw(): void {
