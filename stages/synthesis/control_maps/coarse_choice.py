@@ -49,13 +49,13 @@ def coarse_choice(
     ----------
     Not in [Wei2008]_, whose compactions have one level.
     """
-    errors = [_difference(texture, image) for image in (plain, guided)]
+    errors = [difference(texture, image) for image in (plain, guided)]
     used = target_guide is not None and errors[1] < errors[0]
     table = {"plain": errors[0], "guided": errors[1], "used": used}
     return CoarseChoice(exemplar_guide if used else None, target_guide if used else None, table)
 
 
-def _difference(one: Image, other: Image) -> float:
-    """Mean difference of the blurred colours, CIELAB units."""
+def difference(one: Image, other: Image) -> float:
+    """Mean difference of the slightly blurred colours of two images, CIELAB units."""
     first, second = (gaussian_blur(lab_from_linear(image.color), _BLUR) for image in (one, other))
     return float(np.sqrt(np.square(first - second).sum(axis=2)).mean(dtype=np.float64))
