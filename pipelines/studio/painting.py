@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from texloom.pipelines.studio.messages.requests import PaintDabRequest, PaintOpe
 from texloom.pipelines.studio.recipe_flows import open_recipe, output_of, steps_alone, upstream_of
 from texloom.pipelines.studio.work import Places, library_of
 from texloom.stages.analysis.similarity.appearance_stack import AppearanceStack
-from texloom.stages.interactive.canvas import Canvas, Rect
+from texloom.stages.interactive.canvas import Canvas, CoarseColours, Rect, colours_help
 from texloom.stages.synthesis.per_pixel.per_pixel import ArrangementParams
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -29,7 +30,7 @@ from texloom.stages.vocabulary.sizes import format_size
 
 FLOW = "per_pixel_control"
 _RESULT = "result"  # the step of the flow that the canvas stands for
-_ANALYSIS = "appearance"  # and that of which it is made, without the coarse colours that only a whole target has
+_ANALYSIS = "appearance"  # and that of which it is made
 
 
 class Painter:
@@ -61,15 +62,21 @@ class Painter:
         chosen = {name: getattr(result.params, name) for name in ArrangementParams.model_fields}
         stack = {name: output_of(run, _ANALYSIS, name) for name in _STACK}
         send(PaintProgress(number=work.number, step="canvas", done=0.0))
-        self.canvas = Canvas(
-            output_of(run, "compact", "image"),
-            output_of(run, "compact", "control"),
-            work.size,
-            values=_values(map_, work.size, self._planes(run)),
-            seed=int(generator(work.seed, result.draws_as).integers(2**63)),
-            params=ArrangementParams(**chosen),
-            stack=AppearanceStack(**stack),
+        values = _values(map_, work.size, self._planes(run))
+        pair = output_of(run, "compact", "image"), output_of(run, "compact", "control")
+        coarse = CoarseColours(
+            output_of(run, "level", "image"),
+            output_of(run, "features", "control"),
+            output_of(run, "compact", "guide"),
         )
+        same: dict[str, Any] = {
+            "params": ArrangementParams(**chosen),
+            "stack": AppearanceStack(**stack),
+            "seed": int(generator(work.seed, result.draws_as).integers(2**63)),
+        }
+        texture = open_source("texture", self.library.reference(work.texture)).read()
+        used = coarse if colours_help(texture, *pair, coarse, **same) else None
+        self.canvas = Canvas(*pair, work.size, values=values, coarse=used, **same)
         send(PaintOpened(number=work.number, control=control))
         self._send(work.number, Rect(0, work.size[0], 0, work.size[1]), send)
 

@@ -10,17 +10,30 @@ from texloom.stages.analysis.similarity.appearance_stack import (
     AppearanceStackParams,
     appearance_stack,
 )
-from texloom.stages.common.features.control import check_aspect, check_control
+from texloom.stages.common.features.control import check_aspect, check_control, painted_values
 from texloom.stages.common.per_pixel.device import Device, levels_on, target_on
 from texloom.stages.common.per_pixel.levels import Rect
+from texloom.stages.common.per_pixel.tables import CONTROLS
 from texloom.stages.common.per_pixel.target import normalised
-from texloom.stages.synthesis.per_pixel.per_pixel import ArrangementParams, check_divisible, prepare, style_of
+from texloom.stages.interactive.painted_colours import CoarseColours, PaintedColours, check_coarse
+from texloom.stages.synthesis.control_maps.coarse_choice import difference
+from texloom.stages.synthesis.per_pixel.coarse_colours import CoarsePlanes
+from texloom.stages.synthesis.per_pixel.per_pixel import (
+    ArrangementParams,
+    check_divisible,
+    fitted_control,
+    style_of,
+    tables_with,
+)
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.sizes import format_size
 from texloom.stages.vocabulary.tileable import parse_tileable
 
-__all__ = ["Canvas", "Rect"]
+__all__ = ["Canvas", "CoarseColours", "Rect", "colours_help"]
+
+_TRIED = 512  # px, the side of the part of a texture that is made again to decide
 
 
 class Canvas:
@@ -43,6 +56,8 @@ class Canvas:
     stack : the exemplar's analysis; computed here if not given, which takes a second or more.
     device : ``cpu``, ``gpu``, or ``auto``, a GPU where there is one; results are bit-identical. None uses the
         environment variable TEXLOOM_DEVICE, default ``cpu``.
+    coarse : for a compaction, the colours of the texture that it was made from, by which places are compared too;
+        see `colours_help`.
 
     Raises
     ------
@@ -74,6 +89,7 @@ class Canvas:
         params: ArrangementParams | None = None,
         stack: AppearanceStack | None = None,
         device: Device | None = None,
+        coarse: CoarseColours | None = None,
     ):
         image, control = (Image.of(one) if isinstance(one, np.ndarray) else one for one in (image, control))
         check_aspect(control, "control", (image.height, image.width), "image")
@@ -82,12 +98,19 @@ class Canvas:
             raise InputError(f"size: {format_size(size)} has no pixel")
         params = params or ArrangementParams()
         stack = stack or appearance_stack(image, AppearanceStackParams())
-        tables, scale = prepare(image, stack, control, None, params.control_weight, linear=True)
+        scale, own = fitted_control(image, control, linear=True)
         assert scale is not None
+        assert own is not None
         self.size = size
         self.channels = tuple(control.channels[channel] for channel in scale.control)
         lows, highs = np.array(list(scale.control.values()), np.float32).T.copy()
         self._limits = lows, highs
+        weight, fitted = params.control_weight, None
+        if coarse is not None and own.shape[2] + coarse.guide.shape[2] <= CONTROLS:
+            check_coarse(coarse, image, control)
+            fitted = CoarsePlanes.of(own, weight, image, coarse.guide)
+            own, weight = np.concatenate([own, _raised(fitted, coarse.guide)], axis=2), fitted.weight
+        tables = tables_with(image, stack, own, None, weight)
         self._tables = tables
         # Values of all places, so that one index selects them.
         pixels = tables.pixels_of(np.arange(tables.places, dtype=np.int32).reshape(-1, tables.pitch))
@@ -107,7 +130,16 @@ class Canvas:
         self._check(initial, 0, 0)
         if initial.shape[:2] != size:
             raise ValueError(f"values of shape {initial.shape} for a canvas of {size}")
-        self._target = target_on(self._levels, normalised(initial, self._limits), self._limits)
+        self._painted: PaintedColours | None = None
+        planes = normalised(initial, self._limits)
+        if coarse is not None and fitted is not None:
+            texture = painted_values(coarse.control)[..., list(scale.control)]
+            colours = _raised(fitted, lab_from_linear(coarse.level.color))
+            self._painted = PaintedColours(normalised(texture, self._limits), colours, size, wrap)
+            self._painted.paint(planes, 0, 0)
+            self._target = target_on(self._levels, self._painted.planes)
+        else:
+            self._target = target_on(self._levels, planes, self._limits)
         self._levels.run()
 
     @property
@@ -129,13 +161,21 @@ class Canvas:
         empty list where nothing has changed.
         """
         self._check(values, top, left)
+        if self._painted is not None:
+            area = self._painted.paint(normalised(values, self._limits), top, left)
+            values, top, left = (
+                self._painted.planes[area.top : area.bottom, area.left : area.right],
+                area.top,
+                area.left,
+            )
         changed = self._levels.update(self._target.paint(values, top, left))
         return [] if changed.empty else [changed]
 
     def control(self, area: Rect | None = None) -> Float32[np.ndarray, "h w k"]:
         """A copy of the control map, or of a part."""
         lows, highs = self._limits
-        return np.asarray(self._target.planes(self._inside(area)) * (highs - lows) + lows, np.float32)
+        planes = self._target.planes(self._inside(area))[..., : self.planes]
+        return np.asarray(planes * (highs - lows) + lows, np.float32)
 
     def match(self, area: Rect | None = None) -> UInt32[np.ndarray, "h w 2"]:
         """Row and column of the exemplar pixel of each pixel."""
@@ -169,3 +209,37 @@ class Canvas:
             )
         if not np.isfinite(values).all():
             raise ValueError("a value is not finite")
+
+
+def colours_help(
+    texture: Image,
+    image: Image,
+    control: Image,
+    coarse: CoarseColours,
+    params: ArrangementParams | None = None,
+    stack: AppearanceStack | None = None,
+    seed: int = 7,
+) -> bool:
+    """Whether the colours bring a canvas, under the texture's own control map, nearer to the texture.
+
+    Parameters
+    ----------
+    texture : the original, of the size of ``coarse.control``.
+    image, control, params, stack, seed : as of `Canvas`.
+    """
+    size = min(texture.height, _TRIED), min(texture.width, _TRIED)
+    part = np.s_[: size[0], : size[1]]
+    names = Canvas(image, control, (1, 1), params=params, stack=stack).channels
+    values = painted_values(coarse.control)[part][..., [control.channels.index(name) for name in names]]
+    wanted = Image(np.ascontiguousarray(texture.color[part]), ("R", "G", "B"))
+    errors = []
+    for one in (None, coarse):
+        made = Canvas(image, control, size, values=values, seed=seed, params=params, stack=stack, coarse=one)
+        errors.append(difference(wanted, image.elsewhere(made.pixels())))
+    return errors[1] < errors[0]
+
+
+def _raised(fitted: CoarsePlanes, colours: np.ndarray) -> np.ndarray:
+    """Planes of colours in 0..1, the range in which a canvas holds control."""
+    raised: np.ndarray = fitted.planes(colours, 0.5) + np.float32(0.5)
+    return raised

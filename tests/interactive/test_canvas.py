@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -9,11 +10,15 @@ import pytest
 from tests.runs import run_with_threads
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.analysis.similarity.appearance_stack import AppearanceStackParams, appearance_stack
-from texloom.stages.interactive.canvas import Canvas, Rect
+from texloom.stages.common.features.control import painted_values
+from texloom.stages.interactive.canvas import Canvas, CoarseColours, Rect, colours_help
+from texloom.stages.interactive.painted_colours import PaintedColours
+from texloom.stages.synthesis.control_maps.coarse_level import CoarseLevelParams, coarse_level
 from texloom.stages.synthesis.per_pixel.per_pixel import ArrangementParams
 from texloom.stages.vocabulary.arrays import Image
-from texloom.stages.vocabulary.color import srgb_from_linear
+from texloom.stages.vocabulary.color import lab_from_linear, srgb_from_linear
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.facts import Wraps
 
 SHAPE = (48, 48)
 SIZE = (96, 112)
@@ -133,3 +138,78 @@ def test_bad_requests_are_refused(canvas: Callable[..., Canvas]) -> None:
         canvas(size=(100, 96), tileable=True)
     with pytest.raises(InputError, match="control: every channel is constant"):
         canvas(picture(np.zeros(SHAPE)))
+
+
+@pytest.fixture(scope="module")
+def coarse(image: Image, control: Image) -> CoarseColours:
+    """Of a texture that the exemplar is a part of, whose left is dark and whose control map does not tell."""
+    whole = np.tile(image.pixels, (2, 4, 1)) * np.linspace(0.3, 1, 4 * SHAPE[1])[:, None].astype(np.float32)
+    maps = Image(np.tile(control.pixels, (2, 4, 1)), control.channels)
+    made = coarse_level(image.elsewhere(whole), CoarseLevelParams(coarser=8))
+    return CoarseColours(made.image, maps, made.guide[: SHAPE[0], 72 : 72 + SHAPE[1]])
+
+
+@pytest.mark.parametrize("tileable", [False, True])
+def test_every_stroke_gives_the_coarse_colours_of_a_new_canvas(
+    canvas: Callable[..., Canvas], coarse: CoarseColours, tileable: bool, rng: np.random.Generator
+) -> None:
+    painted = canvas(values=0.5, tileable=tileable, coarse=coarse)
+    values = np.full((*SIZE, 2), 0.5, np.float32)
+    for top, left in [(40, 50), (0, 0), (88, 104), (0, 60)]:
+        dab = rng.uniform(0.2, 0.8, (8, 8, 2)).astype(np.float32)
+        values[top : top + 8, left : left + 8] = dab
+        before = painted.match()
+        changed = painted.paint(dab, top, left)
+        after = painted.match()
+        np.testing.assert_array_equal(after, canvas(values=values, tileable=tileable, coarse=coarse).match())
+        outside = np.ones(SIZE, bool)
+        for area in changed:
+            outside[area.top : area.bottom, area.left : area.right] = False
+        np.testing.assert_array_equal(after[outside], before[outside])
+    np.testing.assert_allclose(painted.control(), values, atol=1e-6)
+
+
+def test_coarse_colours_change_what_control_leaves_open(
+    canvas: Callable[..., Canvas], coarse: CoarseColours, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def match() -> np.ndarray:
+        return canvas(values=0.5, coarse=coarse).match()
+
+    np.testing.assert_array_equal(*run_with_threads(match, monkeypatch))
+    assert (match() != canvas(values=0.5).match()).any()
+
+
+def test_colours_are_those_of_the_texture_under_its_own_map(coarse: CoarseColours) -> None:
+    own = painted_values(coarse.control)[..., [0, 2]]
+    colours = coarse.level.pixels
+    painted = PaintedColours(own, colours, own.shape[:2], Wraps())
+    painted.paint(own, 0, 0)
+    np.testing.assert_allclose(painted.planes[3::8, 3::8, 2:], colours, atol=0.02)
+
+
+def test_colours_that_do_not_belong_are_refused(canvas: Callable[..., Canvas], coarse: CoarseColours) -> None:
+    swapped = {
+        "level": coarse.control,
+        "control": coarse.level.with_pixels(coarse.level.pixels, coarse.control.channels),
+    }
+    changes: list[tuple[dict[str, Any], str]] = [
+        ({"guide": coarse.guide[1:]}, "coarse: guide of 48 x 47 px for an image of 48 x 48 px"),
+        ({"control": Image(coarse.control.pixels[..., :1], ("wet",))}, "coarse: control has channels wet, that of"),
+        (swapped, "coarse: level of 192 x 96 px for a control map of 24 x 12 px"),
+    ]
+    for changed, message in changes:
+        with pytest.raises(InputError, match=message):
+            canvas(coarse=dataclasses.replace(coarse, **changed))
+
+
+def test_colours_help_where_they_bring_the_texture_nearer(
+    image: Image, control: Image, coarse: CoarseColours
+) -> None:
+    stack = appearance_stack(image, AppearanceStackParams(coarsest=12))
+    texture = image.elsewhere(np.tile(image.pixels, (2, 4, 1)))
+    asked = lab_from_linear(texture.color)
+    level = coarse_level(texture, CoarseLevelParams(coarser=8), coarse.control)
+    right = CoarseColours(level.image, coarse.control, asked[: SHAPE[0], : SHAPE[1]])
+    wrong = dataclasses.replace(right, level=level.image.elsewhere(level.image.pixels[::-1].copy()))
+    assert colours_help(texture, image, control, right, stack=stack)
+    assert not colours_help(texture, image, control, wrong, stack=stack)

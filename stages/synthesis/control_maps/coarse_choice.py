@@ -10,6 +10,7 @@ from texloom.stages.synthesis.control_maps.coarse_level import Guide, TargetGuid
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params, stage
+from texloom.stages.vocabulary.frame_stacks import frames_of
 
 _BLUR = 2.0  # px, before colours are compared: detail lies elsewhere in any reconstruction
 
@@ -22,12 +23,14 @@ class CoarseChoice:
     """of the compaction; none where the coarse level does not help"""
     target_guide: TargetGuide | None
     """of the result"""
+    image: Image
+    """the reconstruction that is nearer to the texture"""
     table: dict[str, Any]
     """mean difference to the texture after a slight blur, CIELAB units: ``plain`` and ``guided``; and whether the
     coarse level is ``used``"""
 
 
-@stage(version=2)
+@stage(version=3)
 def coarse_choice(
     texture: Image,
     params: Params,  # noqa: ARG001
@@ -40,7 +43,7 @@ def coarse_choice(
 
     Parameters
     ----------
-    texture : the original.
+    texture : the original, or a frame stack, whose frames count alike.
     plain, guided : it, reconstructed without and with the coarse level.
     exemplar_guide, target_guide : colours of the coarse level at the compaction's pixels, and in the result, see
         `coarse_target`.
@@ -49,13 +52,18 @@ def coarse_choice(
     ----------
     Not in [Wei2008]_, whose compactions have one level.
     """
-    errors = [_difference(texture, image) for image in (plain, guided)]
+    errors = [difference(texture, image) for image in (plain, guided)]
     used = target_guide is not None and errors[1] < errors[0]
     table = {"plain": errors[0], "guided": errors[1], "used": used}
-    return CoarseChoice(exemplar_guide if used else None, target_guide if used else None, table)
+    return CoarseChoice(
+        exemplar_guide if used else None, target_guide if used else None, guided if used else plain, table
+    )
 
 
-def _difference(one: Image, other: Image) -> float:
-    """Mean difference of the blurred colours, CIELAB units."""
-    first, second = (gaussian_blur(lab_from_linear(image.color), _BLUR) for image in (one, other))
-    return float(np.sqrt(np.square(first - second).sum(axis=2)).mean(dtype=np.float64))
+def difference(one: Image, other: Image) -> float:
+    """Mean difference of the slightly blurred colours of two images or frame stacks, CIELAB units."""
+    errors = []
+    for pair in zip(frames_of(one), frames_of(other), strict=True):
+        first, second = (gaussian_blur(lab_from_linear(image.color), _BLUR) for image in pair)
+        errors.append(float(np.sqrt(np.square(first - second).sum(axis=2)).mean(dtype=np.float64)))
+    return sum(errors) / len(errors)

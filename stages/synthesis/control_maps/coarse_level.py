@@ -14,6 +14,7 @@ from texloom.stages.synthesis.control_maps.joint_upsampling import along_control
 from texloom.stages.vocabulary.arrays import Channels, Image
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Outline, Params, stage
+from texloom.stages.vocabulary.frame_stacks import frame_count
 
 Guide = Annotated[Float32[np.ndarray, "h w 3"], Channels(("L", "a", "b"))]
 """colours that a coarse level has in a texture or its compaction, CIELAB"""
@@ -59,7 +60,8 @@ def coarse_level(texture: Image, params: CoarseLevelParams, control: Image | Non
 
     Parameters
     ----------
-    texture : any channels; only colour is used.
+    texture : any channels; only colour is used. Of a frame stack that of all frames: their first three principal
+        planes take the place of CIELAB, so that the guide is one for all frames.
     control : of any size of the same aspect ratio; none for a texture without.
 
     Raises
@@ -74,10 +76,15 @@ def coarse_level(texture: Image, params: CoarseLevelParams, control: Image | Non
     names = _colour(texture)
     pixels = np.ascontiguousarray(texture.pixels[..., : len(names)])
     small = Image(resize(pixels, *_size(texture, params), bilinear=True), names)
+    is_stack = frame_count(texture.channels) > 1
     wanted = np.zeros((texture.height, texture.width, 0), np.float32)
-    if control is not None:
-        wanted = fit_scale(texture, control, CONTROL_WEIGHT).of_control(control, texture.height, texture.width)
-    return CoarseLevel(small, along_control(lab_from_linear(small.color), wanted))
+    scale = fit_scale(texture, control, CONTROL_WEIGHT) if is_stack or control is not None else None
+    if scale is not None and control is not None:
+        wanted = scale.of_control(control, texture.height, texture.width)
+    colours = lab_from_linear(small.color)
+    if scale is not None and is_stack:
+        colours = _three(scale.of_texture(small))
+    return CoarseLevel(small, along_control(colours, wanted))
 
 
 def guides_of(
@@ -93,7 +100,16 @@ def guides_of(
     return exemplar, target
 
 
+def _three(planes: Float32[np.ndarray, "h w c"]) -> Float32[np.ndarray, "h w 3"]:
+    """The first three planes; zeros where there are fewer."""
+    three = np.zeros((*planes.shape[:2], 3), np.float32)
+    three[..., : min(3, planes.shape[2])] = planes[..., :3]
+    return three
+
+
 def _colour(texture: Any) -> tuple[str, ...]:
+    if frame_count(texture.channels) > 1:
+        return tuple(texture.channels)
     return ("Y",) if texture.channels[0] == "Y" else ("R", "G", "B")
 
 

@@ -20,8 +20,7 @@ def patch_energy(exact: ExactEnergy, nodes: Nodes, leaf: Leaf, count: int, round
     """
     chosen = _medoids(exact, nodes, leaf, count)
     for _ in range(rounds):
-        owner, means = _means(exact, chosen)
-        spread = ((exact.vectors[exact.valid.ravel()] - means[owner]) ** 2).sum(axis=1)
+        owner, spread = _spread(exact, chosen)
         order = np.lexsort((spread, owner))
         first = order[np.r_[True, np.diff(owner[order]) > 0]]
         chosen[owner[first]] = np.flatnonzero(exact.valid)[first]
@@ -30,8 +29,7 @@ def patch_energy(exact: ExactEnergy, nodes: Nodes, leaf: Leaf, count: int, round
 
 def mean_energy(exact: ExactEnergy, nodes: Nodes, leaf: Leaf, count: int) -> float:
     """The same of the means of ``count`` clusters, which are no real neighbourhoods; by components alone."""
-    owner, means = _means(exact, _medoids(exact, nodes, leaf, count))
-    spread = ((exact.vectors[exact.valid.ravel()] - means[owner]) ** 2).sum(axis=1)
+    spread = _spread(exact, _medoids(exact, nodes, leaf, count))[1]
     return float(spread.mean()) / exact.scale
 
 
@@ -54,10 +52,11 @@ def _medoids(exact: ExactEnergy, nodes: Nodes, leaf: Leaf, count: int) -> np.nda
     return chosen
 
 
-def _means(exact: ExactEnergy, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """For each neighbourhood the nearest of ``chosen``, and the means of those that share one, (k, 32)."""
+def _spread(exact: ExactEnergy, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """For each neighbourhood the nearest of ``chosen``, and its squared distance to the mean of its cluster."""
     vectors = exact.vectors[exact.valid.ravel()]
     owner = nearest(vectors, exact.vectors[chosen])
     sums = [np.bincount(owner, column, chosen.size) for column in vectors.T]
     counts = np.maximum(np.bincount(owner, minlength=chosen.size), 1)
-    return owner, np.stack(sums, axis=1) / counts[:, None]
+    means = np.stack(sums, axis=1) / counts[:, None]
+    return owner, ((vectors - means[owner]) ** 2).sum(axis=1)

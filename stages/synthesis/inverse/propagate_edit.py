@@ -12,6 +12,7 @@ from pydantic import Field
 from texloom.stages.analysis.similarity.k_coherence import Candidates, KCoherenceParams
 from texloom.stages.analysis.similarity.tsvq import Leaf, Nodes, TsvqParams
 from texloom.stages.common.features.control import check_finite, from_painted, painted_values
+from texloom.stages.common.grids.size_checks import check_row_length
 from texloom.stages.common.similarity.neighbourhoods import inside_of
 from texloom.stages.numerics.matrices import row_product
 from texloom.stages.synthesis.inverse.level import Matching, TextureLevel, Tree
@@ -92,7 +93,9 @@ def propagate_edit(
 
     Parameters
     ----------
-    texture, features, nodes, leaf, candidates : as for `compact`.
+    texture, nodes, leaf, candidates : as for `compact`.
+    features : what neighbourhoods are compared by; those of `compact`, or with the coarse colours of the texture,
+        which tell places apart that look alike.
     source, compaction : the result of `compact` for these.
     edited : the compaction after the edit, from a lossless file; some or all of the texture's channels.
 
@@ -113,6 +116,7 @@ def propagate_edit(
     delta = painted_values(whole) - painted_values(compaction)
     delta[~changed] = 0
     size = texture.height - leaf.shape[0] + 1
+    check_row_length("propagate_edit", features.shape[2], size)
     level = TextureLevel(
         features, size, 1, Tree(nodes, leaf, candidates), TsvqParams(neighbourhood=size),
         KCoherenceParams(k=candidates.shape[2]), inside_of(None, texture.height, texture.width),

@@ -90,28 +90,23 @@ def style_of(params: ArrangementParams, levels: int, seed: int) -> Style:
 
 
 def prepare(
-    image: Image,
-    stack: AppearanceStack,
-    control: Image | None,
-    jacobian: Jacobian | None,
-    weight: float,
-    linear: bool = False,
+    image: Image, stack: AppearanceStack, control: Image | None, jacobian: Jacobian | None, weight: float
 ) -> tuple[Tables, ControlScale | None]:
-    """The exemplar's tables, and how control becomes numbers; ``linear`` as in `fit_scale`.
+    """The exemplar's tables, and how control becomes numbers.
 
     Raises
     ------
     InputError : control with more planes than can be held.
     ValueError : inputs that do not belong together.
     """
-    scale, own = _fitted(image, control, linear)
-    return _tables(image, stack, own, jacobian, weight), scale
+    scale, own = fitted_control(image, control)
+    return tables_with(image, stack, own, jacobian, weight), scale
 
 
-def _fitted(
+def fitted_control(
     image: Image, control: Image | None, linear: bool = False
 ) -> tuple[ControlScale | None, Float32[np.ndarray, "h w k"] | None]:
-    """How control becomes numbers, and those of the exemplar, 0..1."""
+    """How control becomes numbers, and those of the exemplar, 0..1; ``linear`` as in `fit_scale`."""
     if control is None:
         return None, None
     scale = fit_scale(image, control, 1.0, linear)
@@ -120,7 +115,7 @@ def _fitted(
     return scale, scale.of_control(control, image.height, image.width) / np.float32(scale.strength)
 
 
-def _tables(
+def tables_with(
     image: Image,
     stack: AppearanceStack,
     own: Float32[np.ndarray, "h w k"] | None,
@@ -287,7 +282,7 @@ def per_pixel(
             raise ValueError("chart: missing, though the exemplar is distorted and repeats")
         else:
             repetition, stack = _ExemplarPeriod(generators, chart), _showing(stack, generators)
-    tables = _tables(image, stack, compared.own, jacobian, compared.weight)
+    tables = tables_with(image, stack, compared.own, jacobian, compared.weight)
     levels = _levels(params, tables, size, int(rng.integers(2**63)), repetition is not None)
     if jacobian is not None:
         levels.bend(_bent(target_jacobian))
@@ -335,7 +330,7 @@ def _compared(
     guides: tuple[Guide, TargetGuide] | None,
 ) -> _Compared:
     """Control of the exemplar and of a result of ``size`` px, made comparable."""
-    scale, own = _fitted(image, control)
+    scale, own = fitted_control(image, control)
     if target is None or scale is None or own is None:
         return _Compared(None, None, params.control_weight, [])
     wanted = scale.of_control(target, *(params.extent or size)) / np.float32(scale.strength)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.synthetic import picture, smooth_noise
-from texloom.stages.common.features.control import check_pair
+from texloom.stages.common.features.control import check_pair, fit_scale
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.synthesis.control_maps.coarse_choice import coarse_choice
 from texloom.stages.synthesis.control_maps.coarse_level import CoarseLevelParams, coarse_level
@@ -14,6 +14,7 @@ from texloom.stages.synthesis.control_maps.joint_upsampling import along_control
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Params
+from texloom.stages.vocabulary.frame_stacks import stack_channels
 
 
 def pair() -> tuple[Image, Image]:
@@ -72,6 +73,19 @@ def test_a_grey_texture_has_a_grey_level() -> None:
     assert np.abs(made.guide[..., 1:]).max() < 0.5
 
 
+def test_the_frames_of_a_stack_have_one_guide() -> None:
+    texture, control = pair()
+    later = texture.pixels[..., ::-1] * 0.5
+    stack = Image(np.concatenate([texture.pixels, later], axis=2), stack_channels(texture.channels, 2))
+    made = coarse_level(stack, CoarseLevelParams(), control)
+    assert (made.image.channels, made.image.pixels.shape) == (stack.channels, (4, 6, 6))
+    alone = coarse_level(texture, CoarseLevelParams(), control)
+    np.testing.assert_array_equal(made.image.pixels[..., :3], alone.image.pixels)
+    planes = fit_scale(stack, control, 1.0).of_texture(stack)
+    assert made.guide.shape == (*planes.shape[:2], 3)
+    assert np.corrcoef(made.guide[..., 0].ravel(), planes[..., 0].ravel())[0, 1] > 0.9
+
+
 def test_control_that_does_not_fit_is_refused() -> None:
     with pytest.raises(InputError, match="aspect ratio than texture"):
         check_pair(
@@ -93,6 +107,7 @@ def test_it_is_used_where_the_original_comes_nearer(better: bool, asked: bool) -
     plain, guided = (far, near) if better else (near, far)
     made = coarse_choice(texture, Params(), plain, guided, guide[:24], guide if asked else None)
     assert made.table["used"] is (better and asked)
+    assert made.image is (guided if better and asked else plain)
     assert (made.table["guided"] < made.table["plain"]) is better
     for one in (made.exemplar_guide, made.target_guide):
         assert (one is not None) is (better and asked)

@@ -91,6 +91,24 @@ def test_what_is_painted_over_by_another_material_takes_its_maps(case: Case) -> 
     np.testing.assert_array_equal(kept.pixels[..., 3], case.texture.pixels[..., 3])
 
 
+def test_coarse_colours_tell_apart_what_looks_alike(case: Case) -> None:
+    """Red squares of the left half are painted blue; the compaction is a part of the texture from both halves."""
+    source = np.stack(np.mgrid[:40, 28:68], axis=2).astype(np.uint32)
+    image = Image(np.ascontiguousarray(case.texture.pixels[:40, 28:68]), case.texture.channels)
+    part = dataclasses.replace(case, small=dataclasses.replace(case.small, source=source, image=image))
+    edited = image.pixels[..., :3].copy()
+    edited[red(image) & (source[..., 1] < 48)] = (0.05, 0.05, 0.6)
+    guide = np.zeros((80, 96, 3), np.float32)
+    guide[:, 48:, 0] = 40.0
+    known = case.known | {"features": np.concatenate([case.known["features"], guide], axis=2)}
+    made = [
+        each.edited(Image(edited, ("R", "G", "B"))).mask for each in (part, dataclasses.replace(part, known=known))
+    ]
+    there = red(case.texture)
+    assert made[1][:, :40][there[:, :40]].mean() > 0.95
+    assert made[1][:, 56:].mean() < 0.5 * made[0][:, 56:].mean()
+
+
 def test_rounding_to_8_bits_is_no_edit(case: Case) -> None:
     values = np.rint(255 * painted_values(case.small.image)) / 255
     made = case.edited(from_painted(values.astype(np.float32), case.small.image.channels))
