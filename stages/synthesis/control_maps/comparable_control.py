@@ -31,7 +31,8 @@ def comparable(
     wanted: Float32[np.ndarray, "H W k"],
     strength: float,
     toroidal: bool,
-    guided: bool = False,
+    use: Float32[np.ndarray, "h w"] | None = None,
+    evenly: bool = True,
 ) -> Comparable:
     """Control as pixels are compared by.
 
@@ -39,13 +40,15 @@ def comparable(
     ----------
     own, wanted : control of the exemplar and of the target, 0 to ``strength``.
     toroidal : the exemplar wraps around.
-    guided : colours are asked for too, so that pixels of one value of control need not serve all of the target's.
+    use : how often each pixel of the exemplar may be used, relative to the others; none: all alike.
+    evenly : values move so that pixels suffice; false where colours are asked for too and ``use`` is not known:
+        pixels of one value need not serve all of the target's.
     """
     smooth = as_smooth_as(own, wanted, toroidal)
     blurred = smooth is not own
-    if guided:
+    if not evenly:
         return Comparable(smooth, blurred, wanted, 0.0)
-    alike, moved = evenly_demanded(smooth, wanted, np.inf if blurred else _FARTHEST * strength)
+    alike, moved = evenly_demanded(smooth, wanted, np.inf if blurred else _FARTHEST * strength, use)
     moved, _ = extrapolated(alike, moved, strength)
     changed = np.linalg.norm(moved - wanted, axis=2) > _NOTABLE * strength
     return Comparable(alike, blurred, moved, float(changed.mean()))

@@ -334,7 +334,7 @@ def _compared(
     if target is None or scale is None or own is None:
         return _Compared(None, None, params.control_weight, [])
     wanted = scale.of_control(target, *(params.extent or size)) / np.float32(scale.strength)
-    own, _, wanted, rare = comparable(own, wanted, 1.0, toroidal, guides is not None)
+    own, _, wanted, rare = comparable(own, wanted, 1.0, toroidal, evenly=guides is None)
     weight = params.control_weight
     if guides is not None:
         own, wanted, weight = with_coarse_colours(own, wanted, weight, image, guides)

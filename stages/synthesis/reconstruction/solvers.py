@@ -99,7 +99,9 @@ class SolverInputs:
 
         own = planes(control, (image.height, image.width))
         wanted = planes(target, size)
-        own, blurred, wanted, rare = comparable(own, wanted, scale.strength, toroidal, guides is not None)
+        # Colours tell places of one value of control apart, as often as the original has them.
+        supply = use if guides is not None else None
+        own, blurred, wanted, rare = comparable(own, wanted, scale.strength, toroidal, supply)
         phases = None if repetition is None else phase_planes(*repetition[:2], own, wanted, repetition.wrap)
         if phases is not None:
             own, wanted = phases.after(own, wanted)

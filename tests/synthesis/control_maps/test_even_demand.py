@@ -90,3 +90,15 @@ def test_targets_ask_for_no_value_too_often_however_smooth_control_is(rng: np.ra
     as_detailed = comparable(rough, rough[::-1].copy(), 1.0, toroidal=True)
     np.testing.assert_array_equal(as_detailed.own, rough)
     assert as_detailed.rare == 0
+
+
+def test_pixels_that_are_used_often_serve_as_many() -> None:
+    """Half of the target is of a value that a tenth of the exemplar has."""
+    own, halves = ramp(0, 1), np.full((96, 96, 1), 0.05, np.float32)
+    halves[48:] = ramp(0.1, 1)[::2]
+    often = np.where(own[..., 0] <= 0.1, np.float32(9), np.float32(1))
+    np.testing.assert_allclose(evenly_demanded(own, halves, 1.0, often)[1][:48], 0.05, atol=0.01)
+    assert evenly_demanded(own, halves, 1.0)[1][:48].min() > 0.1
+    alike = evenly_demanded(own, halves, 1.0, np.ones_like(often))
+    for one, other in zip(alike, evenly_demanded(own, halves, 1.0), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-3)
