@@ -261,11 +261,11 @@ def test_run_exports_and_gives_outputs(rgb: np.ndarray, tmp_path: Path) -> None:
     assert done["texture"].image.shape == (64, 64, 3)
     assert np.asarray(done["texture"].image).dtype == np.float32
     assert not done["texture"].image.wraps
-    assert list(done) == ["texture", "scores"]
+    assert list(done) == ["tone", "texture", "scores"]
     assert "image" in dir(done["texture"])
     with pytest.raises(AttributeError, match="no output 'imag'"):
         _ = done["texture"].imag
-    with pytest.raises(KeyError, match="no result of 'textur'; there are texture, scores"):
+    with pytest.raises(KeyError, match="no result of 'textur'; there are tone, texture, scores"):
         _ = done["textur"]
     assert (tmp_path / "cache" / "texloom" / "store" / "cache").is_dir()
     default = texloom.run("quilting", {"exemplar": rgb}, size=64)
