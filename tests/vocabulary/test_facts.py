@@ -17,6 +17,7 @@ from texloom.pipelines.store import codec
 from texloom.stages.lookup.registry import find_stage, shipped_stages
 from texloom.stages.vocabulary import facts as vocabulary
 from texloom.stages.vocabulary.arrays import Image
+from texloom.stages.vocabulary.declare import Params
 from texloom.stages.vocabulary.facts import TORUS, UNKNOWN, Facts, MapFacts, Wraps
 from texloom.stages.vocabulary.normals import NORMAL
 
@@ -101,6 +102,11 @@ def edited(stage: str, image: Image) -> Image:
         "analysis.one_off_parts": {"image": image},
         "evaluation.choice": {"first": image, "second": image, "first_scores": known, "second_scores": known},
         "evaluation.external_result": {"image": image},
+        "synthesis.coarse_choice": {
+            **dict.fromkeys(("texture", "plain", "guided"), image),
+            "exemplar_guide": image.color,
+            "params": Params(),
+        },
         "synthesis.either_way": {"turning": {"chosen": ["turned"], "because": "asked"}, "turned": image},
         "synthesis.gradient_domain": {"exemplar": image, "image": image, "match": own},
         "synthesis.inpaint": {"image": image, "keep": ~hole},

@@ -13,7 +13,7 @@ from texloom.pipelines.studio.messages.requests import LatticeVertices
 Angle = Annotated[float, Field(ge=-180, le=180)]
 
 
-class Place(Message):
+class DrawnPlace(Message):
     """A place of a picture, px; pixel 0 reaches from 0 to 1."""
 
     x: Number
@@ -23,9 +23,9 @@ class Place(Message):
 class Piece(Message):
     """A piece of an exemplar, as `rectify_pieces` lays it."""
 
-    outline: tuple[Place, ...] = Field(min_length=3, max_length=4096)
+    outline: tuple[DrawnPlace, ...] = Field(min_length=3, max_length=4096)
     """in the exemplar"""
-    at: Place
+    at: DrawnPlace
     """where the middle of its bounding box lies in the result"""
     angle: Angle
     """degrees, counter-clockwise"""

@@ -1066,6 +1066,7 @@ def test_a_plan_takes_time_and_disk_from_the_last_results(folder: Path) -> None:
     small, large = summary("--size", "64"), summary("--size", "128")
     results = [path for path in Path("artifacts/cache").rglob("*") if path.is_file()]
     manifests = [json.loads(path.read_text()) for path in results if path.name == "manifest.json"]
+    manifests = [one for one in manifests if one["stage"] != "analysis.tone"]  # whatever the seed, it is cached
     assert small["measured"] == large["measured"] == 2
     assert small["seconds"] == pytest.approx(sum(one["seconds"] for one in manifests))
     assert large["seconds"] == pytest.approx(4 * small["seconds"])
@@ -1076,7 +1077,7 @@ def test_a_plan_takes_time_and_disk_from_the_last_results(folder: Path) -> None:
     assert summary("--size", "64")["measured"] == 0
     assert texloom("run", *run, "--size", "64").code == 0
     done = texloom("plan", *run, "--size", "64", "--json").report["summary"]
-    assert (done["states"], done["seconds"], done["disk"]) == ({"cached": 2}, 0, 0)
+    assert (done["states"], done["seconds"], done["disk"]) == ({"cached": 3}, 0, 0)
 
 
 def test_a_plan_of_a_set_counts_items_that_are_new_like_the_others(folder: Path) -> None:

@@ -239,14 +239,14 @@ export interface ExrContents {
   about: string;
 }
 
-export interface Place {
+export interface DrawnPlace {
   x: number;
   y: number;
 }
 
 export interface Piece {
-  outline: (Place)[];
-  at: Place;
+  outline: (DrawnPlace)[];
+  at: DrawnPlace;
   angle: number;
   scale: number;
 }
