@@ -260,7 +260,7 @@ def plan(
     --------
     >>> import texloom
     >>> [(step.name, step.state) for step in texloom.plan("quilting", store="empty")]
-    [('texture', 'run'), ('scores', 'wait')]
+    [('tone', 'run'), ('texture', 'wait'), ('scores', 'wait')]
     """
     from texloom.pipelines.engine.opening import open_request
 
