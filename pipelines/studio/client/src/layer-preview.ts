@@ -42,7 +42,7 @@ export class LayerPreview {
   private async send(largest: number): Promise<void> {
     this.turn += 1;
     const { turn } = this;
-    [this.done, this.problem, this.isWhole] = [0, "", false];
+    [this.done, this.problem, this.isWhole, this.number] = [0, "", false, -1]; // pictures of what was drawn before come too late
     this.changed();
     const draft = await this.draft();
     if (turn !== this.turn) return;
