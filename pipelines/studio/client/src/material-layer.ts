@@ -66,13 +66,18 @@ export abstract class MaterialLayer extends Element {
     return this.studio.jobs.get(this.job);
   }
 
+  /** Let previews rest: the processors are wanted for something else. */
+  protected pause(): void {}
+
   protected async finish(): Promise<void> {
+    this.pause();
     const recipe = await this.drawn();
     this.job = (recipe && (await this.make(recipe)))?.id ?? this.job;
   }
 
   /** Go to another layer. */
   protected async leave(layer: LayerName): Promise<void> {
+    this.pause();
     if (layer !== this.layer) this.tell("layer", layer);
   }
 

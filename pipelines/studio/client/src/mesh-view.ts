@@ -5,7 +5,6 @@ import type { Corners } from "./corners";
 import { document as contentOf, type Draft, kept, picture } from "./drafts";
 import { amount, meshFields, slider, undoButtons } from "./fields";
 import { LayerPreview } from "./layer-preview";
-import type { LayerName } from "./layers";
 import { MaterialLayer } from "./material-layer";
 import type { MeshScene } from "./mesh-scene";
 import { type Hit, linesOf, NOTHING, type Painted } from "./mesh-strokes";
@@ -117,14 +116,8 @@ export class MeshView extends MaterialLayer {
     if (!this.last && this.control) this.scene.showValues(null);
   }
 
-  protected override async leave(layer: LayerName): Promise<void> {
+  protected override pause(): void {
     this.preview.stop();
-    await super.leave(layer);
-  }
-
-  protected override async finish(): Promise<void> {
-    this.preview.stop();
-    await super.finish();
   }
 
   private async unfold(shape: string): Promise<void> {

@@ -5,7 +5,6 @@ import { surface } from "./bezier";
 import type { Draft } from "./drafts";
 import { choice, failure, undoButtons } from "./fields";
 import { LayerPreview } from "./layer-preview";
-import type { LayerName } from "./layers";
 import { MaterialLayer } from "./material-layer";
 import type { PatchRecipe, PhotoPatch, PhotoProposal, Recipe, ToPage } from "./messages";
 import { words } from "./method-names";
@@ -101,14 +100,8 @@ export class PhotographView extends MaterialLayer {
     this.preview ??= new LayerPreview(this.studio, () => this.draft(), largest, () => this.requestUpdate());
   }
 
-  protected override async leave(layer: LayerName): Promise<void> {
+  protected override pause(): void {
     this.preview.stop();
-    await super.leave(layer);
-  }
-
-  protected override async finish(): Promise<void> {
-    this.preview.stop();
-    await super.finish();
   }
 
   protected override receive(message: ToPage, payload: Payload): void {
