@@ -229,8 +229,10 @@ def colours_help(
     """
     size = min(texture.height, _TRIED), min(texture.width, _TRIED)
     part = np.s_[: size[0], : size[1]]
-    names = Canvas(image, control, (1, 1), params=params, stack=stack).channels
-    values = painted_values(coarse.control)[part][..., [control.channels.index(name) for name in names]]
+    scale = fitted_control(image, control, linear=True)[0]
+    assert scale is not None
+    values = painted_values(coarse.control)[part][..., list(scale.control)]
+    stack = stack or appearance_stack(image, AppearanceStackParams())
     wanted = Image(np.ascontiguousarray(texture.color[part]), ("R", "G", "B"))
     errors = []
     for one in (None, coarse):
