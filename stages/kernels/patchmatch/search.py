@@ -14,7 +14,6 @@ from texloom.stages.kernels.core.row_distance import LENGTHS, row_distance, two_
 
 _DRAWS = 5  # positions drawn for one random try until one passes the limit on the occurrence penalty
 _USUAL = (20, 24, 40, 48, 80, 96)  # values in a row by the presets; kernels for one length save up to a tenth
-_RUN = 64  # places that are skipped at once where nothing is used near them
 _OPEN, _FORWARD, _BACKWARD = 1, 2, 4  # of `Target.active`
 ALL_ACTIVE = _OPEN | _FORWARD | _BACKWARD
 """the flags of a target patch of which nothing is known"""
@@ -132,7 +131,8 @@ def occurrence_penalty(counts, patch_size, penalty_per_use, penalty):
     """
     height, width = counts.shape
     nothing = np.zeros(width, np.int32)
-    total = np.zeros(width, np.int64)
+    padded = np.zeros(width + 2 * patch_size, np.int64)
+    total = padded[patch_size : patch_size + width]
     above, below = np.zeros(width, np.int32), np.zeros(width, np.int32)
     # A patch at distance (dy, dx) shares (patch_size - |dy|) * (patch_size - |dx|) pixels: two tents, one an axis.
     for y in range(min(patch_size, height)):
@@ -141,7 +141,7 @@ def occurrence_penalty(counts, patch_size, penalty_per_use, penalty):
             below[x] += counts[y, x]
     scale = penalty_per_use / (patch_size * patch_size)
     for y in range(height):
-        _tents_across(total, patch_size, scale, penalty[y])
+        _tents_across(padded, patch_size, scale, penalty[y])
         # From row to row each value above counts once less, each below once more.
         here = counts[y]
         gone = counts[y - patch_size] if y >= patch_size else nothing
@@ -150,6 +150,65 @@ def occurrence_penalty(counts, patch_size, penalty_per_use, penalty):
             above[x] += here[x] - gone[x]
             below[x] += next_below[x] - here[x]
             total[x] += below[x] - above[x]
+
+
+@compiled
+def add_prices(prices, side, penalty):
+    """Add the price of the cell in which each exemplar patch lies to ``penalty``.
+
+    Parameters
+    ----------
+    prices : (rows, columns) float32, whole numbers.
+    side : height and width of a cell, px.
+    penalty : (h, w) float32, changed in place.
+    """
+    height, width = penalty.shape
+    down, across = side
+    for y in range(height):
+        of_cells = prices[y // down]
+        for column in range(of_cells.size):
+            price = of_cells[column]
+            for x in range(column * across, min((column + 1) * across, width)):
+                penalty[y, x] += price
+
+
+@compiled
+def add_prices_in_parts(prices, side, parts, least, penalty):
+    """As `add_prices`, but only by how much a price is above the least in its part.
+
+    Parameters
+    ----------
+    parts : (h, w) int64, number of the part in which each patch lies.
+    least : (number of parts,) float32, filled with the least price in each.
+    """
+    height, width = penalty.shape
+    down, across = side
+    least[:] = np.float32(np.inf)
+    for y in range(height):
+        for column in range(prices.shape[1]):
+            price = prices[y // down, column]
+            for x in range(column * across, min((column + 1) * across, width)):
+                least[parts[y, x]] = min(least[parts[y, x]], price)
+    for y in range(height):
+        for column in range(prices.shape[1]):
+            price = prices[y // down, column]
+            for x in range(column * across, min((column + 1) * across, width)):
+                penalty[y, x] += max(price - least[parts[y, x]], np.float32(0))
+
+
+@compiled
+def sums_of_cells(values, side, sums):
+    """Fill ``sums``, (rows, columns) int64, with those of ``values``, (h, w) int32, over cells of ``side`` px."""
+    height, width = values.shape
+    down, across = side
+    sums[:] = 0
+    for y in range(height):
+        of_cells = sums[y // down]
+        for column in range(of_cells.size):
+            total = np.int64(0)
+            for x in range(column * across, min((column + 1) * across, width)):
+                total += values[y, x]
+            of_cells[column] += total
 
 
 @compiled
@@ -164,40 +223,21 @@ def match_energy(row, column, distance, penalty, first, last):
 
 
 @inner
-def _any(values, first, last):
-    """Whether any of these values is not 0; those beyond the ends are."""
-    bits = np.int64(0)
-    for x in range(max(first, 0), min(last, values.size)):
-        bits |= values[x]
-    return bits != 0
-
-
-@inner
 def _tents_across(values, side, scale, penalty):
     """Fill ``penalty`` with the sums of ``values`` under tents of half width and height ``side``, times ``scale``.
 
-    Where nothing is near, as at most places of a large exemplar, nothing is summed.
+    ``values`` has ``side`` zeros before and after those of the row.
     """
-    width = values.size
     total, above, below = np.int64(0), np.int64(0), np.int64(0)
-    for x in range(min(side, width)):
-        total += (side - x) * values[x]
-        below += values[x]
-    here = _any(values, np.int64(0), np.int64(_RUN))  # of one type, for which it is compiled once
-    before = False
-    for first in range(0, width, _RUN):
-        last = min(first + _RUN, width)
-        after = _any(values, last, last + _RUN)
-        if here or before or after or side > _RUN:
-            for x in range(first, last):
-                penalty[x] = np.float32(np.rint(total * scale))
-                above += values[x] - (values[x - side] if x >= side else 0)
-                below += (values[x + side] if x + side < width else 0) - values[x]
-                total += below - above
-        else:
-            for x in range(first, last):
-                penalty[x] = 0
-        before, here = here, after
+    for x in range(side):
+        total += (side - x) * values[side + x]
+        below += values[side + x]
+    for x in range(penalty.size):
+        penalty[x] = np.float32(np.rint(total * scale))
+        here = values[side + x]
+        above += here - values[x]
+        below += values[x + 2 * side] - here
+        total += below - above
 
 
 @inner(forceinline=True)

@@ -203,7 +203,7 @@ class Search:
         if self.expected is not None:
             np.rint(self.penalty / self.expected, out=self.penalty)
         if self.balance is not None:
-            self.penalty += self.balance.penalty(self.unit)
+            self.balance.charge(self.penalty, self.unit)
         if self.forbidden is not None:
             self.penalty[self.forbidden] = _FORBIDDEN
 

@@ -40,12 +40,9 @@ class Overuse:
         expected: Float32[np.ndarray, "p q"] | None,
         parts: Int64[np.ndarray, "p q"] | None = None,
     ):
-        self.sides = [-(-count // _CELLS) for count in places]
-        """of a cell of the grid"""
-        whole = [-(-count // side) * side for count, side in zip(places, self.sides, strict=True)]
-        self.padded = np.zeros(whole, np.int32)
-        """values of all patches, and zeros beyond them, in whole cells"""
-        self.places = places
+        self.side = -(-places[0] // _CELLS), -(-places[1] // _CELLS)
+        """height and width of a cell of the grid, px"""
+        self.cells = -(-places[0] // self.side[0]), -(-places[1] // self.side[1])
         usable = np.ones(places, bool) if allowed is None else allowed.places
         own = usable.astype(np.int32)
         wanted = own if expected is None else np.rint(own * expected * _SHARES).astype(np.int32)
@@ -72,24 +69,24 @@ class Overuse:
         np.clip(self.prices, 0, _MOST if self.parts is None else _MOST_IN_LATTICE, out=self.prices)
         self.distance = distance
 
-    def penalty(self, unit: int) -> Float32[np.ndarray, "p q"]:
-        """Of each patch, whole numbers, in ``unit`` parts of CIELAB units squared."""
+    def charge(self, penalty: Float32[np.ndarray, "p q"], unit: int) -> None:
+        """Add the price of each patch to ``penalty``: whole numbers, ``unit`` parts of CIELAB units squared."""
+        from texloom.stages.kernels.patchmatch.search import add_prices, add_prices_in_parts
+
         prices = np.rint(self.prices * (self.distance * unit)).astype(np.float32)
-        down, across = self.sides
-        height, width = self.places
-        prices = np.repeat(np.repeat(prices, across, axis=1)[:, :width], down, axis=0)[:height]
         if self.parts is None:
-            return prices
-        least = np.full(int(self.parts.max()) + 1, np.inf, np.float32)
-        np.minimum.at(least, self.parts, prices)
-        return np.maximum(prices - least[self.parts], 0)
+            add_prices(prices, self.side, penalty)
+        else:
+            least = np.empty(int(self.parts.max()) + 1, np.float32)
+            add_prices_in_parts(prices, self.side, self.parts, least, penalty)
 
     def _of_cells(self, values: Int32[np.ndarray, "p q"]) -> Int64[np.ndarray, "rows columns"]:
         """Sums over each cell of the grid."""
-        self.padded[: values.shape[0], : values.shape[1]] = values
-        (down, across), (height, width) = self.sides, self.padded.shape
-        rows = self.padded.reshape(height // down, down, width).sum(axis=1, dtype=np.int64)
-        return np.asarray(rows.reshape(len(rows), -1, across).sum(axis=2))
+        from texloom.stages.kernels.patchmatch.search import sums_of_cells
+
+        sums = np.empty(self.cells, np.int64)
+        sums_of_cells(values, self.side, sums)
+        return sums
 
 
 def _of_regions(cells: Int64[np.ndarray, "rows columns"]) -> Float64[np.ndarray, "rows columns"]:

@@ -100,6 +100,6 @@ class Balance:
         raised = self.penalties[1:] + _RISE * distance * excess
         self.penalties[1:] = np.clip(raised - raised.min(), 0, _MAX_PENALTY)
 
-    def penalty(self, unit: int) -> Float32[np.ndarray, "p q"]:
-        """Of each patch, whole numbers, in ``unit`` parts of CIELAB units squared."""
-        return np.rint(self.penalties * unit).astype(np.float32)[self.numbers]
+    def charge(self, penalty: Float32[np.ndarray, "p q"], unit: int) -> None:
+        """Add what each patch costs to ``penalty``: whole numbers, ``unit`` parts of CIELAB units squared."""
+        penalty += np.rint(self.penalties * unit).astype(np.float32)[self.numbers]

@@ -25,22 +25,29 @@ def used(times: int, more: int = 0) -> np.ndarray:
     return counts
 
 
+def penalty(overuse: Overuse) -> np.ndarray:
+    """Of each patch."""
+    prices = np.zeros(PLACES, np.float32)
+    overuse.charge(prices, UNIT)
+    return prices
+
+
 def test_only_what_is_used_too_often_becomes_dearer() -> None:
     overuse = Overuse(PLACES, 1.2, None, None)
     overuse.adjust(used(4), 50.0)
-    assert not overuse.penalty(UNIT).any()
+    assert not penalty(overuse).any()
     overuse.adjust(used(4, 8), 50.0)
-    first = overuse.penalty(UNIT)
+    first = penalty(overuse)
     assert first[48, 30] > 0
     assert not first[:, 60:].any()
     overuse.adjust(used(4, 8), 50.0)
-    assert overuse.penalty(UNIT)[48, 30] == pytest.approx(2 * first[48, 30], abs=1)
+    assert penalty(overuse)[48, 30] == pytest.approx(2 * first[48, 30], abs=1)
     for _ in range(100):
         overuse.adjust(used(4, 100), 50.0)
-    assert overuse.penalty(UNIT).max() == 0.5 * 50 * UNIT
+    assert penalty(overuse).max() == 0.5 * 50 * UNIT
     for _ in range(100):
         overuse.adjust(used(4), 50.0)
-    assert not overuse.penalty(UNIT).any()
+    assert not penalty(overuse).any()
 
 
 def test_a_small_result_may_show_a_piece_once() -> None:
@@ -48,7 +55,7 @@ def test_a_small_result_may_show_a_piece_once() -> None:
     counts = np.zeros(PLACES, np.int32)
     counts[20:60, 20:60] = 1
     overuse.adjust(counts, 50.0)
-    assert not overuse.penalty(UNIT).any()
+    assert not penalty(overuse).any()
 
 
 def test_masked_places_have_no_share() -> None:
@@ -58,7 +65,7 @@ def test_masked_places_have_no_share() -> None:
     overuse = Overuse(PLACES, 1.2, allowed, None)
     counts = 3 * allowed.places.astype(np.int32)
     overuse.adjust(counts, 50.0)
-    assert not overuse.penalty(UNIT).any(), "even use of the rest is fair"
+    assert not penalty(overuse).any(), "even use of the rest is fair"
 
 
 def test_wanted_use_is_fair() -> None:
@@ -66,10 +73,10 @@ def test_wanted_use_is_fair() -> None:
     wanted[:, :60] = 0.25
     overuse = Overuse(PLACES, 1.2, None, wanted)
     overuse.adjust((12 * wanted).astype(np.int32), 50.0)
-    assert not overuse.penalty(UNIT).any()
+    assert not penalty(overuse).any()
     overuse.adjust(used(6), 50.0)
-    assert overuse.penalty(UNIT)[:, :50].min() > 0
-    assert not overuse.penalty(UNIT)[:, 70:].any()
+    assert penalty(overuse)[:, :50].min() > 0
+    assert not penalty(overuse)[:, 70:].any()
 
 
 def test_a_result_repeats_less() -> None:
@@ -89,7 +96,7 @@ def test_no_phase_of_a_lattice_becomes_dearer_than_another() -> None:
     parts = phase.parts(PLACES, 1.0)
     overuse = Overuse(PLACES, 1.2, None, None, parts)
     overuse.adjust(used(4, 8), 50.0)
-    prices = overuse.penalty(UNIT)
+    prices = penalty(overuse)
     assert prices[48, 30] > 0
     assert all(prices[parts == part].min() == 0 for part in np.unique(parts))
     courses = LatticePhase(np.array([[0, 60]], np.float32), START, NOWHERE).parts(PLACES, 1.0)
@@ -99,7 +106,7 @@ def test_no_phase_of_a_lattice_becomes_dearer_than_another() -> None:
     for part in (None, courses):
         overuse = Overuse(PLACES, 1.2, None, None, part)
         overuse.adjust(counts, 50.0)
-        found.append(overuse.penalty(UNIT)[:, 20:30].mean())
+        found.append(penalty(overuse)[:, 20:30].mean())
     assert found[1] < 0.3 * found[0], "the phase is used as often everywhere"
 
 
