@@ -11,11 +11,12 @@ _BOX = 9  # px over which use is averaged, about a patch
 
 def source_counts(match: Correspondence, shape: tuple[int, int]) -> Int32[np.ndarray, "h w"]:
     """How often each pixel of an exemplar of ``shape`` is a source."""
-    counts = np.zeros(shape[0] * shape[1], np.int32)
+    from texloom.stages.kernels.patchmatch.search import count_matches
+
+    counts = np.zeros(shape, np.int32)
     for band in bands(len(match), match):
-        places = match[band, :, 0].astype(np.int64) * shape[1] + match[band, :, 1]
-        counts += np.bincount(places.ravel(), minlength=counts.size)
-    return counts.reshape(shape)
+        count_matches(match[band, :, 0], match[band, :, 1], counts)
+    return counts
 
 
 def use_of_exemplar(
