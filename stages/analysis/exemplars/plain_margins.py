@@ -111,7 +111,10 @@ def _breadth(lines: Float32[np.ndarray, "h w c"]) -> int:
 
 
 def _like(pixels: Float32[np.ndarray, "*s c"], color: Float32[np.ndarray, "*_"]) -> Bool[np.ndarray, "*s"]:
-    return np.asarray(np.abs(pixels - color).max(axis=-1) <= _SAME)
+    alike = np.ones(pixels.shape[:-1], np.bool_)
+    for channel in range(pixels.shape[-1]):  # NumPy is slow along a short axis
+        alike &= np.abs(pixels[..., channel] - color[..., channel]) <= _SAME
+    return alike
 
 
 def _has_parts_of(

@@ -30,11 +30,13 @@ class Border:
         rows, columns = (np.pad(np.arange(side), widths, mode="symmetric") for side in planes.shape[:2])
         inner = slice(self.before, self.before + planes.shape[1])
         result = empty((rows.size, columns.size, *planes.shape[2:]), planes.dtype)
-        for band in bands(rows.size, result, planes):
-            own = planes[rows[band]]
-            result[band, inner] = own
-            result[band, : inner.start] = own[:, columns[: inner.start]]
-            result[band, inner.stop :] = own[:, columns[inner.stop :]]
+        for band in bands(len(planes), result, planes):
+            result[self.before :][band, inner] = planes[band]
+        outside = np.r_[: self.before, self.before + len(planes) : rows.size]
+        result[outside, inner] = planes[rows[outside]]
+        for band in bands(rows.size, result):
+            for beyond in (slice(inner.start), slice(inner.stop, None)):
+                result[band, beyond] = result[band][:, columns[beyond] + self.before]
         return result
 
     def around_image(self, image: Image) -> Image:

@@ -22,6 +22,7 @@ def fill_lab(color, matrix, lab):
     """
     kind = lab.dtype.type
     scaled, offset, limit = kind(_SLOPE), kind(_OFFSET), kind(_LINEAR_LIMIT)
+    steps = 2 if lab.itemsize == 4 else 3  # two leave 6e-15, with which all float32 are as with more steps
     relative = np.empty((3, _BLOCK), lab.dtype)
     value, root = np.empty(_BLOCK), np.empty(_BLOCK)
     for first in range(0, len(color), _BLOCK):
@@ -40,8 +41,9 @@ def fill_lab(color, matrix, lab):
                 root[i] = np.uint64(bits).view(np.float64)
             for i in range(count):
                 r, v = root[i], value[i]
-                for _ in range(4):
-                    r = r - (r - v / (r * r)) * (1 / 3)
+                for _ in range(steps):  # Halley's method
+                    cube = r * r * r
+                    r = r * ((cube + 2 * v) / (2 * cube + v))
                 root[i] = r
             for i in range(count):
                 own[i] = kind(root[i]) if own[i] > limit else scaled * own[i] + offset

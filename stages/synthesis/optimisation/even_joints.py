@@ -46,7 +46,8 @@ class EvenJoints:
         filled = FilledExemplar.of(exemplar)
         self.colors = 1 if exemplar.channels[0] == "Y" else 3
         self.exemplar, self.usable = filled.image.pixels[..., : self.colors], filled.valid
-        self.range = self.exemplar.min(axis=(0, 1)), self.exemplar.max(axis=(0, 1))
+        # NumPy is fast along the first axis.
+        self.range = self.exemplar.min(axis=0).min(axis=0), self.exemplar.max(axis=0).max(axis=0)
         step = reduction(exemplar.height, exemplar.width)
         color = self.exemplar[::step, ::step]
         self.black = max(_BLACK * color.mean(dtype=np.float64).astype(np.float32), np.float32(1e-6))

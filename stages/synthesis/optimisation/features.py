@@ -62,8 +62,9 @@ class PatchFeatures:
         image, usable = exemplar.image, exemplar.valid
         self.guided = guidance is not None
         self.planes = _planes(image, guidance)
-        counted = np.arange(image.height * image.width) if usable is None else np.flatnonzero(usable)
-        counted = counted[:: reduction(image.height, image.width) ** 2]  # double precision takes twice the memory
+        step = reduction(image.height, image.width) ** 2  # double precision takes twice the memory
+        pixels = image.height * image.width
+        counted = np.arange(0, pixels, step) if usable is None else np.flatnonzero(usable)[::step]
         sampled = np.ascontiguousarray(self.planes[counted // image.width, counted % image.width, :3])
         spread = float(np.sqrt(sampled.var(axis=0, dtype=np.float64).sum()))
         self.colors = 3
