@@ -152,6 +152,7 @@ class SetPart(_Part):
     """A source that is every file of a pattern or list, or the frame stack of a folder, pattern or EXR.
 
     Where it is ``ordered``, files that are given one by one keep that order; else they are in that of their names.
+    Of fewer than ``least`` files nothing is made.
 
     With ``pair`` alone it is a required file, or as many as the other source has. With ``optional`` it has no file
     unless the caller gives one, or as many as the other source has.
@@ -161,6 +162,7 @@ class SetPart(_Part):
 
     each: Annotated[str | list[str], BeforeValidator(_each)] | None = None
     ordered: Annotated[bool, _expect(bool, "must be true or false")] = False
+    least: Annotated[int, _expect(int, "must be a number of files")] = 1
     pair: Annotated[str, _expect(str, "must be another source")] | None = None
     stack: Annotated[str, _expect(str, f"must be a folder, pattern, EXR or '{REQUIRED}'")] | None = None
 

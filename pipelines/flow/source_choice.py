@@ -12,7 +12,7 @@ from texloom.pipelines.flow.draft import Draft, Entry
 from texloom.pipelines.flow.model import Each, Overrides
 from texloom.pipelines.flow.schema import REQUIRED, SetPart, is_optional
 from texloom.pipelines.flow.shipped import flow_word
-from texloom.pipelines.flow.source_files import is_pattern, source_of, stack_of
+from texloom.pipelines.flow.source_files import is_pattern, matching, source_of, stack_of
 from texloom.pipelines.flow.step_params import resolved
 from texloom.pipelines.media.material_set import is_map_set
 from texloom.pipelines.media.stack import SCHEME
@@ -42,6 +42,8 @@ class SourceChoice:
                 sources[name] = _declared_source(name, entry)
                 if _is_required(entry.value):
                     missing.append(name)
+            if name in sources and isinstance(part, SetPart) and part.least > 1:
+                _check_count(name, sources[name], part.least)
         for name, entry in self.draft.sources.items():
             if name in sources and isinstance(entry.value, SetPart) and entry.value.pair is not None:
                 sources[name] = self._paired(name, entry.value, sources)
@@ -90,6 +92,14 @@ def _chosen_source(name: str, given: str | Sequence[str], entry: Entry) -> str |
     if entry.value.stack is not None:
         return stack_of(name, references)
     return source_of(name, references, entry.value.pair, False, entry.value.ordered)
+
+
+def _check_count(name: str, source: str | Each, least: int) -> None:
+    """`InputError` where a source has fewer than ``least`` files."""
+    patterns = [source] if isinstance(source, str) else source.patterns
+    files = {file for one in patterns for file in (matching(one).files if is_pattern(one) else [one])}
+    if len(files) < least:
+        raise refused(f"sources.{name}: {least} pictures or more are needed, got {len(files)}")
 
 
 def _declared_source(name: str, entry: Entry) -> str | Each:

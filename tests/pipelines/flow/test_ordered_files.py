@@ -51,6 +51,14 @@ def test_files_that_are_given_one_by_one_keep_theirs(folder: Path) -> None:
     assert names(folder, "{each: '*.png'}", "c.png", "a.png") == ["a", "c"]
 
 
+def test_too_few_files_are_refused(folder: Path) -> None:
+    source = "{each: [c.png, a.png], least: 2}"
+    assert names(folder, source, "[ab].png") == ["a", "b"]
+    for given in (["a.png"], ["a.png", "a.png"], ["a.png", "[a].png"]):
+        with pytest.raises(InputError, match="2 pictures or more are needed, got 1"):
+            names(folder, source, *given)
+
+
 @pytest.mark.parametrize("each", ["[]", "[a.png, 3]", "[a.png, '']"])
 def test_lists_of_other_things_are_refused(folder: Path, each: str) -> None:
     with pytest.raises(InputError, match="must be a pattern"):
