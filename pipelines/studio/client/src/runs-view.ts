@@ -87,6 +87,8 @@ export class RunsView extends Element {
 const addressOf = (cover: string): string => resultAddress(...(cover.split("/") as [string, string]));
 
 function counted({ runs, found, corrections }: PastRuns, store: string): string {
-  const listed = found > runs.length ? `the last ${runs.length} of ${found} runs` : `${found} runs`;
-  return `${listed} in ${store}${corrections ? `; ${corrections} versions of corrections are with their materials` : ""}`;
+  const all = found === 1 ? "1 run" : `${found} runs`;
+  const listed = found > runs.length ? `the last ${runs.length} of ${all}` : all;
+  const versions = corrections === 1 ? "1 version of a correction is" : `${corrections} versions of corrections are`;
+  return `${listed} in ${store}${corrections ? `; ${versions} with their materials` : ""}`;
 }
