@@ -27,6 +27,7 @@ from texloom.pipelines.engine.scope import Scope
 from texloom.pipelines.engine.scope_run import ScopeRun
 from texloom.pipelines.flow.model import Step
 from texloom.pipelines.media.sources import SourceError
+from texloom.pipelines.store.codec import ArtifactError
 from texloom.pipelines.store.remote import remote_at
 from texloom.pipelines.store.result_files import BrokenArtifactError
 from texloom.pipelines.store.store import Artifact, BrokenStoreError, Store
@@ -343,6 +344,7 @@ class Attempt:
         scope = scope_run.scope
         if scope.name is None:
             if scope_run.problem is not None:
+                self._export_before(scope_run.problem, scope_run)
                 raise scope_run.problem
             return
         try:
@@ -352,6 +354,17 @@ class Attempt:
             return
         scope.forget_values()
         self._end_item(scope.name, scope.problem)
+
+    def _export_before(self, problem: Exception, scope_run: ScopeRun) -> None:
+        """Write what was made before a step failed, as items do: such pictures tell what to change."""
+        scope, out, store = scope_run.scope, self.exporter.out, self.run.store.root
+        if self.run.items or isinstance(problem, SourceError) or out.absolute().is_relative_to(store.absolute()):
+            return
+        scope.lost |= {name: str(problem) for name in self.run.flow.steps if name not in scope.artifacts}
+        with contextlib.suppress(ArtifactError, OSError):  # the problem matters more
+            self._export(scope, scope_run)
+        if self.written:
+            self.listener(Note(f"written for a look: {', '.join(self.run.in_order(self.written))}; {out}"))
 
     def _export(self, scope: Scope, scope_run: ScopeRun) -> None:
         self.written |= self.exporter.export(scope, scope_run.kind, scope_run.inputs)

@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import Field
 
+from texloom.stages.analysis.photographs.other_plane import other_plane
 from texloom.stages.evaluation._pages import page
 from texloom.stages.vocabulary.arrays import Image, Page, Vectors
 from texloom.stages.vocabulary.declare import Params, stage
@@ -13,7 +14,7 @@ from texloom.stages.vocabulary.masks import valid_pixels
 from texloom.stages.vocabulary.sizes import format_size
 
 _FEW = 0.5  # share of the exemplar that is usable
-_DECIDE = "--set plane=2, --set geometry=my.yaml, --source mask=foreign.png, or --set unlike=1000"
+_DECIDE = "--set geometry=my.yaml, --source mask=foreign.png, or --set unlike=1000"
 _SMALL = 128  # px of an exemplar's shorter side
 
 
@@ -80,9 +81,11 @@ def photo_report(
     if len(generators):
         repetition += f", {' and '.join(f'{row:.1f} down, {column:.1f} across' for row, column in generators)} px"
     lens = f"{distortion:.3f}, straightened" if distortion else "none is clear"
+    another = [option] if (option := other_plane(surface)) else []
+    ways = another + ["--set plane=0 for the photograph as it is"] * bool(surface["taken"])
     rows = [
         ("lens distortion", lens, "--set distortion=0, or another value"),
-        ("surface", surface["why"], "--set plane=2, by planes.png, or --set geometry=my.yaml"),
+        ("surface", surface["why"], ", or ".join([*ways, "--set geometry=my.yaml"])),
         (
             "exemplar",
             size,
@@ -98,7 +101,7 @@ def photo_report(
             3, ("foreign parts", why, "--source mask=foreign.png, edited, or --set unlike=1000 to keep all")
         )
     doubts = [table["doubt"] for table in (surface, foreign or {}) if table.get("doubt")]
-    rows[2:2] = [("doubt", doubt, _DECIDE) for doubt in doubts]
+    rows[2:2] = [("doubt", doubt, ", ".join([*another, _DECIDE])) for doubt in doubts]
     if whole is not None and whole["why"]:
         rows.insert(-3, ("whole periods", whole["why"].partition(" (--set")[0], "--set whole=false to keep all"))
     decisions = [dict(zip(("what", "decided", "change"), row, strict=True)) for row in rows]

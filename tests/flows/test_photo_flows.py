@@ -134,7 +134,8 @@ def test_a_photograph_becomes_a_tileable_texture_with_its_decisions(ran: Any, fo
     ]
     assert rows["surface"]["decided"] == "the geometry file says where surfaces lie"
     assert all(row["change"].startswith("--") for row in rows.values())
-    assert "--set plane=2" in exports["report.html"].read_text()
+    assert rows["surface"]["change"] == "--set geometry=my.yaml", "there are no planes to take"
+    assert "--set geometry=my.yaml" in exports["report.html"].read_text()
 
 
 def test_patches_become_an_atlas_that_is_whole(ran: Any, folder: Path, tmp_path: Path) -> None:

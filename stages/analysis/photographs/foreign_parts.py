@@ -17,6 +17,7 @@ from texloom.stages.analysis.photographs.evenness import picture_evenness
 from texloom.stages.analysis.photographs.flatness import Flatness, flatness
 from texloom.stages.analysis.photographs.long_lines import long_lines
 from texloom.stages.analysis.photographs.one_off_bands import one_off_bands
+from texloom.stages.analysis.photographs.other_plane import other_plane
 from texloom.stages.common.grids.size_checks import check_same_size
 from texloom.stages.numerics.matrices import determinant
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap, Vectors
@@ -34,12 +35,12 @@ _UNEVEN, _HARDLY_EVEN = 0.45, 0.70  # evenness below which what is left is sever
 _LINED = 1.25  # sides of the surface, of long lines, from which what does not repeat is a collage
 _COLLAGE = (
     "no repetition is clear though long straight lines cross the surface, so that the texture joins pieces of what "
-    "is shown once, such as windows and doors: crop the photograph to what repeats (--crop), give a mask of it "
-    "(--source mask=foreign.png), or take another plane (--set plane=2, by planes.png)"
+    "is shown once, such as windows and doors: {another}crop the photograph to what repeats (--crop), or give a "
+    "mask of it (--source mask=foreign.png)"
 )
 _BANDED = (
     "a band across the surface that does not repeat is masked; it may be the border of another surface: look at "
-    "foreign.png, give another mask (--source mask=foreign.png), or take another plane (--set plane=2)"
+    "foreign.png; {another}give another mask (--source mask=foreign.png)"
 )
 _SEVERAL = (
     "no plane is evident, and {:.0%} of the photograph differ from the rest, so that it may show several surfaces: "
@@ -102,7 +103,7 @@ def foreign_parts(
     generators : of its lattice, as from `lattice_selection`; less than two count as none.
     mask : used instead, where it is given: what is darker than middle grey is foreign.
     plane : the table of `plane_proposal`. Where it found none, no lines say that the surface is flat, so that it is
-        doubted sooner.
+        doubted sooner. What is refused or doubted names another plane where one is proposed.
 
     Raises
     ------
@@ -154,19 +155,20 @@ def foreign_parts(
                 f"image: {why}: no surface stands out; keep all (--set unlike=1000), crop, or give a mask"
             )
         _LOG.warning("%s", why)
-    doubt = _BANDED if banded else ""
+    another = f"take another plane ({option}), or " if (option := other_plane(plane)) else ""
+    doubt = _BANDED.format(another=another) if banded else ""
     frontal = plane is not None and bool(plane["unasked"])
     repeats = generators is not None and len(generators) > 0
     if doubted:
         flat = flatness(image, usable)
         if judged and even < _HARDLY_EVEN:
-            doubt = _doubt(even)
+            doubt = _doubt(even, another)
         elif flat.reason and (flat.turning or flat.falling or flat.folding or frontal):
-            doubt = _not_flat(flat)
+            doubt = _not_flat(flat, another)
         elif frontal and by == "looks" and masked >= _OTHERS and not doubt:
             doubt = _SEVERAL.format(masked)
         elif not (doubt or repeats) and long_lines(image, usable) >= _LINED:
-            doubt = _COLLAGE
+            doubt = _COLLAGE.format(another=another)
         if flat.is_curved or (judged and even < _UNEVEN):
             raise InputError(f"image: {doubt}")
     if doubt:
@@ -191,21 +193,20 @@ def foreign_parts(
     )
 
 
-def _not_flat(flat: Flatness) -> str:
+def _not_flat(flat: Flatness, another: str) -> str:
     sure = "is" if flat.is_curved else "may be"
     return (
-        f"the surface {sure} not flat and seen from the front: {flat.reason}; give corners or control points "
-        "(--set geometry=my.yaml), or take another plane (--set plane=2, by planes.png); --set unlike=1000 takes "
-        "it as flat"
+        f"the surface {sure} not flat and seen from the front: {flat.reason}; {another}give corners or control "
+        "points (--set geometry=my.yaml); --set unlike=1000 takes it as flat"
     )
 
 
-def _doubt(even: float) -> str:
+def _doubt(even: float, another: str) -> str:
     does = "do" if even < _UNEVEN else "may"
     return (
-        f"parts of the surface differ as several surfaces {does} (evenness {even:.2f}), and no cell repeats: take "
-        "another plane (--set plane=2, by planes.png), give corners or control points (--set geometry=my.yaml), or "
-        "a mask of what belongs to it; --set unlike=1000 takes all as one surface"
+        f"parts of the surface differ as several surfaces {does} (evenness {even:.2f}), and no cell repeats: "
+        f"{another}give corners or control points (--set geometry=my.yaml), or a mask of what belongs to it "
+        "(--source mask=my.png); --set unlike=1000 takes all as one surface"
     )
 
 

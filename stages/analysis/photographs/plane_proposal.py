@@ -211,7 +211,11 @@ def _are_same(one: RankedPlane, other: RankedPlane) -> bool:
 
 
 def _advice(planes: list[RankedPlane]) -> str:
-    taken = f"; take a plane that is proposed (--set plane=1 to {len(planes)})" if planes else ""
+    taken = (
+        f"; take a plane that is proposed (--set plane=1 to {len(planes)}; planes.png shows them then)"
+        if planes
+        else ""
+    )
     return (
         "give the corners or control points of the surface (--set geometry=my.yaml, see docs/photographs.md)"
         f"{taken}; or crop the photograph to one surface, and take it as it is (--set plane=0)"

@@ -278,13 +278,13 @@ def _warn_if_few(selected: LatticeSelection, what: str) -> None:
         _LOG.warning(
             "the exemplar shows its structure about %.1f times, fewer than two: the result will repeat or "
             "distort it. %s",
-            shown,
+            np.floor(10 * shown) / 10,  # 1.96 is fewer than two
             advice,
         )
     elif 0 < cells < _MIN_CELLS:
         _LOG.warning(
             "the exemplar shows about %.1f %s, fewer than four: the same ones will return side by side. %s",
-            cells,
+            np.floor(10 * cells) / 10,
             what,
             advice,
         )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from texloom.stages.common.regularity.lattice_strain import lattice_strain, visibility
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
 from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.facts import Wraps
@@ -14,7 +15,6 @@ from texloom.stages.vocabulary.sizes import format_size
 _MARGIN = 2.0  # cells around the result that have nodes
 _MAX_NODES = 1 << 20
 _MAX_CHANGE = 0.25  # squared change of the lattice of a tileable result, relative to the generators
-_CHANGE_WEIGHTS = np.array([[1.0, 9.0], [9.0, 1.0]])  # shear is more visible than a change of spacing
 
 
 @dataclass(frozen=True)
@@ -101,8 +101,7 @@ def _periods(generators: Float64[np.ndarray, "2 2"], size: tuple[int, int]) -> I
             continue
         own = matrix_product(inverse_of(periods), np.diag(size))
         possible |= float(((matrix_product(own, inverse_of(generators)) - np.eye(2)) ** 2).sum()) <= _MAX_CHANGE
-        strain = matrix_product(inverse_of(generators), own) - np.eye(2)
-        cost = float((strain**2 * _CHANGE_WEIGHTS).sum())
+        cost = visibility(lattice_strain(generators, own))
         if cost < least:
             best, least = periods, cost
     if best is None or not possible:

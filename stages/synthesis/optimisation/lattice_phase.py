@@ -1,8 +1,11 @@
 """Lattice phase: features that keep a result on the exemplar's lattice."""
 
-import numpy as np
-from jaxtyping import Complex64, Complex128, Float32, Float64, Int64, UInt32
+import itertools
 
+import numpy as np
+from jaxtyping import Bool, Complex64, Complex128, Float32, Float64, Int64, UInt32
+
+from texloom.stages.common.regularity.lattice_strain import lattice_strain, visibility
 from texloom.stages.kernels.core.elementary_functions import cos, phase_of, phasor, sin, squared_size
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product, rank
 from texloom.stages.vocabulary.arrays import Correspondence, Mask, Vectors
@@ -12,6 +15,8 @@ _MAX_STRETCH = 0.75  # cells along a window by which a given texture's lattice m
 _STRETCHES = (0.125, 0.015625)  # cells: steps of the search
 _MIN_GAIN = 1.01  # of coherence, by a stretch that is not a coincidence
 _PARTS = 6  # along each generator
+_TILT = np.tan(np.radians(1.5))  # of rows and columns that is not seen
+_NEARLY = 0.65  # cells along a side by which its number may change, to avoid more; the nearest changes by up to .5
 
 
 class LatticePhase:
@@ -44,8 +49,7 @@ class LatticePhase:
         around = np.array(wrap)[:, None]
         if wrap:
             sides = np.array(period or start.shape[:2], np.float64)
-            cells = self.exemplar * sides[:, None]
-            cells = np.where(around, np.rint(cells), cells)
+            cells = _whole_cells(self.exemplar * sides[:, None], sides, around)
             if rank(cells) == len(generators):
                 self.target = cells / sides[:, None]
         if given is not None and not wrap.both:
@@ -90,6 +94,36 @@ class LatticePhase:
     ) -> Float32[np.ndarray, "H W k"]:
         """Phases of rows of a target at the scale of ``factor``; it begins ``margin`` px before the start."""
         return _circles(rows, width, factor, margin, self.target, self.origin)
+
+
+def _whole_cells(
+    cells: Float64[np.ndarray, "2 k"], sides: Float64[np.ndarray, "2"], around: Bool[np.ndarray, "2 1"]
+) -> Float64[np.ndarray, "2 k"]:
+    """Cells along both sides, px: whole numbers along those that wrap.
+
+    The nearest ones, but where they tilt rows or columns, and others that are hardly farther by half of it or less:
+    of a bond, whose rows are half a brick apart, one generator may gain half a cell and the other lose as much.
+    """
+    nearest = np.asarray(np.where(around, np.rint(cells), cells))
+    if cells.shape[1] < 2 or rank(nearest) < 2:
+        return nearest
+
+    def strain(whole: Float64[np.ndarray, "2 2"]) -> Float64[np.ndarray, "2 2"]:
+        own = (np.asarray(matrix_product(inverse_of(each), np.diag(sides))) for each in (cells, whole))
+        return lattice_strain(*own)
+
+    def tilt(whole: Float64[np.ndarray, "2 2"]) -> float:
+        change = strain(whole)
+        return max(abs(float(change[0, 1])), abs(float(change[1, 0])))
+
+    known = tilt(nearest)
+    if known <= _TILT:
+        return nearest
+    other = nearest + np.where(around, np.sign(cells - nearest), 0)
+    other = np.where(np.abs(other - cells) <= _NEARLY, other, nearest)
+    changes = np.array(list(itertools.product((False, True), repeat=4))).reshape(-1, 2, 2)
+    others = [whole for whole in np.where(changes, other, nearest) if rank(whole) == 2 and tilt(whole) <= known / 2]
+    return min([nearest, *others], key=lambda whole: visibility(strain(whole)))
 
 
 def _stretch(drift: Complex64[np.ndarray, "H W k"]) -> Float64[np.ndarray, "2 k"]:

@@ -44,8 +44,15 @@ def test_slight_drifts_of_a_plain_surface_do_not_count() -> None:
 
 def test_several_surfaces_are_refused_and_taken_when_asked(rng: np.random.Generator) -> None:
     image = picture(patches((0.1, 0.4, 0.15, 0.6), rng))
-    with pytest.raises(InputError, match=r"as several surfaces do .evenness 0\.\d\d.*--set plane=2.*unlike=1000"):
+    with pytest.raises(
+        InputError, match=r"as several surfaces do .evenness 0\.\d\d.*geometry.*unlike=1000"
+    ) as known:
         foreign_parts(image, ForeignPartsParams())
+    assert "plane=" not in str(known.value)
+    for taken, other in ((1, 2), (2, 1)):
+        table = {"taken": taken, "unasked": False, "planes": [{}, {}]}
+        with pytest.raises(InputError, match=rf"another plane .--set plane={other}, by planes\.png"):
+            foreign_parts(image, ForeignPartsParams(), plane=table)
     assert foreign_parts(image, ForeignPartsParams(unlike=1000)).table["doubt"] == ""
 
 

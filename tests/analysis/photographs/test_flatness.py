@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +23,11 @@ DOWN, ACROSS = (ROWS - 108) / 225, (COLUMNS - 144) / 225
 def colored(light: np.ndarray) -> Image:
     """A grey picture."""
     return Image(np.repeat(np.clip(light, 0, 1)[..., None], 3, axis=2).astype(np.float32), ("R", "G", "B"))
+
+
+def proposed(unasked: bool) -> dict[str, Any]:
+    """What a plane proposal without planes tells."""
+    return {"taken": 0, "unasked": unasked, "planes": []}
 
 
 def noise_at(rng: np.random.Generator, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
@@ -94,17 +100,17 @@ def test_perspective_is_told_where_no_lines_were_straightened(
     depth = 1 / (1 - 0.6 * ACROSS)
     image = colored(noise_at(rng, 250 * DOWN * depth, 250 * ACROSS * depth))
     with caplog.at_level(logging.WARNING):
-        unasked = foreign_parts(image, ForeignPartsParams(), plane={"unasked": True}).table["doubt"]
+        unasked = foreign_parts(image, ForeignPartsParams(), plane=proposed(unasked=True)).table["doubt"]
     assert "as in perspective" in unasked
     assert unasked in caplog.messages
-    assert not foreign_parts(image, ForeignPartsParams(), plane={"unasked": False}).table["doubt"]
+    assert not foreign_parts(image, ForeignPartsParams(), plane=proposed(unasked=False)).table["doubt"]
 
 
 def test_several_surfaces_are_told_where_no_plane_is_evident(rng: np.random.Generator) -> None:
     light = noise_at(rng, ROWS, COLUMNS)
     both = np.where((COLUMNS > 210)[..., None], [0.1, 0.02, 0.02], light[..., None]).astype(np.float32)
     image = Image(both, ("R", "G", "B"))
-    told = foreign_parts(image, ForeignPartsParams(), plane={"unasked": True}).table
+    told = foreign_parts(image, ForeignPartsParams(), plane=proposed(unasked=True)).table
     assert told["masked"] > 0.2
     assert "no plane is evident" in told["doubt"]
     assert "--source mask=foreign.png" in told["doubt"]

@@ -229,6 +229,32 @@ def test_without_a_set_the_first_problem_ends_the_run(tmp_path: Path) -> None:
         refuses.run(Run(load_flow(path), Store(tmp_path / "artifacts")))
 
 
+@pytest.mark.parametrize("error", [InputError("too small"), MemoryError("none")])
+def test_what_was_made_before_a_problem_is_exported(tmp_path: Path, error: Exception) -> None:
+    def run() -> Run:
+        return Run(load_flow(write_flow(tmp_path)), Store(tmp_path / "artifacts"))
+
+    def fail(run: Run, out: str) -> Events:
+        bench, listener = (
+            Bench(instead=lambda label: Outcome(error=error) if label == "distance" else None),
+            Events(),
+        )
+        bench.store = run.store
+        with pytest.raises((InputError, StepFailedError), match=r"too small|none"):
+            compute(run, listener, tmp_path / out, lambda _: bench)
+        return listener
+
+    notes = fail(run(), "out").notes
+    assert notes == [f"written for a look: structure.png; {tmp_path / 'out'}"]
+    failed = files(tmp_path / "out")
+    fail(run(), "artifacts/runs/one")
+    assert not (tmp_path / "artifacts" / "runs").exists(), "in a store nobody looks"
+    Bench().run(run())
+    whole = files(tmp_path / "out")
+    assert sorted(whole) == ["distance.exr", "structure.png"]
+    assert failed == {"structure.png": whole["structure.png"]}
+
+
 # -- what a worker looks at before it computes
 
 
