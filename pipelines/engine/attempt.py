@@ -10,9 +10,10 @@ import contextlib
 import dataclasses
 import functools
 import queue
+import re
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import TypeVar
 
@@ -344,7 +345,7 @@ class Attempt:
         scope = scope_run.scope
         if scope.name is None:
             if scope_run.problem is not None:
-                self._export_before(scope_run.problem, scope_run)
+                self._export_named(scope_run.problem, scope_run)
                 raise scope_run.problem
             return
         try:
@@ -355,19 +356,21 @@ class Attempt:
         scope.forget_values()
         self._end_item(scope.name, scope.problem)
 
-    def _export_before(self, problem: Exception, scope_run: ScopeRun) -> None:
-        """Write what was made before a step failed, as items do: such pictures tell what to change."""
+    def _export_named(self, problem: Exception, scope_run: ScopeRun) -> None:
+        """Write the exports that a refusal tells to look at, as far as the steps before it made them."""
         scope, out, store = scope_run.scope, self.exporter.out, self.run.store.root
-        if self.run.items or isinstance(problem, SourceError) or out.absolute().is_relative_to(store.absolute()):
+        exports, told = self.run.exports_of(scope_run.kind), str(problem)
+        named = {file for file in exports if re.search(rf"\b{re.escape(file)}", told)}
+        if not named or self.run.items or out.absolute().is_relative_to(store.absolute()):
             return
         scope.lost |= {name: str(problem) for name in self.run.flow.steps if name not in scope.artifacts}
         with contextlib.suppress(ArtifactError, OSError):  # the problem matters more
-            self._export(scope, scope_run)
+            self._export(scope, scope_run, named)
         if self.written:
             self.listener(Note(f"written for a look: {', '.join(self.run.in_order(self.written))}; {out}"))
 
-    def _export(self, scope: Scope, scope_run: ScopeRun) -> None:
-        self.written |= self.exporter.export(scope, scope_run.kind, scope_run.inputs)
+    def _export(self, scope: Scope, scope_run: ScopeRun, files: Collection[str] | None = None) -> None:
+        self.written |= self.exporter.export(scope, scope_run.kind, scope_run.inputs, files)
         for note in self.exporter.told:
             self.listener(Note(note, is_warning=True))
         self.exporter.told.clear()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +48,14 @@ class Exporter:
         self.told: list[str] = []
         """what writers have told, such as of values that a file cannot hold"""
 
-    def export(self, scope: Scope, kind: str, inputs: ScopeInputs) -> dict[str, Path]:
+    def export(
+        self, scope: Scope, kind: str, inputs: ScopeInputs, files: Collection[str] | None = None
+    ) -> dict[str, Path]:
         """Write those exports of a scope that are not there yet, an item's into a folder of its name.
+
+        Parameters
+        ----------
+        files : the exports that are wanted; None for all.
 
         Returns
         -------
@@ -58,7 +65,8 @@ class Exporter:
         prefix = "" if scope.name is None else f"{scope.name}/"
         for file, reference in self.run.exports_of(kind).items():
             if (
-                reference.name in scope.lost
+                (files is not None and file not in files)
+                or reference.name in scope.lost
                 or scope.why_passed_over(reference.name) is not None
                 or (kind == "item" and not self.run.has(reference, scope))
             ):

@@ -152,7 +152,8 @@ def foreign_parts(
     if by in ("lattice", "looks"):
         if left < _DOUBT * float(before.mean()) or 0 < cells < 2:
             raise InputError(
-                f"image: {why}: no surface stands out; keep all (--set unlike=1000), crop, or give a mask"
+                f"image: {why}: no surface stands out; keep all (--set unlike=1000), crop, or give a mask "
+                "of exemplar.png (--source mask=my.png)"
             )
         _LOG.warning("%s", why)
     another = f"take another plane ({option}), or " if (option := other_plane(plane)) else ""
@@ -205,8 +206,8 @@ def _doubt(even: float, another: str) -> str:
     does = "do" if even < _UNEVEN else "may"
     return (
         f"parts of the surface differ as several surfaces {does} (evenness {even:.2f}), and no cell repeats: "
-        f"{another}give corners or control points (--set geometry=my.yaml), or a mask of what belongs to it "
-        "(--source mask=my.png); --set unlike=1000 takes all as one surface"
+        f"{another}give corners or control points (--set geometry=my.yaml), or a mask of what belongs to it in "
+        "exemplar.png (--source mask=my.png); --set unlike=1000 takes all as one surface"
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -229,25 +230,26 @@ def test_without_a_set_the_first_problem_ends_the_run(tmp_path: Path) -> None:
         refuses.run(Run(load_flow(path), Store(tmp_path / "artifacts")))
 
 
-@pytest.mark.parametrize("error", [InputError("too small"), MemoryError("none")])
-def test_what_was_made_before_a_problem_is_exported(tmp_path: Path, error: Exception) -> None:
+def test_exports_that_a_refusal_names_are_written(tmp_path: Path) -> None:
     def run() -> Run:
         return Run(load_flow(write_flow(tmp_path)), Store(tmp_path / "artifacts"))
 
-    def fail(run: Run, out: str) -> Events:
-        bench, listener = (
-            Bench(instead=lambda label: Outcome(error=error) if label == "distance" else None),
-            Events(),
-        )
+    def fail(run: Run, out: str, told: str) -> Events:
+        refusal = Outcome(error=InputError(told))
+        bench, listener = Bench(instead=lambda label: refusal if label == "distance" else None), Events()
         bench.store = run.store
-        with pytest.raises((InputError, StepFailedError), match=r"too small|none"):
+        with pytest.raises(InputError, match=re.escape(told)):
             compute(run, listener, tmp_path / out, lambda _: bench)
         return listener
 
-    notes = fail(run(), "out").notes
+    told = "too small: see structure.png, not distance.exr"
+    for named in ("too small", "see infrastructure.png"):
+        assert not fail(run(), "out", named).notes
+    assert not (tmp_path / "out").exists()
+    notes = fail(run(), "out", told).notes
     assert notes == [f"written for a look: structure.png; {tmp_path / 'out'}"]
     failed = files(tmp_path / "out")
-    fail(run(), "artifacts/runs/one")
+    fail(run(), "artifacts/runs/one", told)
     assert not (tmp_path / "artifacts" / "runs").exists(), "in a store nobody looks"
     Bench().run(run())
     whole = files(tmp_path / "out")
