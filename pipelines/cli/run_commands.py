@@ -171,7 +171,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
     Preflight(opened).check(folder, force)
     terminal = Terminal(text_stream(as_json))
     recorder = Recorder(terminal)
-    exports: dict[str, Path] = {}
+    exports = recorder.exports  # those of a run that fails
     problem, code = None, Exit.DONE
     gc.freeze()  # what is there stays; looking through it again and again takes a tenth of the run of a large set
     keep_freed_memory()

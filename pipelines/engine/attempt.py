@@ -367,7 +367,8 @@ class Attempt:
         with contextlib.suppress(ArtifactError, OSError):  # the problem matters more
             self._export(scope, scope_run, named)
         if self.written:
-            self.listener(Note(f"written for a look: {', '.join(self.run.in_order(self.written))}; {out}"))
+            written = self.run.in_order(self.written)
+            self.listener(Note(f"written for a look: {', '.join(written)}; {out}", exports=written))
 
     def _export(self, scope: Scope, scope_run: ScopeRun, files: Collection[str] | None = None) -> None:
         self.written |= self.exporter.export(scope, scope_run.kind, scope_run.inputs, files)

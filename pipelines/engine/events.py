@@ -102,6 +102,8 @@ class Note:
     text: str
     is_warning: bool = False
     """whether the result may not be what the user wants"""
+    exports: Mapping[str, Path] = dataclasses.field(default_factory=dict)
+    """export name to file, of those that were written though the run has failed"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,6 +139,8 @@ class Recorder:
         """item to why it failed, if it did"""
         self.warnings: list[str] = []
         """why results may not be what the user wants"""
+        self.exports: dict[str, Path] = {}
+        """see `Note`"""
         self.shared = {"fetched": 0, "uploaded": 0, "failed": 0}
         """how many results have passed from and to the shared store, and with how many something failed"""
 
@@ -153,8 +157,9 @@ class Recorder:
             self.reports[event.label] = event
         elif isinstance(event, ItemReport):
             self.ended[event.item] = event.problem
-        elif isinstance(event, Note) and event.is_warning:
-            self.warnings.append(event.text)
+        elif isinstance(event, Note):
+            self.warnings += [event.text] * event.is_warning
+            self.exports |= event.exports
         elif isinstance(event, Shared):
             self.shared["fetched"] += event.fetched
             self.shared["uploaded"] += event.uploaded

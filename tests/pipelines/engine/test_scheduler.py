@@ -31,7 +31,7 @@ from tests.pipelines.flows import (
     write_set,
 )
 from texloom.pipelines.engine.attempt import compute
-from texloom.pipelines.engine.events import Event, StepProgress, StepStarted
+from texloom.pipelines.engine.events import Event, Recorder, StepProgress, StepStarted
 from texloom.pipelines.engine.executors import worker
 from texloom.pipelines.engine.executors.executor import Executor, Outcome, StepTask
 from texloom.pipelines.engine.executors.inline import InlineExecutor
@@ -234,20 +234,21 @@ def test_exports_that_a_refusal_names_are_written(tmp_path: Path) -> None:
     def run() -> Run:
         return Run(load_flow(write_flow(tmp_path)), Store(tmp_path / "artifacts"))
 
-    def fail(run: Run, out: str, told: str) -> Events:
+    def fail(run: Run, out: str, told: str) -> tuple[list[str], dict[str, Path]]:
         refusal = Outcome(error=InputError(told))
         bench, listener = Bench(instead=lambda label: refusal if label == "distance" else None), Events()
-        bench.store = run.store
+        recorder, bench.store = Recorder(listener), run.store
         with pytest.raises(InputError, match=re.escape(told)):
-            compute(run, listener, tmp_path / out, lambda _: bench)
-        return listener
+            compute(run, recorder, tmp_path / out, lambda _: bench)
+        return listener.notes, recorder.exports
 
     told = "too small: see structure.png, not distance.exr"
     for named in ("too small", "see infrastructure.png"):
-        assert not fail(run(), "out", named).notes
+        assert fail(run(), "out", named) == ([], {})
     assert not (tmp_path / "out").exists()
-    notes = fail(run(), "out", told).notes
+    notes, exports = fail(run(), "out", told)
     assert notes == [f"written for a look: structure.png; {tmp_path / 'out'}"]
+    assert exports == {"structure.png": tmp_path / "out" / "structure.png"}
     failed = files(tmp_path / "out")
     fail(run(), "artifacts/runs/one", told)
     assert not (tmp_path / "artifacts" / "runs").exists(), "in a store nobody looks"
