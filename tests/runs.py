@@ -1,16 +1,27 @@
-"""Runs of stages with other numbers of threads, with their progress, and from checkpoints."""
+"""Runs of commands in this process; of stages with other numbers of threads, with progress, from checkpoints."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import pytest
 
+from texloom.pipelines.cli import main as cli
 from texloom.stages.vocabulary.checkpoints import Checkpoints
 from texloom.stages.vocabulary.progress import Progress, listening
 
 Result = TypeVar("Result")
+
+
+def run_command(*arguments: str) -> None:
+    """Do what `texloom` does in a terminal, without the start of a process; it has to succeed."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(sys, "argv", ["texloom", *arguments])
+        patched.setenv("PYTHONSAFEPATH", "1")  # the command sets it for the rest of its process
+        with pytest.raises(SystemExit, match=r"^0$"):
+            cli.main()
 
 
 def run_with_threads(

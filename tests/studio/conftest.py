@@ -22,32 +22,48 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.printed import next_line
+from tests.runs import run_command
 from texloom.pipelines.studio.built_page import BUILT
 
 TEXLOOM = (sys.executable, "-m", "texloom")
+FRUGAL = """
+from texloom.pipelines.studio import processes, sessions
+from texloom.__main__ import main
+sessions.KEPT = 0
+processes.Spares.prepare = lambda *_: None
+main()
+"""
+"""texloom, but a page that is closed ends at once, and the next one takes its worker; none is prepared ahead"""
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / ".import")}
 SMALL = 64  # px of a side of the exemplar
 
-# Without a GPU a lit material takes seconds to draw, most of them for smooth edges, and for the 256 samples a pixel
-# that three.js takes of its surroundings.
+# Without a GPU a lit material takes seconds to draw: for smooth edges, for the 256 samples a pixel that three.js
+# takes of its surroundings, and for all pixels and corners, of which only some are drawn here.
 ROUGH_SCENES = """{
   const { prototype: canvas } = HTMLCanvasElement, { prototype: gl } = WebGL2RenderingContext;
-  const { getContext } = canvas, { shaderSource } = gl;
+  const { getContext } = canvas, { shaderSource, viewport, drawElements } = gl;
   canvas.getContext = function (kind, options) {
     return getContext.call(this, kind, { ...options, antialias: false });
   };
   gl.shaderSource = function (shader, text) {
     shaderSource.call(this, shader, text.replace("GGX_SAMPLES 256u", "GGX_SAMPLES 4u"));
   };
+  gl.viewport = function (x, y, width, height) {
+    viewport.call(this, x, y, width / 4, height / 4);
+  };
+  gl.drawElements = function (mode, count, type, offset) {
+    drawElements.call(this, mode, Math.min(count, 6000), type, offset);
+  };
 }"""
 
 
 class Served:
-    """A studio in a process of its own."""
+    """A studio in a process of its own; as a context it ends it, at once where something has failed."""
 
-    def __init__(self, folder: Path, store: Path):
+    def __init__(self, folder: Path, store: Path, pages_are_kept: bool = False):
+        command = TEXLOOM if pages_are_kept else (sys.executable, "-c", FRUGAL)
         self.process = subprocess.Popen(
-            [*TEXLOOM, "studio", str(folder), "--no-browser", "--store", str(store)],
+            [*command, "studio", str(folder), "--no-browser", "--store", str(store)],
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=ENVIRONMENT,
         )  # fmt: skip
         address = next_line(self.process).strip()
@@ -59,6 +75,15 @@ class Served:
         with urllib.request.urlopen(address, timeout=120) as answer:
             self.cookie: str = answer.headers["set-cookie"].partition(";")[0]
         self.folder, self.store = folder, store
+
+    def __enter__(self) -> Served:
+        return self
+
+    def __exit__(self, problem: type[BaseException] | None, *_: object) -> None:
+        with self.process:
+            if problem is None:
+                self.end()
+            self.process.kill()
 
     def end(self) -> None:
         """End it as a terminal does; it has to end in time, and well."""
@@ -125,16 +150,16 @@ def page() -> None:
 
 
 @pytest.fixture(scope="module")
-def served(page: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    """A studio of a folder with one picture."""
+def served(
+    page: None, request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Served]:
+    """A studio of a folder with one picture; modules whose pages lose their sockets have ``PAGES_ARE_KEPT``."""
     root = tmp_path_factory.mktemp("studio")
     folder = root / "project"
     folder.mkdir()
     PIL.Image.fromarray(exemplar()).save(folder / "blotches.png")
-    studio = Served(folder, root / "store")
-    with studio.process:
+    with Served(folder, root / "store", getattr(request.module, "PAGES_ARE_KEPT", False)) as studio:
         yield studio
-        studio.end()
 
 
 class Watched:
@@ -202,12 +227,10 @@ def resize(page: Any, width: int, height: int) -> None:
 
 
 def run_again(arguments: list[str], folder: Path) -> Path:
-    """Run `texloom run` with a store of its own; the folder of its exports."""
+    """Do what `texloom run` does, with a store of its own; the folder of its exports."""
     out = folder / "out"
     shutil.rmtree(out, ignore_errors=True)
-    command = [*TEXLOOM, "run", *arguments, "--store", str(folder / "other"), "--out", str(out)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=ENVIRONMENT)
-    assert done.returncode == 0, done.stderr
+    run_command("run", *arguments, "--store", str(folder / "other"), "--out", str(out))
     return out
 
 

@@ -104,17 +104,12 @@ def found(page: Any, names: list[str]) -> dict[str, Any]:
 @contextlib.contextmanager
 def tab_of(folder: Path, chromium: Any, material: str = "") -> Iterator[tuple[Any, Served]]:
     """A page of a studio that begins now, with a material."""
-    served = Served(folder, folder.parent / "store")
-    with served.process:
-        try:
-            with watching(chromium, served, 1440, 900) as watched:
-                if material:
-                    served.json("/api/project/view", {"view": "make", "material": material})
-                    watched.page.evaluate("() => sessionStorage.clear()")
-                    watched.page.reload()
-                yield watched.page, served
-        finally:
-            served.process.terminate()
+    with Served(folder, folder.parent / "store") as served, watching(chromium, served, 1440, 900) as watched:
+        if material:
+            served.json("/api/project/view", {"view": "make", "material": material})
+            watched.page.evaluate("() => sessionStorage.clear()")
+            watched.page.reload()
+        yield watched.page, served
 
 
 @pytest.mark.hosts

@@ -7,6 +7,8 @@ from typing import Any
 
 from tests.studio.conftest import Watched, draw_on, repeated
 
+PAGES_ARE_KEPT = True
+
 
 def shown(page: Any) -> str:
     """The picture on the canvas."""

@@ -18,6 +18,7 @@ from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.requests import PaintDabRequest, PaintOpenRequest, PreviewRequest
 from texloom.pipelines.studio.outbox import MOST_BYTES, Outbox
 
+PAGES_ARE_KEPT = True
 SIDE = 64
 EXEMPLAR = "folder:blotches.png"
 

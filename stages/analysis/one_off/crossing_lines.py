@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32
 
 from texloom.stages.common.grids.pyramid import reduced
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
@@ -132,7 +132,7 @@ def _path(out: ScalarMap, width: int) -> tuple[float, np.ndarray]:
     return parts[1] / (second + _NOTICED), path
 
 
-def _enlarged(mask: Mask, shape: tuple[int, int]) -> Mask:
+def _enlarged(mask: Mask, shape: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
     import cv2
 
     plane: Float32[np.ndarray, "_ _"] = mask.astype(np.float32)

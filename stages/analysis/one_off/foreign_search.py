@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32
 
 from texloom.stages.analysis.one_off.foreign_outlines import likewise, outlined
 from texloom.stages.analysis.one_off.unlikeness import unlikeness
@@ -74,12 +74,14 @@ def _from_cells_around(lab: Float32[np.ndarray, "h w 3"], valid: Mask, frame: np
     return np.asarray(np.where(valid & (known > 0), median, 0), np.float32)
 
 
-def as_searched(image: Image, valid: Mask, side: int = _SIDE) -> tuple[Float32[np.ndarray, "h w 3"], Mask]:
+def as_searched(
+    image: Image, valid: Mask, side: int = _SIDE
+) -> tuple[Float32[np.ndarray, "H W 3"], Bool[np.ndarray, "H W"]]:
     """CIELAB at which is searched, and where it counts."""
     return lab_from_linear(reduced(np.ascontiguousarray(fill_excluded(image).color), side)), counted(valid, side)
 
 
-def counted(valid: Mask, side: int = _SIDE) -> Mask:
+def counted(valid: Mask, side: int = _SIDE) -> Bool[np.ndarray, "H W"]:
     """A mask at the size at which is searched."""
     return np.asarray(reduced(valid[..., None].astype(np.float32), side)[..., 0] > 0.5)
 
@@ -126,7 +128,7 @@ def foreign_search(
     return np.ascontiguousarray(both[..., 1]), both[..., 0] > 0.5, cell is not None
 
 
-def with_margin(found: Mask, shape: tuple[int, int]) -> Mask:
+def with_margin(found: Mask, shape: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
     """Parts at the size at which is searched, a little wider, at full size."""
     wide = _grown(found, _MARGIN).astype(np.float32)[..., None]
     return np.asarray(resize(wide, *shape, bilinear=True)[..., 0] > 0.5)

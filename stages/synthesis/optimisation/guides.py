@@ -51,7 +51,7 @@ def guides_of(
     image: Image,
     start: Correspondence,
     exemplar_guide: Float32[np.ndarray, "h w k"] | None,
-    target_guide: Float32[np.ndarray, "H W k"] | None,
+    target_guide: Float32[np.ndarray, "_ _ k"] | None,
     border: Border,
 ) -> Guides | None:
     """The guides of an exemplar with its border and of the result of the size of ``start``; none without any.

@@ -251,7 +251,7 @@ def optimise(
     keep: Bool[np.ndarray, "_ _"] | None = None,
     given: Image | None = None,
     exemplar_guide: Float32[np.ndarray, "h w k"] | None = None,
-    target_guide: Float32[np.ndarray, "H W k"] | None = None,
+    target_guide: Float32[np.ndarray, "_ _ k"] | None = None,
     guiding: Bool[np.ndarray, "_ _"] | None = None,
     contours: ScalarMap | None = None,
     share: ScalarMap | None = None,

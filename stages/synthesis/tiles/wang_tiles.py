@@ -18,7 +18,7 @@ from texloom.stages.synthesis.tiles.border_waves import BorderWaves
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, edges_shown, material_points
 from texloom.stages.synthesis.tiles.tile_synthesis import TileSynthesis, Torus, WangParams
 from texloom.stages.synthesis.tiles.wang_borders import core, to_borders
-from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
+from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, stage
 from texloom.stages.vocabulary.masks import fill_excluded
@@ -72,7 +72,7 @@ def wang_tiles(
     layout: dict[str, Any],
     params: WangTilesParams,
     rng: np.random.Generator,
-    guidance: ScalarMap | None = None,
+    guidance: Float32[np.ndarray, "_ _"] | None = None,
     weight: float = 1.0,
     generators: Vectors | None = None,
     rectangles: Rectangles | None = None,

@@ -24,22 +24,24 @@ def test_seams_of_a_window_are_summed(gradients: bool, rng: np.random.Generator)
 
 
 @pytest.mark.parametrize("gradients", [False, True])
-@pytest.mark.parametrize("filled", [0, 4])
 @pytest.mark.parametrize(("old", "new"), [((1, 1), (3, 4)), ((-2, 5), (6, -1))])  # the others beyond the border
 def test_between_two_pieces_no_choice_costs_less_than_the_cut(
-    gradients: bool, filled: int, old: tuple[int, int], new: tuple[int, int], rng: np.random.Generator
+    gradients: bool, old: tuple[int, int], new: tuple[int, int], rng: np.random.Generator
 ) -> None:
-    costs = SeamCosts(rng.random((9, 8, 3), np.float32), gradients).given
+    """Also where a seam runs through the old one, if no detour costs less than it, as without gradients."""
     here = np.moveaxis(np.indices((5, 5)), 0, 2).astype(np.int32, order="C")
     pieces = [here + np.array(shift, np.int32) for shift in (old, new)]
-    state = np.full((5, 5), KEPT, np.int8)
-    state[:, filled] = FILLED
-    state[1:-1, 1:-1] = FREE
-    window, taken = (costs, NO_CELLS, NO_PRICE, *pieces, state), np.zeros((5, 5), np.bool_)
-    cut_window(*window, taken)
-    found = []
-    for choice in itertools.product((False, True), repeat=9):
-        tried = state == FILLED
-        tried[1:-1, 1:-1] = np.reshape(choice, (3, 3))
-        found.append(window_cost(*window, tried))
-    assert window_cost(*window, taken) == min(found) > 0
+    if not gradients:
+        pieces[0][:, 2:] += np.array([1, -2], np.int32)
+    for _ in range(12):
+        costs = SeamCosts(rng.random((9, 8, 3), np.float32), gradients).given
+        state = rng.choice([KEPT, FILLED], (5, 5)).astype(np.int8)
+        state[1:-1, 1:-1] = FREE
+        window, taken = (costs, NO_CELLS, NO_PRICE, *pieces, state), np.zeros((5, 5), np.bool_)
+        cut_window(*window, taken)
+        found = []
+        for choice in itertools.product((False, True), repeat=9):
+            tried = state == FILLED
+            tried[1:-1, 1:-1] = np.reshape(choice, (3, 3))
+            found.append(window_cost(*window, tried))
+        assert window_cost(*window, taken) == min(found) > 0

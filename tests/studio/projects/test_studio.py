@@ -31,11 +31,6 @@ def job_of(served: Served, material: str, variant: int) -> Any:
     return served.json(f"/api/materials/{material}")["material"]["variants"][variant]["job"]
 
 
-def ended(served: Served) -> None:
-    with served.process:
-        served.end()
-
-
 @pytest.fixture
 def folder(page: None, tmp_path: Path) -> Path:
     folder = tmp_path / "Castle"
@@ -188,53 +183,56 @@ def test_rename_tag_duplicate_delete_and_undo_on_the_wall(tab: Watched) -> None:
 @pytest.mark.skipif(os.name != "posix", reason="needs a signal that nothing catches")
 def test_another_server_comes_back_and_finishes_what_was_running(folder: Path, chromium: Any) -> None:
     first = opened(folder)
-    made = first.json("/api/jobs", RECIPE)
-    owner = first.json("/api/materials")["shown"][0]["id"]
-    wait_for(lambda: job_of(first, owner, 0)["state"] == "done")
-    first.json("/api/project/view", {"view": "make", "material": owner})
-    waiting = [
-        first.json(f"/api/jobs?material={owner}", RECIPE | {"seed": seed, "size": "256x256"}) for seed in (4, 5)
-    ]
-    path = folder / FOLDER / "materials" / f"{owner}.json"
-    while len(json.loads(path.read_text())["variants"]) < 3 or not (folder / FOLDER / "project.json").exists():
-        time.sleep(0.01)
     with first.process:
-        first.process.kill()
-    second = opened(folder)
-    context = chromium.new_context(viewport={"width": 1440, "height": 900})
-    page = context.new_page()
-    page.set_default_timeout(300_000)
-    second.let_in(context)
-    page.goto(second.base)
-    page.get_by_role("status").filter(has_text="Full size, seed 5").wait_for()  # the last one that was wanted
-    page.get_by_role("button", name="Seed 3, large pieces: go back to it").click()
-    page.get_by_role("status").filter(has_text="Full size, seed 3").wait_for()
-    context.close()
-    found = second.json(f"/api/materials/{owner}")["material"]
-    assert [one["job"]["id"] for one in found["variants"]] == [made["id"], *(one["id"] for one in waiting)]
-    assert {one["job"]["state"] for one in found["variants"]} == {"done"}
-    status, content = second.request(f"/api/jobs/{made['id']}/files/texture.png")
-    assert status == 200
-    status, thumbnail = second.request(f"/api/thumbnails/{made['id']}")
-    assert PIL.Image.open(io.BytesIO(thumbnail)).size == (64, 64)
-    data = json.loads(path.read_text())
-    data["variants"][0]["job"]["files"] += ["../../store.key", "/etc/passwd", ".."]
-    lost = found["variants"][1]
-    before = second.request(f"/api/jobs/{lost['job']['id']}/files/texture.png")
-    ended(second)
+        try:
+            made = first.json("/api/jobs", RECIPE)
+            owner = first.json("/api/materials")["shown"][0]["id"]
+            wait_for(lambda: job_of(first, owner, 0)["state"] == "done")
+            first.json("/api/project/view", {"view": "make", "material": owner})
+            waiting = [
+                first.json(f"/api/jobs?material={owner}", RECIPE | {"seed": seed, "size": "256x256"})
+                for seed in (4, 5)
+            ]
+            path = folder / FOLDER / "materials" / f"{owner}.json"
+            while (
+                len(json.loads(path.read_text())["variants"]) < 3 or not (folder / FOLDER / "project.json").exists()
+            ):
+                time.sleep(0.01)
+        finally:
+            first.process.kill()
+    with opened(folder) as second:
+        context = chromium.new_context(viewport={"width": 1440, "height": 900})
+        page = context.new_page()
+        page.set_default_timeout(300_000)
+        second.let_in(context)
+        page.goto(second.base)
+        page.get_by_role("status").filter(has_text="Full size, seed 5").wait_for()  # the last one that was wanted
+        page.get_by_role("button", name="Seed 3, large pieces: go back to it").click()
+        page.get_by_role("status").filter(has_text="Full size, seed 3").wait_for()
+        context.close()
+        found = second.json(f"/api/materials/{owner}")["material"]
+        assert [one["job"]["id"] for one in found["variants"]] == [made["id"], *(one["id"] for one in waiting)]
+        assert {one["job"]["state"] for one in found["variants"]} == {"done"}
+        status, content = second.request(f"/api/jobs/{made['id']}/files/texture.png")
+        assert status == 200
+        status, thumbnail = second.request(f"/api/thumbnails/{made['id']}")
+        assert PIL.Image.open(io.BytesIO(thumbnail)).size == (64, 64)
+        data = json.loads(path.read_text())
+        data["variants"][0]["job"]["files"] += ["../../store.key", "/etc/passwd", ".."]
+        lost = found["variants"][1]
+        before = second.request(f"/api/jobs/{lost['job']['id']}/files/texture.png")
     shutil.rmtree(second.store / "runs" / lost["folder"])
     path.write_text(json.dumps(data))
-    third = opened(folder)
-    for name in ("../../store.key", "..%2f..%2fidentity", "/etc/passwd", ".."):
-        assert third.request(f"/api/jobs/{made['id']}/files/{name}")[0] in (404, 422)
-    assert third.request(f"/api/jobs/{made['id']}/files/texture.png") == (200, content)
-    job = job_of(third, owner, 1)
-    assert job["state"] == "cancelled"
-    assert "no longer in the store" in job["text"]
-    third.json(f"/api/jobs/{job['id']}/again", b"", "POST")
-    wait_for(lambda: job_of(third, owner, 1)["state"] == "done")
-    assert third.request(f"/api/jobs/{job['id']}/files/texture.png") == before
-    ended(third)
+    with opened(folder) as third:
+        for name in ("../../store.key", "..%2f..%2fidentity", "/etc/passwd", ".."):
+            assert third.request(f"/api/jobs/{made['id']}/files/{name}")[0] in (404, 422)
+        assert third.request(f"/api/jobs/{made['id']}/files/texture.png") == (200, content)
+        job = job_of(third, owner, 1)
+        assert job["state"] == "cancelled"
+        assert "no longer in the store" in job["text"]
+        third.json(f"/api/jobs/{job['id']}/again", b"", "POST")
+        wait_for(lambda: job_of(third, owner, 1)["state"] == "done")
+        assert third.request(f"/api/jobs/{job['id']}/files/texture.png") == before
 
 
 def test_two_thousand_pictures_are_counted_and_searched(folder: Path, chromium: Any) -> None:
@@ -243,20 +241,19 @@ def test_two_thousand_pictures_are_counted_and_searched(folder: Path, chromium: 
         place = folder / f"set {number % 4}" / f"stone {number:04}.png"
         place.parent.mkdir(exist_ok=True)
         place.write_bytes(content)
-    served = opened(folder)
-    context = chromium.new_context(viewport={"width": 1440, "height": 900})
-    page = Watched(context.new_page(), served).page
-    shown = page.locator("make-view picture-list")
-    shown.get_by_text("60 of 2001 shown").wait_for()
-    assert shown.locator("ul.pictures").first.locator("li").count() == 60
-    shown.get_by_role("button", name="Show more (1941 are left)").click()
-    shown.get_by_text("120 of 2001 shown").wait_for()
-    shown.get_by_label("Folder", exact=True).select_option("set 1")
-    shown.get_by_text("60 of 500 found in 2001 shown").wait_for()
-    shown.get_by_label("Search pictures").fill("1997")
-    shown.get_by_text("1 of 1 found in 2001 shown").wait_for()
-    shown.get_by_title("stone 1997").click()
-    page.get_by_role("status").filter(has_text="Preview").wait_for()
-    assert page.get_by_label("Name of the material").input_value() == "stone 1997"
-    context.close()
-    ended(served)
+    with opened(folder) as served:
+        context = chromium.new_context(viewport={"width": 1440, "height": 900})
+        page = Watched(context.new_page(), served).page
+        shown = page.locator("make-view picture-list")
+        shown.get_by_text("60 of 2001 shown").wait_for()
+        assert shown.locator("ul.pictures").first.locator("li").count() == 60
+        shown.get_by_role("button", name="Show more (1941 are left)").click()
+        shown.get_by_text("120 of 2001 shown").wait_for()
+        shown.get_by_label("Folder", exact=True).select_option("set 1")
+        shown.get_by_text("60 of 500 found in 2001 shown").wait_for()
+        shown.get_by_label("Search pictures").fill("1997")
+        shown.get_by_text("1 of 1 found in 2001 shown").wait_for()
+        shown.get_by_title("stone 1997").click()
+        page.get_by_role("status").filter(has_text="Preview").wait_for()
+        assert page.get_by_label("Name of the material").input_value() == "stone 1997"
+        context.close()
