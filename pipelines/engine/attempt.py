@@ -359,9 +359,11 @@ class Attempt:
     def _export_named(self, problem: Exception, scope_run: ScopeRun) -> None:
         """Write the exports that a refusal tells to look at, as far as the steps before it made them."""
         scope, out, store = scope_run.scope, self.exporter.out, self.run.store.root
+        if isinstance(problem, SourceError) or self.run.items or out.absolute().is_relative_to(store.absolute()):
+            return
         exports, told = self.run.exports_of(scope_run.kind), str(problem)
         named = {file for file in exports if re.search(rf"\b{re.escape(file)}", told)}
-        if not named or self.run.items or out.absolute().is_relative_to(store.absolute()):
+        if not named:
             return
         scope.lost |= {name: str(problem) for name in self.run.flow.steps if name not in scope.artifacts}
         with contextlib.suppress(ArtifactError, OSError):  # the problem matters more

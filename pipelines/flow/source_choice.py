@@ -42,7 +42,7 @@ class SourceChoice:
                 sources[name] = _declared_source(name, entry)
                 if _is_required(entry.value):
                     missing.append(name)
-            if name in sources and isinstance(part, SetPart) and part.least > 1:
+            if name in sources and name not in missing and isinstance(part, SetPart):
                 _check_count(name, sources[name], part.least)
         for name, entry in self.draft.sources.items():
             if name in sources and isinstance(entry.value, SetPart) and entry.value.pair is not None:
@@ -96,6 +96,8 @@ def _chosen_source(name: str, given: str | Sequence[str], entry: Entry) -> str |
 
 def _check_count(name: str, source: str | Each, least: int) -> None:
     """`InputError` where a source has fewer than ``least`` files."""
+    if least < 2:
+        return
     patterns = [source] if isinstance(source, str) else source.patterns
     files = {file for one in patterns for file in (matching(one).files if is_pattern(one) else [one])}
     if len(files) < least:
