@@ -15,7 +15,7 @@ _MAX_STRETCH = 0.75  # cells along a window by which a given texture's lattice m
 _STRETCHES = (0.125, 0.015625)  # cells: steps of the search
 _MIN_GAIN = 1.01  # of coherence, by a stretch that is not a coincidence
 _PARTS = 6  # along each generator
-_TILT = np.tan(np.radians(1.5))  # of rows and columns that is not seen
+_TILT = 0.0262  # px a px, 1.5 degrees, of rows and columns, which is not seen
 _NEARLY = 0.65  # cells along a side by which its number may change, to avoid more; the nearest changes by up to .5
 
 
