@@ -361,11 +361,9 @@ class Attempt:
         scope, out, store = scope_run.scope, self.exporter.out, self.run.store.root
         if isinstance(problem, SourceError) or self.run.items or out.absolute().is_relative_to(store.absolute()):
             return
-        exports, told = self.run.exports_of(scope_run.kind), str(problem)
-        named = {file for file in exports if re.search(rf"\b{re.escape(file)}", told)}
-        if not named:
-            return
-        scope.lost |= {name: str(problem) for name in self.run.flow.steps if name not in scope.artifacts}
+        exports = self.run.exports_of(scope_run.kind).items()
+        made = [file for file, reference in exports if reference.name in scope.artifacts]
+        named = [file for file in made if re.search(rf"\b{re.escape(file)}", str(problem))]
         with contextlib.suppress(ArtifactError, OSError):  # the problem matters more
             self._export(scope, scope_run, named)
         if self.written:
