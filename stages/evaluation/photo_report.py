@@ -81,7 +81,7 @@ def photo_report(
     if len(generators):
         repetition += f", {' and '.join(f'{row:.1f} down, {column:.1f} across' for row, column in generators)} px"
     lens = f"{distortion:.3f}, straightened" if distortion else "none is clear"
-    another = [option] if (option := other_plane(surface)) else []
+    another = [f"{option}, by planes.png"] if (option := other_plane(surface)) else []
     ways = another + ["--set plane=0 for the photograph as it is"] * bool(surface["taken"])
     rows = [
         ("lens distortion", lens, "--set distortion=0, or another value"),

@@ -156,7 +156,7 @@ def foreign_parts(
                 "of exemplar.png (--source mask=my.png)"
             )
         _LOG.warning("%s", why)
-    another = f"take another plane ({option}), or " if (option := other_plane(plane)) else ""
+    another = f"take another plane ({option}, by planes.png), or " if (option := other_plane(plane)) else ""
     doubt = _BANDED.format(another=another) if banded else ""
     frontal = plane is not None and bool(plane["unasked"])
     repeats = generators is not None and len(generators) > 0

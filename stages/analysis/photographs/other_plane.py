@@ -14,11 +14,11 @@ def other_plane(table: Mapping[str, Any] | None) -> str:
     Examples
     --------
     >>> other_plane({"taken": 1, "planes": [{}, {}]})
-    '--set plane=2, by planes.png'
+    '--set plane=2'
     >>> other_plane({"taken": 1, "planes": [{}]})
     ''
     """
     if table is None:
         return ""
     others = [number for number in range(1, len(table["planes"]) + 1) if number != table["taken"]]
-    return f"--set plane={others[0]}, by planes.png" if others else ""
+    return f"--set plane={others[0]}" if others else ""

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from texloom.stages.analysis.photographs.depth_cues import depth_cues
+from texloom.stages.analysis.photographs.other_plane import other_plane
 from texloom.stages.analysis.photographs.plane_candidates import Cells, plane_candidates
 from texloom.stages.analysis.photographs.plane_extent import extended
 from texloom.stages.analysis.photographs.plane_ranking import RankedPlane, as_frontal, measured, ranked
@@ -125,8 +126,8 @@ def plane_proposal(image: Image, params: PlaneProposalParams) -> PlaneProposal:
     hint = found.hint if params.plane is None and not taken else ""
     if hint:
         why += f"; {hint}: control points (--set geometry=my.yaml) tell how, --set plane=0 says that it is flat"
-    others = [number + 1 for number in range(len(planes)) if number + 1 != taken]
-    why += f"; another: --set plane={others[0]}, see planes.png" if others else ""
+    other = other_plane({"taken": taken, "planes": planes})
+    why += f"; another: {other}, see planes.png" if other else ""
     _LOG.warning("%s", why)
     table = {
         "taken": taken,
