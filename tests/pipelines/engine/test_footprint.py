@@ -54,6 +54,7 @@ def test_a_large_exemplar_is_planned_once_before_it_runs(tmp_path: Path, monkeyp
     run = opened("quilting", 256, tmp_path / "store", picture(tmp_path / "6144.png", 6144))
     plan, planned = Run.plan, []
     monkeypatch.setattr(Run, "plan", lambda self: planned.append(self) or plan(self))
+    monkeypatch.setattr(preflight, "free_space", lambda _: 10**10)
     Preflight(run).check(tmp_path / "out")
     assert "on this machine" in run.notes_before[-1]
     assert planned == [run]
