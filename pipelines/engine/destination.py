@@ -28,15 +28,16 @@ def placed(run: Run, out: Path | None) -> tuple[Run, Path]:
 
     Raises
     ------
-    InputError : ``out`` names a picture, and the flow has no main result or runs over a set.
+    InputError : ``out`` names a picture, and the flow has no main result or one for each item of a set.
     """
     if out is None:
         return run, Path(default_name(run))
     if not names_picture(out):
         return run, out
-    if run.items:
+    flow = _with_one_picture(run.flow, out)
+    if run.items and run.scope_of(flow.exports[out.name]) == "item":
         raise refused(f"--out {out}: the flow runs over a set; give a folder for its pictures")
-    return Run(_with_one_picture(run.flow, out), run.store), out.parent
+    return Run(flow, run.store), out.parent
 
 
 def names_picture(out: Path) -> bool:

@@ -87,18 +87,28 @@ def test_one_picture_is_the_main_result_alone(capsys: pytest.CaptureFixture[str]
     assert made("folder.png") == ["texture.exr", "texture.png"]
 
 
+def test_one_picture_may_be_of_a_whole_set(capsys: pytest.CaptureFixture[str]) -> None:
+    gathered = "\n  sheet: {stage: evaluation.contact_sheet, gather: {images: exemplar}}\nexports: "
+    flow = FLOW.replace("REQUIRED", "{each: required}").replace("\nexports: ", gathered)
+    Path("cut.yaml").write_text(flow.replace(": part.image", ": sheet.image"))
+    assert run("library -o both.png", capsys)[0] == 0
+    assert {path.name for path in Path().glob("*.png")} == {"moss.png", "both.png"}
+
+
 @pytest.mark.parametrize(
-    ("line", "message"),
+    ("line", "exported", "message"),
     [
-        ("library -o one.png", "--out one.png: the flow runs over a set; give a folder for its pictures"),
-        ("moss.png -o one.png", "--out one.png: cut has no main result texture.*; give a folder for part.exr"),
+        ("library", "texture", "--out one.png: the flow runs over a set; give a folder for its pictures"),
+        ("moss.png", "a", "--out one.png: cut has no main result texture.*; give a folder for a.exr, a.png"),
     ],
 )
-def test_what_has_no_one_picture_is_refused(line: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
-    flow = FLOW.replace("REQUIRED", "required").replace("{texture.exr: part.image, texture.png", "{part.exr")
+def test_what_has_no_one_picture_is_refused(
+    line: str, exported: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flow = FLOW.replace("REQUIRED", "required").replace("texture.", f"{exported}.")
     Path("cut.yaml").write_text(flow)
     with pytest.raises(InputError) as caught:
-        run(line, capsys)
+        run(f"{line} -o one.png", capsys)
     assert str(caught.value) == message
     assert not Path("store").exists()
 
