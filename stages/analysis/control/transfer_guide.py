@@ -1,6 +1,8 @@
 """A picture as a guide: which parts of an exemplar render which parts of it."""
 
 import dataclasses
+import logging
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,7 +14,7 @@ from texloom.stages.analysis.control.guide import VALUE_STRENGTH, contrast
 from texloom.stages.common.features.slow_features import ranks
 from texloom.stages.common.grids.pyramid import resize, resized_mask
 from texloom.stages.numerics.filters import gaussian_blur
-from texloom.stages.vocabulary.arrays import Image, ScalarMap
+from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Outline, Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
@@ -20,6 +22,12 @@ from texloom.stages.vocabulary.sizes import Size
 
 _STRENGTH = 0.9  # of that of values; with less, grounds of small elements show little of a picture
 _EDGES = 0.5  # of a value's range, the strongest edge
+_AREA = 0.02  # of the exemplar's shorter side, deviation of the blur that leaves areas, not elements
+_CLEAR = 0.45  # deviation of these over that of all lightness, from which on they show a picture
+_MOST = 2.5  # times less than that, for which the guide is made stronger
+_VISIBLE = 2.0  # CIELAB units, deviation of areas with which a picture is hardly seen
+
+_LOG = logging.getLogger(__name__)
 
 
 class TransferGuideParams(Params):
@@ -53,7 +61,7 @@ def outlines(params: TransferGuideParams, known: Mapping[str, Any]) -> dict[str,
     return {} if size is None else {"target": Outline(*size)}
 
 
-@stage(version=1, outlines=outlines)
+@stage(version=2, outlines=outlines)
 def transfer_guide(
     image: Image,
     picture: Image,
@@ -64,7 +72,9 @@ def transfer_guide(
     """Make a guide of a picture, so that an exemplar renders it: light parts by light ones, edges by contours.
 
     Lightness is compared by rank: the darkest part of the picture asks for the darkest part of the exemplar,
-    however dark that is, and the whole exemplar is used.
+    however dark that is, and the whole exemplar is used. An exemplar whose light and dark are of the size of its
+    elements, such as gravel, follows the guide up to four times as closely as one with light and dark areas; one
+    that is as light everywhere is warned of.
 
     Parameters
     ----------
@@ -75,7 +85,7 @@ def transfer_guide(
     References
     ----------
     [Efros2001]_ section 4, texture transfer, by correspondence maps of blurred luminance; [Hertzmann2001]_ section
-    4.3. Ranks and edges are ours.
+    4.3. Ranks, edges and the strength by areas are ours.
     """
     size = params.size or (picture.height, picture.width)
     own = _lightness(image, params.detail)
@@ -89,11 +99,25 @@ def transfer_guide(
         planes.append(contours * np.float32(_EDGES * params.edges))
         found = resize(picture_contours[..., None], *size, bilinear=True)[..., 0]
         wanted.append(found * np.float32(_EDGES * params.edges))
-    strength = np.float32(params.weight * _STRENGTH * VALUE_STRENGTH * contrast(image))
+    strength = np.float32(params.weight * _strength(image, valid) * VALUE_STRENGTH * contrast(image))
     target = np.stack(wanted, axis=2) * strength
     if asked is not None:
         target[~asked] = np.nan
     return TransferGuide(np.stack(planes, axis=2) * strength, target)
+
+
+def _strength(image: Image, valid: Mask | None) -> float:
+    """Of the guide beside that of values: more, the less of the exemplar's lightness is of areas."""
+    own = [_lightness(image, deviation) for deviation in (0.0, _AREA * min(image.height, image.width))]
+    whole, areas = (float((one if valid is None else one[valid]).std(dtype=np.float64)) for one in own)
+    if areas < _VISIBLE:
+        _LOG.warning(
+            "the exemplar is nearly as light everywhere (its areas differ by %.1f CIELAB units): little of the "
+            "picture will be seen; --set weight=3 shows more, --source control=PICTURE gives the result its light",
+            areas,
+        )
+    lacking = min(max(_CLEAR * whole / max(areas, 1e-9), 1.0), _MOST)
+    return _STRENGTH * lacking * math.sqrt(lacking)
 
 
 def _lightness(image: Image, deviation: float) -> ScalarMap:

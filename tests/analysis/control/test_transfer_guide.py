@@ -81,3 +81,19 @@ def test_a_texture_renders_the_picture(exemplar: Image) -> None:
     )
     dark, bright = texture.image.pixels[:, :24].mean(), texture.image.pixels[:, 36:].mean()
     assert bright > 1.8 * dark
+
+
+def test_light_and_dark_of_elements_alone_is_followed_more_closely(
+    rng: np.random.Generator, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Sixteen squares of 32 px or 4,096 of 2 px: of the small ones no area is light or dark."""
+    strengths = []
+    for side in (32, 2):
+        values = np.where(rng.permutation(np.arange((128 // side) ** 2) % 2 == 0), 0.1, 0.5)
+        values = values.reshape(128 // side, -1).repeat(side, 0).repeat(side, 1)
+        strengths.append(guide(picture(values[..., None].astype(np.float32).repeat(3, 2)), halves(0.1, 0.9)))
+    assert 2 < strengths[1].exemplar.max() / strengths[0].exemplar.max() <= 2.5**1.5
+    assert not caplog.records
+    flat = np.full((64, 64, 3), 0.3, np.float32)
+    guide(picture(flat), halves(0.1, 0.9))
+    assert "nearly as light everywhere (its areas differ by 0.0 CIELAB units)" in caplog.text
