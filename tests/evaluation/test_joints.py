@@ -72,7 +72,10 @@ def test_the_exemplars_own_distance_is_to_patches_that_do_not_overlap() -> None:
     distances = ((patches[:, None] - patches[None]) ** 2).sum(axis=2) / 49
     distances[np.abs(corners[:, None] - corners[None]).max(axis=2) < 7] = np.inf
     expected = float(distances.min(axis=1).mean())
-    assert NearestPatches(lab, 1, None).own_distance() == pytest.approx(expected, rel=0.02)
+    contrast, own = NearestPatches(lab, 1, None).own_distances()
+    assert own.mean() == pytest.approx(expected, rel=0.02)
+    by_channel = patches.reshape(-1, 49, 3)
+    assert np.isin(contrast.round(1), by_channel.var(axis=1).sum(axis=1).round(1)).all()
 
 
 def test_a_copy_has_no_joints() -> None:
@@ -174,11 +177,32 @@ def test_distances_at_joints_are_those_to_the_nearest_patches() -> None:
 
     apart = np.abs(corners[:, None] - corners[None]).max(axis=2) >= 7
     chosen = np.random.default_rng(5).permutation(len(corners))[:256]
-    own = np.mean([distance(patches[index], patches[apart[index]]) for index in chosen])
+    own = np.array([distance(patches[index], patches[apart[index]]) for index in chosen])
+    contrasts = patches.reshape(-1, 49, 3).var(axis=1).sum(axis=1)
+    groups = np.array_split(np.argsort(contrasts[chosen], kind="stable"), 8)
+    usual = np.maximum.accumulate([np.quantile(own[group], 0.8) / 1.5 for group in groups])
     for place, ratio in zip(ratios.places, ratios.ratios[:, 0], strict=True):
         row, column = np.clip(place - 3, 0, 53)
-        expected = distance(measured.result.lab[row : row + 7, column : column + 7].ravel(), patches) / own
+        one = measured.result.lab[row : row + 7, column : column + 7]
+        contrast = one.reshape(49, 3).var(axis=0).sum()
+        of_group = np.interp(contrast, [contrasts[chosen][group].mean() for group in groups], usual)
+        expected = distance(one.ravel(), patches) / max(own.mean(), of_group)
         assert ratio == pytest.approx(expected, rel=0.15, abs=1e-3)
+
+
+def test_tiles_in_another_order_have_no_bad_joints() -> None:
+    """Edges of tiles that lie apart in the exemplar are no more unlike its edges than these are among them."""
+    rng = np.random.default_rng(8)
+    tones = 0.15 + 0.5 * (np.indices((8, 8)).sum(axis=0) % 2) + rng.normal(0, 0.04, (8, 8))
+    values = tones.repeat(16, 0).repeat(16, 1) + rng.normal(0, 0.004, (128, 128))
+    exemplar = encoded(values[..., None].repeat(3, 2).astype(np.float32))
+    order = np.arange(64).reshape(8, 8)
+    for parity in (0, 1):
+        alike = np.indices((8, 8)).sum(axis=0) % 2 == parity
+        order[alike] = rng.permutation(order[alike])
+    first = np.stack(np.divmod(order, 8), axis=2).repeat(16, 0).repeat(16, 1) * 16
+    measured = scored(exemplar, (first + grid(128, 128) % 16).astype(np.uint32)).table["measures"]["joints"]
+    assert measured["score"] > 0.5
 
 
 def test_the_worst_pixel_of_each_cell_is_measured() -> None:

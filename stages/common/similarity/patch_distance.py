@@ -178,16 +178,15 @@ class NearestPatches:
         """Squared distance of each row of ``wanted``, a patch, to its nearest; mean of samples, CIELAB units."""
         return self._refined(wanted, self._nearest(wanted))
 
-    def own_distance(self) -> float:
-        """Mean squared distance of random patches of the exemplar to those that do not overlap them."""
+    def own_distances(self) -> tuple[Float32[np.ndarray, "n"], Float32[np.ndarray, "n"]]:  # type: ignore[name-defined]
+        """Contrast of random patches of the exemplar, and squared distance to those that do not overlap them."""
         height, width = self.patches.shape
         reach = SIDE * self.step
         chosen = np.random.default_rng(5).permutation(len(self.corners))[:_SELF]
         offset = np.random.default_rng(6).integers(0, self.stride, (len(chosen), 2))
         own = np.minimum(self.corners[chosen] + offset, (height - 1, width - 1))
         patches = self.patches.at(*own.T)
-        found = self._refined(patches, self._nearest(patches, own, reach), own, reach)
-        return float(found.mean(dtype=np.float64))
+        return patch_contrast(patches), self._refined(patches, self._nearest(patches, own, reach), own, reach)
 
     def _nearest(self, wanted: np.ndarray, apart: Places | None = None, reach: int = 0) -> Places:
         """Corners of the target nearest to each patch by principal components.
@@ -230,6 +229,12 @@ class NearestPatches:
                 better = distance < best
                 best[better], corners[better] = distance[better], tried[better]
         return best
+
+
+def patch_contrast(patches: Float32[np.ndarray, "n e"]) -> Float32[np.ndarray, "*n"]:
+    """Mean squared deviation of the samples of each patch from their mean, summed over channels."""
+    samples = patches.reshape(len(patches), -1, SIDE**2)
+    return np.asarray(samples.var(axis=2).sum(axis=1))
 
 
 def _squared(one: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from texloom.stages.common.similarity.patch_distance import SIDE, NearestPatches, Patches, Places
+from texloom.stages.common.similarity.patch_distance import SIDE, NearestPatches, Patches, Places, patch_contrast
 from texloom.stages.kernels.core.threads import run_spans, thread_count
 from texloom.stages.vocabulary.arrays import Correspondence, Mask, ScalarMap
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
@@ -14,6 +14,9 @@ from texloom.stages.vocabulary.masks import count_excluded
 _STEPS = (1, 2, 4)  # px between the samples of a patch, for each scale
 _MAX_CELLS = 2048
 _MIN_CELL = 4  # px
+_CONTRASTS = 8  # groups of the exemplar's patches
+_USUAL = 0.8  # quantile of a group's distances
+_OF_MEAN = 1.5  # that quantile over the mean where distances are those of noise
 
 
 class NoPatchError(ValueError):
@@ -60,8 +63,30 @@ def worst_of_cells(contrast: ScalarMap, cell: int) -> Places:
     return np.asarray(np.stack(np.divmod(number, columns), axis=1) * cell + inner, np.int64)
 
 
+class _UsualDistance:
+    """The squared distance that an exemplar's patches have from each other, by their contrast.
+
+    Patches across the edges of tiles or bricks have few like them, even in the exemplar, where most of it is flat.
+
+    Parameters
+    ----------
+    contrast, distance : of the exemplar's patches, see `NearestPatches.own_distances`.
+    """
+
+    def __init__(self, contrast: Float32[np.ndarray, "n"], distance: Float32[np.ndarray, "n"]):  # type: ignore[name-defined]
+        self.mean = max(float(distance.mean(dtype=np.float64)), 1e-12)
+        groups = np.array_split(np.argsort(contrast, kind="stable"), min(_CONTRASTS, len(contrast)))
+        self.contrast = np.array([contrast[group].mean(dtype=np.float64) for group in groups])
+        usual = [float(np.quantile(distance[group], _USUAL)) / _OF_MEAN for group in groups]
+        self.distance = np.maximum.accumulate(usual)
+
+    def at(self, contrast: Float32[np.ndarray, "n"]) -> Float64[np.ndarray, "*n"]:  # type: ignore[name-defined]
+        """That of patches of these contrasts, at least the mean of all."""
+        return np.maximum(np.interp(contrast, self.contrast, self.distance), self.mean)
+
+
 class PatchRatios:
-    """Distances of patches of a result to the nearest of the exemplar's, over the exemplar's distance to itself.
+    """Distances of patches of a result to the nearest of the exemplar's, over those of the exemplar's own patches.
 
     Parameters
     ----------
@@ -84,7 +109,7 @@ class PatchRatios:
             if whole is not None and not whole.any():
                 raise NoPatchError(f"masks leave no patch of {reach} px")
             nearest = NearestPatches(lab, step, whole, self.mean)
-            self.scales.append((nearest, max(nearest.own_distance(), 1e-12)))
+            self.scales.append((nearest, _UsualDistance(*nearest.own_distances())))
 
     def at(
         self, result: Float32[np.ndarray, "H W c"], places: Places, valid: Mask | None, wrap: Wraps
@@ -97,8 +122,7 @@ class PatchRatios:
         valid : its pixels that are not masked; None for all.
         wrap : where the result wraps.
         """
-        distances = [self._of(scale, result, places, wrap) / own for scale, own in self.scales]
-        ratios = np.stack(distances, axis=1)
+        ratios = np.stack([self._of(scale, usual, result, places, wrap) for scale, usual in self.scales], axis=1)
         if valid is not None:
             for ratio, (scale, _) in zip(ratios.T, self.scales, strict=True):
                 reach = (SIDE - 1) * scale.step + 1
@@ -108,7 +132,7 @@ class PatchRatios:
         return ratios
 
     def _of(
-        self, scale: NearestPatches, result: np.ndarray, places: Places, wrap: Wraps
+        self, scale: NearestPatches, usual: _UsualDistance, result: np.ndarray, places: Places, wrap: Wraps
     ) -> Float64[np.ndarray, "*n"]:
         half = (SIDE - 1) * scale.step // 2
         corners = places - half
@@ -118,4 +142,5 @@ class PatchRatios:
             corners = corners + beyond
         patches = Patches(result, scale.step, self.mean)
         corners = np.clip(corners, 0, np.array(patches.shape) - 1)
-        return scale.distances(patches.at(*corners.T)).astype(np.float64)
+        wanted = patches.at(*corners.T)
+        return np.asarray(scale.distances(wanted) / usual.at(patch_contrast(wanted)))

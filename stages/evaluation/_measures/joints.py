@@ -21,8 +21,8 @@ from texloom.stages.vocabulary.arrays import ScalarMap
 
 _WORST = 0.1  # share of the joints; people see the worst ones
 _GOOD, _UNALIKE = 1.4, 3.0  # of worst joints: usual of good results; usual of blocks joined at random
-_BAD = 2.0  # ratio of a joint that is seen
-_MOST_BAD = 0.1  # share of the cells with such a joint; good results have .01
+_BAD = 1.7  # ratio of a joint that is seen
+_MOST_BAD = 0.15  # share of the cells with such a joint; good results have .02
 
 
 @dataclasses.dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Joints:
 
     places: Places
     ratios: Float64[np.ndarray, "n s"]
-    """distance of the patch at a joint over the exemplar's to itself, by scale; NaN where a mask covers it"""
+    """distance of the patch at a joint over the usual one of the exemplar, by scale; NaN where masked"""
     cell: int
     """side of the cells, px"""
 
