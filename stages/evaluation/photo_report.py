@@ -49,6 +49,7 @@ def photo_report(
     params: PhotoReportParams,
     foreign: dict[str, Any] | None = None,
     masked: Image | None = None,
+    level: dict[str, Any] | None = None,
     whole: dict[str, Any] | None = None,
     light: dict[str, Any] | None = None,
     provenance: Sequence[Mapping[str, Any]] = (),
@@ -64,6 +65,7 @@ def photo_report(
     image : the texture.
     table : its scores, see `metrics`.
     foreign, masked : table and picture of `foreign_parts`, where these were searched.
+    level : table of `level_surface`, where that was tried.
     whole : table of `between_joints`, where whole periods were searched.
     light : what was found of the light, see `delight`.
     provenance : the steps upstream.
@@ -102,6 +104,10 @@ def photo_report(
         )
     doubts = [table["doubt"] for table in (surface, foreign or {}) if table.get("doubt")]
     rows[2:2] = [("doubt", doubt, ", ".join([*another, _DECIDE])) for doubt in doubts]
+    if level is not None and level["why"]:
+        rows.insert(
+            -3, ("rows and columns", level["why"].partition(" (--set")[0], "--set level=false to leave them")
+        )
     if whole is not None and whole["why"]:
         rows.insert(-3, ("whole periods", whole["why"].partition(" (--set")[0], "--set whole=false to keep all"))
     decisions = [dict(zip(("what", "decided", "change"), row, strict=True)) for row in rows]
