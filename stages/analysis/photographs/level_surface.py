@@ -18,6 +18,7 @@ from texloom.stages.vocabulary.arrays import Image, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Params, stage
 from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels, with_usable
+from texloom.stages.vocabulary.progress import Progress, report
 
 _LOG = logging.getLogger(__name__)
 
@@ -82,6 +83,7 @@ def level_surface(image: Image, generators: Vectors, params: LevelSurfaceParams)
         found = lattice_through(image, known, _STIFFNESS, correlations**2)
     except InputError:  # no lattice is detected
         return kept
+    report(Progress(0.3))
     middle = (np.array([image.height, image.width]) - 1) / 2
     turn = _level(found.generators.astype(np.float64))
     places, targets = (one.astype(np.float64) for one in (found.vertices, found.regular))
@@ -93,6 +95,7 @@ def level_surface(image: Image, generators: Vectors, params: LevelSurfaceParams)
     if not enough or not _LEAST <= moved <= _MOST * shorter:
         return kept
     level = _warped(image, places, targets)
+    report(Progress(0.8))
     own = matrix_product(found.generators.astype(np.float64), turn).astype(np.float32) + np.float32(0)  # no -0
     if _alike(level, own) < _alike(image, generators) + _BETTER:
         return kept

@@ -20,7 +20,7 @@ from texloom.stages.evaluation._measures.task import Task
 from texloom.stages.vocabulary.arrays import ScalarMap
 
 _WORST = 0.1  # share of the joints; people see the worst ones
-_GOOD, _UNALIKE = 1.4, 3.0  # of worst joints: usual of good results; usual of blocks joined at random
+_GOOD, _UNALIKE = 1.6, 2.3  # of worst joints: usual of good results; usual of blocks joined at random
 _BAD = 1.7  # ratio of a joint that is seen
 _MOST_BAD = 0.15  # share of the cells with such a joint; good results have .02
 
