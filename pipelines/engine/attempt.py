@@ -142,6 +142,7 @@ class Attempt:
         run.shared.passed_over.clear()
         for note in run.notes_before:
             self.listener(Note(note))
+        run.shared.artifacts.clear()  # those of a plan may be in the shared store alone
         self._tell_notes(run.shared)
         shared = ScopeRun(run, run.shared, "shared")
         try:

@@ -85,6 +85,8 @@ class Artifact:
     """SHA-256 of its manifest, 64 hexadecimal digits; empty where only its location is used"""
     warnings: tuple[str, ...] = ()
     """what its stage warned of when it was computed"""
+    tables: Mapping[str, Any] | None = None
+    """its tables, where it is not in this store but in a shared one"""
 
     @property
     def folder(self) -> Path:
@@ -325,7 +327,7 @@ class Store:
     def table(self, artifact: Artifact, output: str) -> Any:
         """A table for people to look at, not compared with its digest; none where it cannot be read."""
         try:
-            return dict(json.loads(small_file(artifact.folder / "tables.json")))[output]
+            return dict(artifact.tables or json.loads(small_file(artifact.folder / "tables.json")))[output]
         except NOT_AS_EXPECTED:
             return None
 
