@@ -11,6 +11,7 @@ from texloom.stages.vocabulary.declare import InputError
 _LONGEST = 80  # characters of a value in an error
 _LONGEST_LINE = 2000  # characters of an error
 _MOST_NAMED = 24  # of what there is
+_INSUFFICIENT_MEMORY = -4  # of OpenCV
 
 
 def one_line(text: str) -> str:
@@ -40,13 +41,20 @@ class NoWorkersError(OSError):
 
 def is_resource_error(error: BaseException | None) -> bool:
     """Whether a disk, file or memory failed, and not the program: then a traceback helps nobody."""
-    return isinstance(error, (OSError, MemoryError))
+    return isinstance(error, (OSError, MemoryError)) or _is_lack_of_memory(error)
+
+
+def _is_lack_of_memory(error: BaseException | None) -> bool:
+    """Whether it is that of OpenCV, which is no `MemoryError`; without importing that."""
+    return type(error).__module__ == "cv2" and getattr(error, "code", 0) == _INSUFFICIENT_MEMORY
 
 
 def format_error(error: BaseException | None) -> str:
     """An exception in words."""
     if isinstance(error, AttributeError) and getattr(error.obj, "__name__", "") == "cv2":
         return f"OpenCV is not whole ({error}); `texloom doctor` tells the remedy"
+    if _is_lack_of_memory(error):
+        return "not enough memory"
     return str(error) or "not enough memory" if is_resource_error(error) else repr(error)
 
 

@@ -13,7 +13,10 @@ import PIL.Image
 import pytest
 
 from tests.pipelines.cli.test_main import texloom
+from tests.pipelines.flows import environment
 from tests.pipelines.pictures import png
+from texloom.pipelines import memory
+from texloom.pipelines.errors import format_error, is_resource_error
 from texloom.pipelines.media import locate
 from texloom.pipelines.media.sources import SourceError, open_source
 from texloom.pipelines.memory import memory_limit, parse_memory
@@ -50,6 +53,50 @@ def test_freed_memory_is_kept_for_all_threads() -> None:
     """Otherwise a third of it at most."""
     done = subprocess.run([sys.executable, "-c", FREED], check=True, capture_output=True, text=True)
     assert 55e6 < int(done.stdout) < 65e6
+
+
+GROUPS = {
+    "a container": ("0::/", {"memory.max": 3000}, 3000),
+    "a job": (
+        "0::/slurm/job_1/step_0",
+        {"slurm/job_1/memory.max": 2000, "slurm/job_1/step_0/memory.max": "max"},
+        2000,
+    ),
+    "version 1": ("4:cpu:/job\n7:memory:/job", {"memory/job/memory.limit_in_bytes": 1000}, 1000),
+    "both": ("7:memory:/a\n0::/b", {"memory/a/memory.limit_in_bytes": 2**63, "b/memory.max": 500}, 500),
+    "elsewhere": ("0::/../../job", {"job/memory.max": 500}, None),
+    "none": ("", {}, None),
+}
+
+
+@pytest.mark.parametrize("case", GROUPS)
+def test_limits_of_control_groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: str) -> None:
+    inside, limits, expected = GROUPS[case]
+    (tmp_path / "cgroup").write_text(inside)
+    for name, value in limits.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(f"{value}\n")
+    monkeypatch.setattr(memory, "_GROUP", tmp_path / "cgroup")
+    monkeypatch.setattr(memory, "_GROUPS", tmp_path)
+    whole = memory.machine_memory.__wrapped__()
+    assert whole == expected if expected else whole > 2**20
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="of Linux")
+def test_the_limit_of_the_shell() -> None:
+    code = "from texloom.pipelines.memory import machine_memory; print(machine_memory())"
+    command = ["sh", "-c", f"ulimit -v 2000000; exec {sys.executable} -c '{code}'"]
+    done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment(Path()))
+    assert int(done.stdout) == 2_000_000 * 1024
+
+
+def test_a_lack_of_memory_of_opencv_is_told_as_one() -> None:
+    import cv2
+
+    lacking, other = cv2.error("OpenCV(5.0.0) /io/alloc.cpp:73"), cv2.error("OpenCV(5.0.0) resize.cpp:3845")
+    lacking.code, other.code = -4, -215
+    assert (is_resource_error(lacking), format_error(lacking)) == (True, "not enough memory")
+    assert not is_resource_error(other)
 
 
 @pytest.mark.parametrize(
