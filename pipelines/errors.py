@@ -46,7 +46,8 @@ def is_resource_error(error: BaseException | None) -> bool:
 
 def _is_lack_of_memory(error: BaseException | None) -> bool:
     """Whether it is that of OpenCV, which is no `MemoryError`; without importing that."""
-    return type(error).__module__ == "cv2" and getattr(error, "code", 0) == _INSUFFICIENT_MEMORY
+    is_of_opencv = type(error).__module__ == "cv2"
+    return is_of_opencv and (getattr(error, "code", 0) == _INSUFFICIENT_MEMORY or str(error) == "std::bad_alloc")
 
 
 def format_error(error: BaseException | None) -> str:

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import gc
 import platform
 import subprocess
 import sys
+import weakref
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -13,7 +18,7 @@ import PIL.Image
 import pytest
 
 from tests.pipelines.cli.test_main import texloom
-from tests.pipelines.flows import environment
+from tests.pipelines.flows import environment, open_run, run_local, write_set
 from tests.pipelines.pictures import png
 from texloom.pipelines import memory
 from texloom.pipelines.errors import format_error, is_resource_error
@@ -21,6 +26,8 @@ from texloom.pipelines.media import locate
 from texloom.pipelines.media.sources import SourceError, open_source
 from texloom.pipelines.memory import memory_limit, parse_memory
 from texloom.pipelines.store import codec
+from texloom.stages.lookup.registry import find_stage
+from texloom.stages.vocabulary import declare
 from texloom.stages.vocabulary.declare import InputError
 
 FREED = """
@@ -90,6 +97,29 @@ def test_the_limit_of_the_shell() -> None:
     assert int(done.stdout) == 2_000_000 * 1024
 
 
+def test_what_failed_holds_no_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether Python looks for cycles or not: it does so by the number of objects, not by their size."""
+    stage = find_stage("evaluation.metrics")
+    held: list[weakref.ref[np.ndarray]] = []
+
+    @functools.wraps(stage.function)
+    def function(*_: Any, **__: Any) -> Any:
+        array = np.zeros(1000)
+        held.append(weakref.ref(array))
+        raise MemoryError
+
+    monkeypatch.setitem(declare.declared, stage.name, dataclasses.replace(stage, function=function))
+    run = open_run(write_set(tmp_path))
+    gc.disable()
+    try:
+        told = run_local(run, tmp_path / "out")
+        assert set(told.items.values()) == {"scores failed: not enough memory"}
+        assert len(held) == 6
+        assert not any(one() is not None for one in held)
+    finally:
+        gc.enable()
+
+
 def test_a_lack_of_memory_of_opencv_is_told_as_one() -> None:
     import cv2
 
@@ -97,6 +127,7 @@ def test_a_lack_of_memory_of_opencv_is_told_as_one() -> None:
     lacking.code, other.code = -4, -215
     assert (is_resource_error(lacking), format_error(lacking)) == (True, "not enough memory")
     assert not is_resource_error(other)
+    assert format_error(cv2.error("std::bad_alloc")) == "not enough memory"
 
 
 @pytest.mark.parametrize(
