@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 from collections.abc import Iterable
 from typing import Any
 
@@ -12,6 +13,9 @@ _LONGEST = 80  # characters of a value in an error
 _LONGEST_LINE = 2000  # characters of an error
 _MOST_NAMED = 24  # of what there is
 _INSUFFICIENT_MEMORY = -4  # of OpenCV
+_UNREACHABLE = {
+    errno.EIO, errno.ESTALE, errno.ETIMEDOUT, errno.ENOTCONN, errno.ENODEV, errno.EHOSTDOWN, errno.EHOSTUNREACH,
+}  # fmt: skip
 
 
 def one_line(text: str) -> str:
@@ -37,6 +41,15 @@ def shown(value: Any) -> str:
 
 class NoWorkersError(OSError):
     """The workers of a run do not start; in words."""
+
+
+class UnreachableError(OSError):
+    """A disk that does not answer, or a folder that was there and is not any more; in words."""
+
+
+def is_unreachable(error: BaseException | None) -> bool:
+    """Whether a disk or mount does not answer, which may pass."""
+    return isinstance(error, UnreachableError) or (isinstance(error, OSError) and error.errno in _UNREACHABLE)
 
 
 def is_resource_error(error: BaseException | None) -> bool:

@@ -305,7 +305,7 @@ class Run:
         """Keep what this run has used and the states of its exports by path, and log the run."""
         if self._known_files is not None and self._known_files.is_new:
             user_cache.save(_FILES, self._known_files.entries, _MOST_FILES)
-        if history.used:
+        if history.used and self.store.is_there():
             for name in ("history", "log"):
                 with contextlib.suppress(OSError), self.store.inside(name) as folder:
                     folder.remove_abandoned()  # left by a run that was killed here, after all else

@@ -34,7 +34,7 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from texloom.pipelines.errors import refused
+from texloom.pipelines.errors import UnreachableError, is_unreachable, refused
 from texloom.pipelines.memory import memory_limit
 from texloom.pipelines.store import ownership, removal, usage
 from texloom.pipelines.store.atomic import check_folder, free_space, probe_folder
@@ -120,6 +120,7 @@ class Store:
         self._cache = f"{self.root}/cache"
         self._lease: Lease | None = None
         self._is_claimed = False
+        self._was_there = False
 
     def __reduce__(self) -> Any:
         return Store, (self.root, self.remote)
@@ -141,23 +142,58 @@ class Store:
         return f"{self.records}/{record_name(artifact.stage, artifact.key)}"
 
     def inside(self, *names: str, create: bool = False) -> Folder:
-        """A folder of the store, reached without following a link; errors as of `Folder.at`."""
+        """A folder of the store, reached without following a link; errors as of `Folder.at` and `check_there`."""
+        if create:
+            self.check_there()
         return Folder.at(self.root, *names, create=create)
 
     def check_owned(self) -> None:
         """`InputError` where this user may not use the folder, see `texloom.pipelines.store.ownership`."""
         ownership.check(self.root)
+        self._was_there = self._identity.exists()
+
+    @property
+    def _identity(self) -> Path:
+        return self.root / "identity"
+
+    def check_there(self) -> None:
+        """`UnreachableError` where the store was there once, and does not answer or is not there any more.
+
+        Otherwise what a run makes would be written to the folder on which a disk was mounted, or where the store
+        was before it was moved.
+        """
+        if not self._was_there:
+            return
+        try:
+            self._identity.stat()
+        except (FileNotFoundError, NotADirectoryError):
+            problem = "is not there any more; was it moved, or its disk unmounted?"
+        except OSError as error:
+            problem = f"does not answer: {str(error.strerror).lower()}"
+        else:
+            return
+        raise UnreachableError(f"--store {self.root}: {problem}")
+
+    def is_there(self) -> bool:
+        """Whether `check_there` finds nothing."""
+        try:
+            self.check_there()
+        except UnreachableError:
+            return False
+        return True
 
     def _claim(self) -> None:
         """Make an empty or new folder a store of this user; `InputError` where it is neither that nor one already.
 
         Workers do not call it: the run that they work for has done so, and `check_identity` compares.
         """
+        self.check_there()
         if not self._is_claimed and ownership.marked(self.root) is None:
             self.root.mkdir(parents=True, exist_ok=True)
             self.check_owned()
             ownership.mark(self.root)
         self._is_claimed = True
+        self._was_there = self._was_there or self._identity.exists()
 
     def adopt(self) -> None:
         """Make a store that another user or machine made one of this user too; `InputError` if that fails."""
@@ -185,27 +221,33 @@ class Store:
         except LinkError as error:
             raise refused(f"--store {self.root}: {error.filename} {error.strerror}") from None
         except OSError as error:
+            if self._was_there and is_unreachable(error):
+                raise
             raise InputError(f"--store {self.root}: cannot be written: {error.strerror}") from None
         self.hold()
 
     def identity(self) -> str:
         """A unique name of this folder, by which processes on other machines recognise it."""
         self.create()
-        return (self.root / "identity").read_text()
+        return self._identity.read_text()
 
     def check_identity(self, identity: str) -> None:
         """`InputError` unless this folder is the one that a run on another machine calls by the same path."""
         try:
-            problem = "" if (self.root / "identity").read_text() == identity else "is another folder there"
-        except OSError:
+            problem = "" if self._identity.read_text() == identity else "is another folder there"
+        except OSError as error:
+            if is_unreachable(error):
+                raise
             problem = "is not there"
         if problem:
             raise InputError(f"the store {self.root} {problem}; all workers must see the same one")
+        self._was_there = True
 
     def lock(self, name: str, timeout: float = -1) -> filelock.BaseFileLock:
         """A lock shared by all processes that see the folder; the kernel releases it when its process ends."""
         import filelock
 
+        self.check_there()  # as `filelock` makes folders
         path = self.locks / f"{name}.lock"
         for one in (self.locks, path):  # `filelock` follows links, and empties the file
             if one.is_symlink():
@@ -252,7 +294,9 @@ class Store:
             return None
         except ForeignRecordError as error:
             raise BrokenArtifactError(str(error)) from None
-        except NOT_AS_EXPECTED:
+        except NOT_AS_EXPECTED as error:
+            if is_unreachable(error):
+                self.check_there()  # else it is this file alone that the disk cannot read
             raise BrokenArtifactError("its record cannot be read") from None
 
     def write_record(self, name: str, content: bytes) -> None:
@@ -285,7 +329,7 @@ class Store:
     ) -> Artifact:
         """Write a result that took ``seconds`` to compute. The caller holds the lock of ``key``.
 
-        An existing record belongs to another result and is removed.
+        An existing record belongs to another result and is removed. `UnreachableError` where the store has gone.
         """
         self.forget(stage.name, key)
         folder = self.folder(stage.name, key)
