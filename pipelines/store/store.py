@@ -281,10 +281,10 @@ class Store:
 
     # -- results
 
-    def find(self, stage: str, key: str) -> Artifact | None:
-        """The result of ``key``; `BrokenArtifactError` if it has a record but is not complete."""
+    def find(self, stage: str, key: str, thorough: bool = False) -> Artifact | None:
+        """The result of ``key``, see `check_record`; `BrokenArtifactError` if it has a record and is not whole."""
         record = self.read_record(record_name(stage, key))
-        return None if record is None else self.check_record(record, stage, key)
+        return None if record is None else self.check_record(record, stage, key, thorough)
 
     def read_record(self, name: str) -> dict[str, Any] | None:
         """The record called ``name``, if there is one; `BrokenArtifactError` if it cannot be read."""
@@ -304,10 +304,10 @@ class Store:
         with self.inside() as root, root.child("records") as folder:
             folder.write(name, content, beside=root)  # a small folder, which the end of each run looks through
 
-    def check_record(self, record: Mapping[str, Any], stage: str, key: str) -> Artifact:
+    def check_record(self, record: Mapping[str, Any], stage: str, key: str, thorough: bool = False) -> Artifact:
         """The artifact of ``key`` by its record; `BrokenArtifactError` if it is another's or not complete.
 
-        Files whose size and time match the manifest are trusted, others are compared by digest.
+        Files are compared by digest, those whose size and time match the manifest only if ``thorough``.
         """
         try:
             if (record["stage"], record["key"]) != (stage, key):
@@ -321,7 +321,7 @@ class Store:
                 raise BrokenArtifactError("its record has been altered")
         except NOT_AS_EXPECTED:
             raise BrokenArtifactError("its record cannot be read") from None
-        check_files(place, manifest["files"], thorough=False)
+        check_files(place, manifest["files"], thorough)
         return Artifact(stage, key, place, outputs, digest, tuple(map(str, manifest.get("warnings", ()))))
 
     def save(
