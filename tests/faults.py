@@ -1,4 +1,4 @@
-"""Runs whose surroundings fail: the store's disk, the memory, the clock, another texloom. Nothing is lost.
+"""Runs whose surroundings fail: the store's disk, memory, clock, Prefect server, another texloom. Nothing is lost.
 
 ``python -m tests.faults`` tries each fault with each runner, and prints every problem; ``--fault`` and ``--runner``
 choose some. After each fault a run without it has to end with the files that are expected, and no finished step may
@@ -8,19 +8,22 @@ be computed again.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import errno
 import os
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from tests.conftest import ROOT
 from tests.kills import RUNNERS, _finished, _last, _raised
+from tests.pipelines.engine.prefect.server import Server
 from tests.pipelines.flows import SET, environment, files, paint, write_set
 
 _SECONDS = 240  # that a run may take
@@ -34,6 +37,8 @@ class Place:
         self.folder, self.runner = folder, runner
         self.flow = write_set(_made(folder / "set"), SET)
         self.store, self.faults = folder / "store", _made(folder / "faults")
+        self.server: dict[str, str] = {}
+        """variables by which runs find a Prefect server"""
         self.problems: list[str] = []
 
     def start(
@@ -53,7 +58,7 @@ class Place:
             command = ["sh", "-c", 'ulimit -v "$0"; exec "$@"', str(limit // 1024), *command]
         return subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=self.folder,
-            env={**variables, **faults, "PYTHONPATH": os.pathsep.join(path)}, start_new_session=True,
+            env={**variables, **faults, **self.server, "PYTHONPATH": os.pathsep.join(path)}, start_new_session=True,
         )  # fmt: skip
 
     def set_fault(self, name: str, value: float | None) -> None:
@@ -245,8 +250,53 @@ def memory(place: Place) -> None:
     place.check()
 
 
+@contextlib.contextmanager
+def _serving(place: Place) -> Iterator[Server]:
+    """A Prefect server that runs tell what they do, which has to know in the end that the run has completed."""
+    server = Server(_made(place.folder / "server"))
+    place.set_fault("slow", 0.03)  # so that the set takes longer than the server is away
+    try:
+        place.server = {name: value for name, value in server.environment.items() if name.startswith("PREFECT_")}
+        yield server
+        runs = server.post("flow_runs/filter", {})
+        if [run["state"]["name"] for run in runs] != ["Completed"]:
+            place.problems.append(f"the server knows of {[run['state']['name'] for run in runs]}")
+        steps = server.post("task_runs/filter", {"limit": 200})
+        if states := {step["state"]["name"] for step in steps} - {"Completed", "Cached"}:
+            place.problems.append(f"the server knows of steps that are {', '.join(sorted(states))}")
+        place.server = {}
+    finally:
+        server.stop()
+
+
+def server(place: Place) -> None:
+    """The Prefect server is killed in the middle of the set, and started again after 5 seconds."""
+    with _serving(place) as serving:
+        process = place.start()
+        place.wait_for_results(process, 3)
+        serving.started[-1].kill()
+        time.sleep(5)
+        serving.serve()
+        place.end(process)
+    place.check()
+
+
+def database(place: Place) -> None:
+    """The database of the Prefect server is locked for 20 seconds in the middle of the set."""
+    with _serving(place) as serving:
+        process = place.start()
+        place.wait_for_results(process, 3)
+        with contextlib.closing(sqlite3.connect(serving.folder / "home" / "prefect.db", timeout=30)) as locking:
+            locking.execute("BEGIN EXCLUSIVE")
+            time.sleep(20)
+            locking.rollback()
+        place.end(process)
+    place.check()
+
+
 FAULTS: dict[str, Callable[[Place], None]] = {
-    one.__name__: one for one in (slow, comes_back, vanishes, moved, copied, versions, clock, memory)
+    one.__name__: one
+    for one in (slow, comes_back, vanishes, moved, copied, versions, clock, memory, server, database)
 }
 
 
