@@ -92,7 +92,7 @@ def compute(
                 listener(Note(f"{error}; computing it again"))
             except OSError as error:
                 waits += 1
-                if not is_unreachable(error) or waits > _MAX_WAITS:
+                if waits > _MAX_WAITS or not (is_unreachable(error) or not run.store.is_there()):
                     raise
                 _wait(run.store, error, 2.0**waits / 2, listener)
     finally:

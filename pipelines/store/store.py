@@ -221,6 +221,7 @@ class Store:
         except LinkError as error:
             raise refused(f"--store {self.root}: {error.filename} {error.strerror}") from None
         except OSError as error:
+            self.check_there()
             if self._was_there and is_unreachable(error):
                 raise
             raise InputError(f"--store {self.root}: cannot be written: {error.strerror}") from None

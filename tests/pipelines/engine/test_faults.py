@@ -73,6 +73,15 @@ def test_a_store_that_is_gone_is_not_made_anew(folder: Path, monkeypatch: pytest
     assert files(folder / "again") == one_by_one(folder)
 
 
+def test_a_store_that_goes_while_its_folders_are_made(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = Store(tmp_path / "store")
+    store.create()
+    probe = stores.probe_folder
+    monkeypatch.setattr(stores, "probe_folder", lambda root: (store.root.rename(tmp_path / "moved"), probe(root)))
+    with pytest.raises(UnreachableError):
+        store.create()
+
+
 def test_a_record_that_cannot_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is broken where the disk answers otherwise, and stays where the disk does not."""
 
