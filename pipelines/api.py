@@ -235,6 +235,7 @@ def plan(
     crop: str | None = None,
     reduce: float | str | None = None,
     store: str | os.PathLike[str] | None = None,
+    remote: str | None = None,
 ) -> list[StepPlan]:
     """What `run` would do with the same arguments: which steps are cached, which would run, and why.
 
@@ -242,14 +243,15 @@ def plan(
 
     Parameters
     ----------
-    flow, sources, params, size, seed, seeds, tileable, preset, item, crop, reduce, store : see
+    flow, sources, params, size, seed, seeds, tileable, preset, item, crop, reduce, store, remote : see
         `run`.
 
     Returns
     -------
-    for each step, over a set for each step of each item: ``name``, ``stage``, ``state`` (``cached``, ``run``,
-    ``wait`` for others, ``refused``, ``skipped`` without an optional source), ``reasons`` why it is not cached or
-    is skipped, ``key`` if it is known, and ``item``.
+    for each step, over a set for each step of each item: ``name``, ``stage``, ``state`` (``cached``, ``fetch`` from
+    the shared store, ``run``, ``wait`` for others, ``refused``, ``skipped`` without an optional source),
+    ``reasons`` why it is not cached or is skipped, ``key`` if it is known, ``item``, and ``fetched``, the bytes to
+    fetch.
 
     Raises
     ------
@@ -267,7 +269,7 @@ def plan(
     with tempfile.TemporaryDirectory() as folder, _references(sources or {}, Path(folder)) as references:
         asked = _request(
             flow, references, params, size=size, seed=seed, seeds=seeds, tileable=tileable, preset=preset,
-            item=item, crop=crop, reduce=_text(reduce), store=store,
+            item=item, crop=crop, reduce=_text(reduce), store=store, remote=remote,
         )  # fmt: skip
         opened = open_request(asked)[0]
         _masked_notes(sources or {}, opened.flow)

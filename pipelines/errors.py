@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 from collections.abc import Iterable
 from typing import Any
 
@@ -11,6 +12,10 @@ from texloom.stages.vocabulary.declare import InputError
 _LONGEST = 80  # characters of a value in an error
 _LONGEST_LINE = 2000  # characters of an error
 _MOST_NAMED = 24  # of what there is
+_INSUFFICIENT_MEMORY = -4  # of OpenCV
+_UNREACHABLE = {
+    errno.EIO, errno.ESTALE, errno.ETIMEDOUT, errno.ENOTCONN, errno.ENODEV, errno.EHOSTDOWN, errno.EHOSTUNREACH,
+}  # fmt: skip
 
 
 def one_line(text: str) -> str:
@@ -38,15 +43,32 @@ class NoWorkersError(OSError):
     """The workers of a run do not start; in words."""
 
 
+class UnreachableError(OSError):
+    """A disk that does not answer, or a folder that was there and is not any more; in words."""
+
+
+def is_unreachable(error: BaseException | None) -> bool:
+    """Whether a disk or mount does not answer, which may pass."""
+    return isinstance(error, UnreachableError) or (isinstance(error, OSError) and error.errno in _UNREACHABLE)
+
+
 def is_resource_error(error: BaseException | None) -> bool:
     """Whether a disk, file or memory failed, and not the program: then a traceback helps nobody."""
-    return isinstance(error, (OSError, MemoryError))
+    return isinstance(error, (OSError, MemoryError)) or _is_lack_of_memory(error)
+
+
+def _is_lack_of_memory(error: BaseException | None) -> bool:
+    """Whether it is that of OpenCV, which is no `MemoryError`; without importing that."""
+    is_of_opencv = type(error).__module__ == "cv2"
+    return is_of_opencv and (getattr(error, "code", 0) == _INSUFFICIENT_MEMORY or str(error) == "std::bad_alloc")
 
 
 def format_error(error: BaseException | None) -> str:
     """An exception in words."""
     if isinstance(error, AttributeError) and getattr(error.obj, "__name__", "") == "cv2":
         return f"OpenCV is not whole ({error}); `texloom doctor` tells the remedy"
+    if _is_lack_of_memory(error):
+        return "not enough memory"
     return str(error) or "not enough memory" if is_resource_error(error) else repr(error)
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import os
-from pathlib import Path
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
 
 from texloom.pipelines.byte_size import format_byte_size, parse_byte_size
 from texloom.pipelines.errors import shown
@@ -16,7 +18,8 @@ _UNKNOWN = 4 * 10**9  # bytes, where the machine does not tell
 _KEPT = 2**27  # bytes of freed memory
 _LARGE = 2**25  # bytes of an array from which on its memory is returned at once; the most that glibc accepts
 _MALLOPT = {-8: 1, -3: _LARGE, -1: _KEPT}  # M_ARENA_MAX, M_MMAP_THRESHOLD, M_TRIM_THRESHOLD of malloc.h
-_CONTROL_GROUP = (Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"))
+_GROUP = Path("/proc/self/cgroup")
+_GROUPS = Path("/sys/fs/cgroup")
 
 
 def memory_limit() -> int:
@@ -52,17 +55,41 @@ def check_memory(needed: int) -> str:
 
 @functools.cache
 def machine_memory() -> int:
-    """Bytes of the machine, or of the control group that this process is confined to."""
+    """Bytes of the machine, or that control groups, as of a job of Slurm, or `ulimit -v` leave to this process."""
     try:
         sizes = [os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")]
     except (AttributeError, OSError, ValueError):  # not on Windows
         return _UNKNOWN
-    for path in _CONTROL_GROUP:
-        try:
+    for path in _limits_of_groups():
+        with contextlib.suppress(OSError, ValueError):  # not there, or "max"
             sizes.append(int(path.read_text()))
-        except (OSError, ValueError):  # not there, or "max"
-            continue
+    with contextlib.suppress(ImportError):
+        import resource
+
+        sizes += [size for size in resource.getrlimit(resource.RLIMIT_AS) if size != resource.RLIM_INFINITY]
     return min(sizes)
+
+
+def _limits_of_groups() -> Iterator[Path]:
+    """The files with the limits of the control groups, version 2 or 1, of this process, and of those above."""
+    try:
+        lines = _GROUP.read_text().splitlines()
+    except OSError:
+        lines = []
+    inside = [line.split(":", 2) for line in lines if line.count(":") >= 2]
+    for folder, name, paths in (
+        (_GROUPS, "memory.max", [path for _, controllers, path in inside if not controllers]),
+        (
+            _GROUPS / "memory",
+            "memory.limit_in_bytes",
+            [path for _, kinds, path in inside if "memory" in kinds.split(",")],
+        ),
+    ):
+        yield folder / name
+        for path in paths:
+            group = PurePosixPath(path.lstrip("/"))
+            for one in (group, *group.parents)[:-1]:
+                yield folder / one / name
 
 
 def keep_freed_memory() -> None:

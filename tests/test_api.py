@@ -221,6 +221,7 @@ def test_textures_are_shown_in_notebooks(rgb: np.ndarray) -> None:
         ({"image": 3}, "a value of type int is not a picture"),
         ({"image": np.zeros((40, 50, 2), np.uint8)}, r"an array of shape \(40, 50, 2\) is no image"),
         ({"image": np.zeros(40, np.uint8)}, r"an array of shape \(40,\) is no image"),
+        ({"image": np.array(7, np.uint8)}, r"an array of shape \(\) is no image"),
         ({"image": "nothing.png"}, "no such file"),
         ({"image": {"albedo": np.zeros((8, 8)), "rough ness?": np.zeros((8, 8))}}, "is not the name of a map"),
         ({"mask": np.zeros((40, 40), np.uint8)}, "^mask: must be boolean"),

@@ -74,8 +74,8 @@ def plan(flow: str | None, as_json: bool, out: Path | None, force: bool, **optio
     steps = opened.first_plan
     for note in opened.notes:
         complain(note)
-    if opened.store.remote:
-        complain(f"{opened.store.remote} is not asked by plan; what it has is fetched, not computed, by run")
+    if opened.outage:
+        complain(f"shared store: {opened.outage}; what it has may be missing here")
     whole = summary(opened, steps)
     if as_json:
         taken = whole.footprint
@@ -236,6 +236,7 @@ def _what(opened: Run) -> dict[str, Any]:
 
 
 def _step(entry: StepReport | StepPlan) -> dict[str, Any]:
-    """A step's line of a report; ``item`` only over a set."""
-    left_out = {"problem", "details"} if entry.item is not None else {"problem", "details", "item"}
-    return {name: value for name, value in dataclasses.asdict(entry).items() if name not in left_out}
+    """A step's line of a report; ``item`` only over a set, ``fetched`` only of what is to be fetched."""
+    values = dataclasses.asdict(entry)
+    left_out = {"problem", "details", *(name for name in ("item", "fetched") if not values.get(name))}
+    return {name: value for name, value in values.items() if name not in left_out}

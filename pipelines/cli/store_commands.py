@@ -326,7 +326,9 @@ def _existing(folder: Path) -> Store:
 
 
 def _entry(entry: StoreEntry) -> dict[str, Any]:
-    return {**dataclasses.asdict(entry), "folder": str(entry.folder)}
+    return {
+        "stage": entry.stage, "key": entry.key, "folder": str(entry.folder), "size": entry.size, "used": entry.used,
+    }  # fmt: skip
 
 
 def _print_table(rows: Sequence[tuple[str, ...]]) -> None:

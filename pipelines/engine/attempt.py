@@ -12,6 +12,7 @@ import functools
 import queue
 import re
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
@@ -26,6 +27,7 @@ from texloom.pipelines.engine.keys import KeyParts
 from texloom.pipelines.engine.run import Run, StepFailedError
 from texloom.pipelines.engine.scope import Scope
 from texloom.pipelines.engine.scope_run import ScopeRun
+from texloom.pipelines.errors import UnreachableError, is_unreachable
 from texloom.pipelines.flow.model import Step
 from texloom.pipelines.media.sources import SourceError
 from texloom.pipelines.store.codec import ArtifactError
@@ -39,6 +41,8 @@ T = TypeVar("T")
 
 MAX_RESTARTS = 5
 """how often a run is restarted because of one result that turns out to be broken"""
+_MAX_WAITS = 5  # for a store that does not answer
+_PATIENCE = 300.0  # seconds of each wait
 _MAX_LOST = 3  # workers that may die with a task: another one may have been at fault, or the memory that all need
 
 
@@ -52,7 +56,7 @@ def compute(
 
     A task that is lost with its worker is submitted again, from the second time on when no other one is in flight;
     what is lost again and again has failed. When a result turns out to be broken, its record is removed and the run
-    restarted.
+    restarted; so it is when the store did not answer for a while, as a mount does not.
 
     Parameters
     ----------
@@ -63,15 +67,16 @@ def compute(
     StepFailedError : a stage raised an exception.
     InputError : a stage or source refused what it was given, or there are no workers or no server.
     BrokenStoreError : a result is broken each time that it has been computed again.
+    OSError : the disk of the store is full, or does not answer.
     """
     executor = functools.cache(functools.partial(start, run))
     restarts: Counter[str] = Counter()
-    at_once = True
+    at_once, waits = True, 0
     try:
         while True:
             try:
                 with run.store.used_by_run() as lease:
-                    exports = Attempt(run, executor, listener, out).exports()
+                    exports = Attempt(run, executor, listener, out, waits < _MAX_WAITS).exports()
                     if lease.is_taken:
                         _tidy(run.store, listener)
                 at_once = False
@@ -85,9 +90,29 @@ def compute(
                         f"is the disk of --store {run.store.root} sound, and does no other program write there?"
                     ) from None
                 listener(Note(f"{error}; computing it again"))
+            except OSError as error:
+                waits += 1
+                if waits > _MAX_WAITS or not (is_unreachable(error) or not run.store.is_there()):
+                    raise
+                _wait(run.store, error, 2.0**waits / 2, listener)
     finally:
         if executor.cache_info().currsize:
             executor().stop(at_once)
+
+
+def _wait(store: Store, error: OSError, seconds: float, listener: Listener) -> None:
+    """Wait so long, and until the store answers; `UnreachableError` if it does not for `_PATIENCE` seconds."""
+    problem = str(error) if isinstance(error, UnreachableError) else f"--store {store.root}: {error}"
+    listener(Note(f"{problem}; waiting for it", is_warning=True))
+    deadline = time.monotonic() + _PATIENCE
+    time.sleep(seconds)
+    while True:
+        try:
+            return store.check_there()
+        except UnreachableError:
+            if time.monotonic() > deadline:
+                raise
+        time.sleep(1)
 
 
 def _tidy(store: Store, listener: Listener) -> None:
@@ -119,9 +144,14 @@ class InFlight(StepTask):
 class Attempt:
     """A run up to its end, or to the first broken result."""
 
-    def __init__(self, run: Run, executor: Callable[[], Executor], listener: Listener, out: Path):
-        """``executor``: asked for when there is something to compute."""
-        self.run, self.executor, self.listener = run, executor, listener
+    def __init__(
+        self, run: Run, executor: Callable[[], Executor], listener: Listener, out: Path, is_patient: bool = True
+    ):
+        """``executor``: asked for when there is something to compute.
+
+        ``is_patient``: end where a disk does not answer, as it may later; else the item fails for which that is so.
+        """
+        self.run, self.executor, self.listener, self.is_patient = run, executor, listener, is_patient
         self.history = run.history()
         self.written: dict[str, Path] = {}
         self.exporter = Exporter(run, out, self.history)
@@ -130,7 +160,8 @@ class Attempt:
         """tasks that have lost a worker"""
         self.alone: list[InFlight] = []
         """tasks that have lost several"""
-        self.broken: BrokenArtifactError | None = None
+        self.broken: BrokenArtifactError | OSError | None = None
+        """why it ends: a result turns out to be broken, or the store does not answer"""
         self.thread = threading.get_ident()
         self.messages: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self.ended_items = 0
@@ -142,6 +173,7 @@ class Attempt:
         run.shared.passed_over.clear()
         for note in run.notes_before:
             self.listener(Note(note))
+        run.shared.artifacts.clear()  # those of a plan may be in the shared store alone
         self._tell_notes(run.shared)
         shared = ScopeRun(run, run.shared, "shared")
         try:
@@ -230,6 +262,9 @@ class Attempt:
             artifact = artifact or run.find(step, parts)
         except BrokenArtifactError as error:
             self.listener(Note(f"{scope.label(step)}: the stored result is broken ({error}); computing it again"))
+        except UnreachableError as error:
+            self.broken = error
+            return None
         if artifact is not None:
             self._warn_again(scope.label(step), artifact)
             self._end_step(scope_run, step, parts, artifact, "cached", 0.0)
@@ -285,6 +320,9 @@ class Attempt:
             lost = dataclasses.replace(task, lost=task.lost + 1, threads=0)
             (self.alone if task.lost else self.again).append(lost)
             return
+        if outcome.error is not None and (gone := self._gone(outcome.error)) is not None:
+            self.broken = gone
+            return
         try:
             result = self._result(task, outcome)
         except BrokenArtifactError as error:
@@ -299,6 +337,14 @@ class Attempt:
         for scope_run, step in task.wanted:
             self._end_step(scope_run, step, task.spec.parts, result, state, seconds)
             state, seconds = "failed" if state == "failed" else "cached", 0.0  # for those that waited for it
+
+    def _gone(self, error: BaseException) -> OSError | None:
+        """The error of a store that does not answer, if that may have been why a task failed."""
+        try:
+            self.run.store.check_there()
+        except UnreachableError as gone:
+            return gone
+        return error if self.is_patient and isinstance(error, OSError) and is_unreachable(error) else None
 
     def _warn_again(self, label: str, artifact: Artifact) -> None:
         """Tell what a step warned of when it was computed, which holds for its result whenever it is used."""
@@ -350,8 +396,10 @@ class Attempt:
             return
         try:
             self._export(scope, scope_run)
-        except BrokenArtifactError as error:
-            self.broken = error
+        except (BrokenArtifactError, OSError) as error:
+            self.broken = error if isinstance(error, BrokenArtifactError) else self._gone(error)
+            if self.broken is None:
+                raise
             return
         scope.forget_values()
         self._end_item(scope.name, scope.problem)

@@ -20,6 +20,7 @@ from texloom.pipelines.flow.model import Reference
 from texloom.pipelines.media.delivery import SAME, Delivery
 from texloom.pipelines.store import usage
 from texloom.pipelines.store.atomic import remove_abandoned
+from texloom.pipelines.store.clipping import clipped_map
 from texloom.pipelines.store.history import History
 from texloom.pipelines.store.png_file import TEXEL_SIZE
 from texloom.pipelines.store.types import Hint
@@ -62,6 +63,7 @@ class Exporter:
         export name to file.
         """
         written = {}
+        told: dict[tuple[str, str], tuple[str, list[str]]] = {}
         prefix = "" if scope.name is None else f"{scope.name}/"
         for file, reference in self.run.exports_of(kind).items():
             if (
@@ -101,10 +103,13 @@ class Exporter:
                 self.told.append(f"{file}: not written, as there is no {reference} here")
                 continue
             if not self._shows(export.path.name, reference):  # what shows a result, as a preview does, may clip
-                told = [f"{export.path.name}: {note}" for note in state.get("told", ())]
-                self.told += [note for note in dict.fromkeys(told) if note not in self.told]
+                for note in dict.fromkeys(state.get("told", ())):
+                    role = clipped_map(note)  # what is cut off is told once of a picture, whatever its files
+                    key = (export.path.name, note) if role is None else (str(reference), role)
+                    told.setdefault(key, (note, []))[1].append(export.path.name)
             self.states[place] = state
             written[prefix + file] = export.path
+        self.told += [f"{', '.join(files)}: {note}" for note, files in told.values()]
         return written
 
     def _write(

@@ -1,8 +1,8 @@
 """What memory and disk the steps of large pictures take, told before any of them runs.
 
-Disk is what self-tuning stores, its checkpoints of all scales, its exports and its scratch files (see
-`texloom.stages.vocabulary.scratch`), all of them raw and at the same time; and the image of each
-further step of synthesis.
+Disk of a large result is what self-tuning stores, its checkpoints of all scales, its exports and its scratch
+files (see `texloom.stages.vocabulary.scratch`), all of them raw and at the same time; and the image of each
+further step of synthesis. Of a small result it is what is stored of the exemplar.
 """
 
 from __future__ import annotations
@@ -103,7 +103,8 @@ def disk_of(steps: Sequence[Step], whole: Mapping[str, Step], scope: Scope) -> i
     made = sum(step.stage.name.startswith("synthesis.") for step in steps)
     analysed = min(exemplar, _ANALYSED)
     of_synthesis = _STORED * _channels([scope]) * (result or exemplar) * made
-    return of_synthesis + _STORED_OF_EXEMPLAR * analysed * (len(steps) - made)
+    of_analysis = _STORED_OF_EXEMPLAR * analysed * (len(steps) - made)
+    return of_synthesis + max(of_analysis, _disk_of_exemplars(steps, [scope]))
 
 
 def disk_of_exports(flow: Flow, steps: Sequence[Step], scope: Scope) -> int:
@@ -149,8 +150,9 @@ def describe_seconds(seconds: float) -> str:
 def footprint(steps: Mapping[str, Step], scopes: list[Scope]) -> Footprint | None:
     """What the largest pictures of a flow take; none where none is large, or their sizes are not known yet."""
     pixels, taken = pixels_of_steps(steps, scopes), _exemplar_pixels(steps, scopes)
-    largest = max(pixels.values(), default=0)
-    if max(largest, *taken.values(), 0) <= LARGE:
+    made = {name: pixels[name] for name, step in steps.items() if step.stage.name.startswith("synthesis.")}
+    largest = max([0, *made.values(), *(pixels[name] for name in _sized(steps))])
+    if max(largest, *pixels.values(), *taken.values(), 0) <= LARGE:
         return None
     whole = {}
     for name, step in steps.items():
@@ -159,12 +161,9 @@ def footprint(steps: Mapping[str, Step], scopes: list[Scope]) -> Footprint | Non
         if max(own, taken[name]) > LARGE:
             whole[name] = step.stage.result_bytes * own + step.stage.exemplar_bytes * taken[name]
     if largest <= LARGE:
-        return Footprint(0, 0, whole)
+        return Footprint(0, _disk_of_exemplars(list(steps.values()), scopes), whole)
     channels = _channels(scopes)
-    made = [
-        name for name, count in pixels.items() if count > LARGE and steps[name].stage.name.startswith("synthesis.")
-    ]
-    further = max(0, len(made) - _SELF_TUNING)
+    further = max(0, sum(count > LARGE for count in made.values()) - _SELF_TUNING)
     disk = largest * (_DISK + channels * (_DISK_OF_CHANNEL + _DISK_OF_IMAGE * further))
     return Footprint(int(_BASE + _SHARE * memory_limit()), disk, whole)
 
@@ -188,7 +187,26 @@ def _exemplar_pixels(steps: Mapping[str, Step], scopes: list[Scope]) -> dict[str
 def pixels_of_steps(steps: Mapping[str, Step], scopes: list[Scope]) -> dict[str, int]:
     """The number of pixels of each step's largest result, as far as it is known; else 0."""
     pixels: dict[str, int] = {}
+    sized = _sized(steps)
     for name, step in steps.items():  # each after those that it needs
         own = max((scope.pixels_of(step) for scope in scopes), default=0)
-        pixels[name] = max(own, *(pixels[needed] for needed in step.needs)) if step.needs else own
+        # what takes an exemplar and a start makes something of the start's size
+        like = sized.intersection(step.needs) or step.needs
+        pixels[name] = own or max((pixels[needed] for needed in like), default=0)
     return pixels
+
+
+def _sized(steps: Mapping[str, Step]) -> set[str]:
+    """The steps whose results have a size that was asked for, and those after them."""
+    sized: set[str] = set()
+    for name, step in steps.items():
+        if isinstance(getattr(step.params, "size", None), tuple) or sized.intersection(step.needs):
+            sized.add(name)
+    return sized
+
+
+def _disk_of_exemplars(steps: Sequence[Step], scopes: Sequence[Scope]) -> int:
+    """What is stored of images that analysis makes in the size of an exemplar, in bytes."""
+    analysis = [step for step in steps if step.stage.name.startswith("analysis.")]
+    pixels = sum(max((scope.pixels_of(step) for scope in scopes), default=0) for step in analysis)
+    return _STORED * _channels(scopes) * pixels

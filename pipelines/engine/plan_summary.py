@@ -30,7 +30,7 @@ from texloom.pipelines.store.history import History
 from texloom.pipelines.store.result_files import BrokenArtifactError, read_manifest
 from texloom.stages.vocabulary.sizes import parse_size
 
-_STATES = {"cached": "cached", "run": "to run", "wait": "waiting", "refused": "refused"}
+_STATES = {"cached": "cached", "fetch": "to fetch", "run": "to run", "wait": "waiting", "refused": "refused"}
 _SAMPLES = 8  # items whose earlier results stand for those of all
 
 
@@ -60,6 +60,8 @@ class PlanSummary:
     """steps that are not cached whose time and disk are those of an earlier result"""
     footprint: Footprint | None
     """what large pictures take of memory and disk"""
+    fetched: int = 0
+    """bytes that come from the shared store"""
 
     @property
     def is_refused(self) -> bool:
@@ -70,6 +72,8 @@ class PlanSummary:
         counts = [f"{self.states[state]} {words}" for state, words in _STATES.items() if state in self.states]
         steps = ", ".join(counts)
         lines = [steps if not self.items else f"{self.items} item{'s' * (self.items > 1)}: {steps}"]
+        if "fetch" in self.states:
+            lines.append(f"fetches {format_byte_size(self.fetched)}")
         pending = self.states.get("run", 0) + self.states.get("wait", 0)
         if pending:
             memory, disk = format_byte_size(self.memory), format_byte_size(self.disk)
@@ -86,8 +90,9 @@ def summary(run: Run, steps: Sequence[StepPlan]) -> PlanSummary:
     """What a plan of a run comes to."""
     states: dict[str, int] = dict(Counter(step.state for step in steps))
     pending = [step for step in steps if step.state in ("run", "wait")]
+    fetched = sum(step.fetched for step in steps)
     if not pending:
-        return PlanSummary(len(run.items), states, 0, 0, 0, 0, None)
+        return PlanSummary(len(run.items), states, 0, 0, 0, 0, None, fetched)
     earlier = _earlier(run)
     counts = Counter(step.name for step in pending if step.name in earlier)
     seconds = sum(count * earlier[name].seconds for name, count in counts.items())
@@ -108,7 +113,7 @@ def summary(run: Run, steps: Sequence[StepPlan]) -> PlanSummary:
     large = run.footprint()
     if large is not None:
         memory, disk = large.all_memory, max(disk, large.disk)
-    return PlanSummary(len(run.items), states, seconds, memory, int(disk), counts.total(), large)
+    return PlanSummary(len(run.items), states, seconds, memory, int(disk), counts.total(), large, fetched)
 
 
 def _earlier(run: Run) -> dict[str, Taken]:

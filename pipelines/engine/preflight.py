@@ -75,9 +75,9 @@ class Preflight:
                 )
 
     def _check_footprint(self) -> None:
-        """`InputError` where memory or disk do not suffice for a large result, unless it is in the store."""
+        """`InputError` where memory or disk do not suffice for a large result, unless a store has it."""
         taken = self.run.footprint()
-        if taken is None or all(step.state == "cached" for step in self.run.first_plan):
+        if taken is None or all(step.state in ("cached", "fetch") for step in self.run.first_plan):
             return
         if taken.problem:
             raise InputError(taken.problem)

@@ -7,7 +7,7 @@ import dataclasses
 import hashlib
 import time
 import traceback
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeVar
@@ -34,13 +34,14 @@ from texloom.pipelines.store.store import Artifact, Store
 from texloom.stages.common.grids.working_size import reduction
 from texloom.stages.vocabulary.declare import InputError
 
-State = Literal["cached", "run", "wait", "refused", "skipped"]
+State = Literal["cached", "fetch", "run", "wait", "refused", "skipped"]
 
 T = TypeVar("T")
 
 _MANY = 100  # items of a set whose files are not opened again
 _FILES = "files"
 _MOST_FILES = 30_000  # 7 MB
+_ASKED_AT_ONCE = 16  # items of which a plan asks the shared store
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +51,8 @@ class StepPlan:
     name: str
     stage: str
     state: State
-    """``wait``: its inputs will be computed first; if they come out as before, it is cached after all.
+    """``fetch``: the shared store has its result; ``wait``: its inputs will be computed first; if they come out as
+    before, it is cached after all.
     ``refused``: its item's files are wrong; ``skipped``: an optional source is not given"""
     reasons: tuple[str, ...]
     """why it is not cached, or skipped"""
@@ -58,6 +60,8 @@ class StepPlan:
     """unknown while it waits; none of what is skipped"""
     item: str | None = None
     """the item of a set that it would run for"""
+    fetched: int = 0
+    """bytes that would come from the shared store"""
 
 
 class StepFailedError(Exception):
@@ -111,6 +115,8 @@ class Run:
         """whether what steps report comes with a picture of each scale"""
         self.lacks_shared_store = False
         """whether the shared store has not answered, which is told once"""
+        self.outage = ""
+        """why a plan was made without the shared store, in words; empty where that was asked, or there is none"""
         self._fixed: dict[str, tuple[str, Mapping[str, Any]]] = {}
         self._new_out: Path | None = None
         self._made_out: Path | None = None
@@ -183,21 +189,37 @@ class Run:
     # -- planning
 
     def plan(self) -> list[StepPlan]:
-        """What would happen, from the records alone."""
+        """What would happen, from the records alone, those of the shared store too."""
         earlier = self.history()
+        self.outage = ""
         self.shared.passed_over.clear()
         plans = self._plan_scope(self.shared, "shared", earlier)
+        refused: dict[str, str] = {}
         for item in self.items:
             try:
-                scope = Scope(self.flow, self.store, item, self.shared)
+                self.scopes[item.name] = Scope(self.flow, self.store, item, self.shared)
             except InputError as error:
-                self.scopes[item.name] = None
-                first = next(step for step in self.flow.steps.values() if step.scope == "item")
-                plans.append(StepPlan(first.name, first.stage.name, "refused", (str(error),), None, item.name))
-            else:
-                self.scopes[item.name] = scope
-                plans += self._plan_scope(scope, "item", earlier)
+                self.scopes[item.name], refused[item.name] = None, str(error)
+
+        def of_item(item: Item) -> list[StepPlan]:
+            scope = self.scopes[item.name]
+            if scope is not None:
+                return self._plan_scope(scope, "item", earlier)
+            first = next(step for step in self.flow.steps.values() if step.scope == "item")
+            return [StepPlan(first.name, first.stage.name, "refused", (refused[item.name],), None, item.name)]
+
+        for planned in self._for_each_item(of_item):
+            plans += planned
         return plans + self._plan_scope(self.shared, "final", earlier)
+
+    def _for_each_item(self, plan: Callable[[Item], T]) -> Iterable[T]:
+        """What a function returns for each item, for several at a time where each waits for the shared store."""
+        if not self.store.remote or len(self.items) < 2:
+            return map(plan, self.items)
+        from concurrent.futures import ThreadPoolExecutor
+
+        with ThreadPoolExecutor(_ASKED_AT_ONCE) as pool:
+            return pool.map(plan, self.items)
 
     @cached_property
     def first_plan(self) -> list[StepPlan]:
@@ -224,7 +246,7 @@ class Run:
                 continue
             waits = [name for name in self._awaited(step) if not self._is_known(name, scope)]
             parts = self.parts(step, scope)
-            name = scope.label(step)
+            name, fetched = scope.label(step), 0
             reasons = _changes(parts, earlier.steps.get(name), set(waits))
             state: State = "run"
             if waits:
@@ -239,13 +261,29 @@ class Run:
                 if artifact is not None:
                     scope.artifacts[step.name] = artifact
                     state, reasons = "cached", []
+                elif (there := self._in_shared_store(step, parts, reasons)) is not None:
+                    scope.artifacts[step.name], fetched = there
+                    state, reasons = "fetch", []
                 elif not reasons:
                     reasons = [
                         "its result is no longer in the store" if name in earlier.steps else "never run before"
                     ]
             key = None if waits else parts.key
-            plans.append(StepPlan(step.name, step.stage.name, state, tuple(reasons), key, scope.name))
+            plans.append(StepPlan(step.name, step.stage.name, state, tuple(reasons), key, scope.name, fetched))
         return plans
+
+    def _in_shared_store(self, step: Step, parts: KeyParts, reasons: list[str]) -> tuple[Artifact, int] | None:
+        """What the shared store has of a step, and its bytes; why it is refused is added to the reasons."""
+        if not self.store.remote:
+            return None
+        from texloom.pipelines.store.exchange import exchange_of
+
+        exchange = found(exchange_of(self.store, parts.stage, parts.key))
+        choices = {other.chosen.name for other in self.flow.steps.values() if other.chosen is not None}
+        there = exchange.look(self.store, with_tables=step.name in choices)
+        self.outage = self.outage or exchange.outage
+        reasons += [exchange.refusal] if exchange.refusal else []
+        return there
 
     def _is_known(self, name: str, scope: Scope) -> bool:
         """Whether a step's result is in the store; for all items if it is theirs and ``scope`` the shared one."""
@@ -267,7 +305,7 @@ class Run:
         """Keep what this run has used and the states of its exports by path, and log the run."""
         if self._known_files is not None and self._known_files.is_new:
             user_cache.save(_FILES, self._known_files.entries, _MOST_FILES)
-        if history.used:
+        if history.used and self.store.is_there():
             for name in ("history", "log"):
                 with contextlib.suppress(OSError), self.store.inside(name) as folder:
                     folder.remove_abandoned()  # left by a run that was killed here, after all else

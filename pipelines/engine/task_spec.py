@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import time
-from collections.abc import Mapping
+import traceback
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import pydantic
@@ -149,7 +150,7 @@ def run_task(
         warnings.append(text)
         listener(warning_of(text, spec.label))
 
-    with sharing(threads) if threads is not None else contextlib.nullcontext():
+    with sharing(threads) if threads is not None else contextlib.nullcontext(), _releasing_arrays():
         with (
             listening(_ProgressReports(spec, listener)),
             logging_to(stage.module, warn),
@@ -162,6 +163,19 @@ def run_task(
         artifact = inputs.store.save(stage, spec.parts.key, outputs, provenance, time.perf_counter() - began)
     inputs.keep(spec.step, outputs)
     return artifact.record
+
+
+@contextlib.contextmanager
+def _releasing_arrays() -> Iterator[None]:
+    """Release what the frames of an exception hold, as they are in a cycle: without memory all else would fail."""
+    try:
+        yield
+    except Exception as error:
+        cause: BaseException | None = error
+        while cause is not None:
+            traceback.clear_frames(cause.__traceback__)
+            cause = cause.__context__
+        raise
 
 
 class _ProgressReports:

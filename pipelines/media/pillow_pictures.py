@@ -56,7 +56,7 @@ def header_of(kind: str, file: BinaryIO, data: bool) -> OpenedPicture:
     image = _opened(kind, file)
     width, height = image.size
     check_size(height, width)
-    raw = _raw_mode(image)
+    raw = raw_mode(image)
     depth = 16 if "16" in raw else told.depth
     if image.mode in _ALPHA:
         color, alpha = "Y" if raw == "LA;16B" else _ALPHA[image.mode], told.has_alpha
@@ -162,7 +162,8 @@ def _with_blue(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values[..., :2], np.rint((blue + 1) * 127.5).astype(np.uint8)[..., None]], axis=2)
 
 
-def _raw_mode(image: Any) -> str:
+def raw_mode(image: Any) -> str:
+    """Pillow's name of how the values of a picture stand in its file, such as ``L;2``; empty where it has none."""
     args = image.tile[0].args if image.tile else ""
     mode = args[0] if isinstance(args, tuple) and args else args
     return mode if isinstance(mode, str) else ""

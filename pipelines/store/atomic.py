@@ -66,9 +66,9 @@ def write_atomically(path: Path, content: bytes, durable: bool = True) -> None:
         folder.write(path.name, content, durable)
 
 
-def file_digest(file: Path | BinaryIO) -> str:
+def file_digest(file: str | Path | BinaryIO) -> str:
     """SHA-256 of a file's content, 64 hexadecimal digits; an open file is read from its start."""
-    if isinstance(file, Path):
+    if isinstance(file, (str, Path)):
         with open(file, "rb") as opened:  # noqa: PTH123 (`Path.open` takes longer)
             return file_digest(opened)
     file.seek(0)

@@ -8,6 +8,7 @@ import logging
 import numpy as np
 
 _LOG = logging.getLogger(__name__)
+_CUT_OFF = "of the values are outside of 0..1 and were cut off"
 
 
 @dataclasses.dataclass
@@ -35,8 +36,14 @@ class Clipped:
         if self.below + self.above:
             instead = "heights from 0 to 1, and their scale" if what == "height" else "values from 0 to 1"
             text = (
-                "%s: %.1f %% of the values are outside of 0..1 and were cut off (%.1f %% below 0, %.1f %% above 1, "
+                f"%s: %.1f %% {_CUT_OFF} (%.1f %% below 0, %.1f %% above 1, "
                 "range %.4g .. %.4g); use .exr, which holds them, or %s"
             )
             parts = [100 * part / self.count for part in (self.below + self.above, self.below, self.above)]
             _LOG.warning(text, what, max(parts[0], 0.1), *parts[1:], self.low, self.high, instead)
+
+
+def clipped_map(told: str) -> str | None:
+    """The map of which a text of `Clipped.tell` tells; None of another text."""
+    what = told.partition(":")[0]
+    return ("albedo" if what == "colour" else what) if _CUT_OFF in told else None

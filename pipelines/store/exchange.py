@@ -12,15 +12,22 @@ gives, of the size and digest that the record says; nothing of it is unpickled o
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-from typing import Any
+import io
+import json
+from collections.abc import Collection, Iterator, Mapping
+from typing import Any, BinaryIO
 
 from texloom.pipelines.store import housekeeping
+from texloom.pipelines.store.codec import TABLES
 from texloom.pipelines.store.remote import RemoteError, RestingError, remote_at
 from texloom.pipelines.store.result_files import (
     MANIFEST,
     MAX_JSON_SIZE,
+    NOT_AS_EXPECTED,
     BrokenArtifactError,
+    checked_entries,
     read_manifest,
     small_file,
 )
@@ -47,29 +54,64 @@ class Exchange:
 
     def fetch(self, store: Store) -> Artifact | None:
         """The result, if the shared store has it, put in place here; the caller holds the lock of its key."""
+        with self._keeping_problems():
+            there = self._found()
+            if there is not None:
+                artifact = store.receive(self._stage, self._key, *there, self._download)
+                self.fetched = True
+                return artifact
+        return None
+
+    def look(self, store: Store, with_tables: bool = False) -> tuple[Artifact, int] | None:
+        """What `fetch` would return, by its record alone, and the bytes of its files; nothing is written.
+
+        ``with_tables``: its tables are read too, as what runs depends on them.
+        """
+        with self._keeping_problems():
+            there = self._found()
+            if there is not None:
+                outputs, entries = checked_entries(there[0], self._stage, self._key, there[1])
+                tables = self._tables(entries[TABLES]) if with_tables and TABLES in entries else None
+                artifact = store.location(self._stage, self._key)
+                size = sum(entry["bytes"] for entry in entries.values())
+                return dataclasses.replace(artifact, outputs=outputs, tables=tables), size
+        return None
+
+    def _found(self) -> tuple[bytes, Collection[str]] | None:
+        """The record in the shared store, if it is to be asked and has one, and the names of the outputs."""
         if self._replaces or self.outage:
             return None
         try:
             outputs = find_stage(self._stage).outputs
         except KeyError:  # of a plug-in that this machine lacks, which its caller says
             return None
+        record = self._remote.read(self._record, 0, MAX_JSON_SIZE + 1)
+        return None if record is None else (record, outputs)
+
+    def _download(self, entry: Mapping[str, Any], file: BinaryIO) -> str | None:
+        return self._remote.download(f"files/{entry['sha256']}", entry["bytes"], file)
+
+    def _tables(self, entry: Mapping[str, Any]) -> dict[str, Any]:
+        if entry["bytes"] > MAX_JSON_SIZE:
+            raise BrokenArtifactError(f"{TABLES} is too large")
+        content = io.BytesIO()
+        if self._download(entry, content) != entry["sha256"]:
+            raise BrokenArtifactError(f"{TABLES} is missing, or not what its record says")
         try:
-            record = self._remote.read(self._record, 0, MAX_JSON_SIZE + 1)
-            if record is None:
-                return None
-            artifact = store.receive(
-                self._stage, self._key, record, outputs,
-                lambda entry, file: self._remote.download(f"files/{entry['sha256']}", entry["bytes"], file),
-            )  # fmt: skip
+            return dict(json.loads(content.getvalue()))
+        except NOT_AS_EXPECTED:
+            raise BrokenArtifactError(f"{TABLES} cannot be read") from None
+
+    @contextlib.contextmanager
+    def _keeping_problems(self) -> Iterator[None]:
+        """End the ``with`` block where the storage does not answer, or has what is not as it should be."""
+        try:
+            yield
         except RemoteError as error:
             self.outage, self.is_known = str(error), isinstance(error, RestingError)
-            return None
         except BrokenArtifactError as error:
             self._replaces = True
             self.refusal = f"{self._remote.url}: {self._record} is refused: {error}"
-            return None
-        self.fetched = True
-        return artifact
 
     @property
     def told(self) -> dict[str, Any]:

@@ -8,7 +8,6 @@ only if no living process writes it, and whatever may be used by a run that is g
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import hmac
 import json
 import os
@@ -16,13 +15,14 @@ import re
 import time
 from collections.abc import Collection, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 from texloom.pipelines.byte_size import format_byte_size
 from texloom.pipelines.errors import refused
 from texloom.pipelines.store import ownership, removal, run_log, usage, written
 from texloom.pipelines.store.lease import protected_since
 from texloom.pipelines.store.record import record_name
-from texloom.pipelines.store.result_files import NOT_AS_EXPECTED, BrokenArtifactError, check_files, read_manifest
+from texloom.pipelines.store.result_files import NOT_AS_EXPECTED, BrokenArtifactError
 from texloom.pipelines.store.store import Store
 
 _KEY = re.compile(r"[0-9a-f]{64}")
@@ -36,31 +36,38 @@ _HISTORY_DAYS = 30
 _ROOM = 10  # part of the limit that is made free at once
 
 
-@dataclasses.dataclass(frozen=True)
-class StoreEntry:
+class StoreEntry(NamedTuple):
     """A result, or something else that takes space in the store."""
 
     stage: str | None
     """None where it is not a result but exports of a run or arrays given by a program"""
     key: str | None
-    folder: Path
-    """where it is; a file, if it is an array"""
+    place: str
+    """where it is, as text, as there may be a million"""
     size: int
     """bytes, with its checkpoints"""
     used: float
     """seconds since 1970"""
 
+    @property
+    def folder(self) -> Path:
+        """Where it is; a file, if it is an array."""
+        return Path(self.place)
+
 
 def entries(store: Store) -> list[StoreEntry]:
     """All results, by stage, the least recently used first."""
     unfinished = set(_keys(store, "checkpoints"))
-    found = []
+    found, used = [], usage.times(store.records)
     for stage, key in _keys(store, "cache"):
-        folder = store.folder(stage, key)
-        size = usage.size_of(folder)
+        place = f"{store.root}/cache/{stage}/{key}"
+        size = usage.size_of(place)
         if (stage, key) in unfinished:
             size += usage.size_of(store.root / "checkpoints" / stage / key)
-        found.append(StoreEntry(stage, key, folder, size, store.used(store.location(stage, key))))
+        when = used.get(record_name(stage, key))
+        if when is None:
+            when = store.used(store.location(stage, key))
+        found.append(StoreEntry(stage, key, place, size, when))
     return sorted(found, key=lambda entry: (str(entry.stage), entry.used))
 
 
@@ -77,7 +84,7 @@ def other_entries(store: Store) -> list[StoreEntry]:
     runs = [store.root / "runs" / name for name in written.runs(store.root)]
     arrays = filter(removal.SOURCE.fullmatch, usage.names(store.root / "sources"))
     paths = [*(path for path in runs if path.is_dir()), *(store.root / "sources" / name for name in arrays)]
-    found = [StoreEntry(None, None, path, usage.size_of(path), _last_time(path)) for path in paths]
+    found = [StoreEntry(None, None, str(path), usage.size_of(path), _last_time(path)) for path in paths]
     return sorted(found, key=lambda entry: entry.used)
 
 
@@ -94,20 +101,17 @@ def verify(store: Store) -> Iterator[tuple[StoreEntry, str | None]]:
                     problem = problem_of(store, entry) if entry.folder.exists() else None
                 elif store.locks.is_dir() and os.access(store.locks, os.W_OK):
                     continue  # a run is writing it
-        if entry.folder.exists():
+        if problem is None or entry.folder.exists():
             yield entry, problem
 
 
 def problem_of(store: Store, entry: StoreEntry) -> str | None:
     """What is wrong with a result; every byte is compared."""
     try:
-        if store.find(str(entry.stage), str(entry.key)) is None:
-            return "it has no record"
-        manifest, _ = read_manifest(entry.folder)
-        check_files(entry.folder, manifest["files"], thorough=True)
+        found = store.find(str(entry.stage), str(entry.key), thorough=True)
     except BrokenArtifactError as error:
         return str(error)
-    return None
+    return "it has no record" if found is None else None
 
 
 # -- removing
@@ -209,10 +213,12 @@ def keep_limit(store: Store, measure: bool = True) -> list[StoreEntry]:
 
 def over(store: Store, most: int | None) -> list[StoreEntry]:
     """What `keep_limit` would remove under a limit of so many bytes."""
-    size = usage.size_of(store.root)
-    found = []
+    size = 0 if most is None else usage.size_of(store.root)
+    found: list[StoreEntry] = []
+    if most is None or size <= most:
+        return found
     for entry in _unprotected(store, protected_since(store.root)):
-        if most is None or size <= most:
+        if size <= most:
             break
         found.append(entry)
         size -= entry.size

@@ -37,7 +37,8 @@ class Lease:
         return self
 
     def __exit__(self, *_: Any) -> None:
-        self._stack.close()
+        with contextlib.suppress(OSError):  # of a store that does not answer, which matters less than why it ends
+            self._stack.close()
 
 
 def protected_since(root: Path) -> float:

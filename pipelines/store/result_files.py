@@ -223,7 +223,7 @@ def check_files(folder: str | Path, files: Mapping[str, Mapping[str, Any]], thor
             if status.st_size != entry.get("bytes"):
                 raise BrokenArtifactError(f"{name} has {status.st_size} bytes, not {entry.get('bytes')}")
             same_time = status.st_mtime_ns == entry.get("mtime_ns")
-            if (thorough or not same_time) and file_digest(Path(folder, name)) != entry.get("sha256"):
+            if (thorough or not same_time) and file_digest(f"{folder}/{name}") != entry.get("sha256"):
                 raise BrokenArtifactError(f"{name} has been altered")
         except (OSError, ValueError):
             raise BrokenArtifactError(f"{name} is missing") from None

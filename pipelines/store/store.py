@@ -34,7 +34,7 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from texloom.pipelines.errors import refused
+from texloom.pipelines.errors import UnreachableError, is_unreachable, refused
 from texloom.pipelines.memory import memory_limit
 from texloom.pipelines.store import ownership, removal, usage
 from texloom.pipelines.store.atomic import check_folder, free_space, probe_folder
@@ -85,6 +85,8 @@ class Artifact:
     """SHA-256 of its manifest, 64 hexadecimal digits; empty where only its location is used"""
     warnings: tuple[str, ...] = ()
     """what its stage warned of when it was computed"""
+    tables: Mapping[str, Any] | None = None
+    """its tables, where it is not in this store but in a shared one"""
 
     @property
     def folder(self) -> Path:
@@ -118,6 +120,7 @@ class Store:
         self._cache = f"{self.root}/cache"
         self._lease: Lease | None = None
         self._is_claimed = False
+        self._was_there = False
 
     def __reduce__(self) -> Any:
         return Store, (self.root, self.remote)
@@ -139,23 +142,58 @@ class Store:
         return f"{self.records}/{record_name(artifact.stage, artifact.key)}"
 
     def inside(self, *names: str, create: bool = False) -> Folder:
-        """A folder of the store, reached without following a link; errors as of `Folder.at`."""
+        """A folder of the store, reached without following a link; errors as of `Folder.at` and `check_there`."""
+        if create:
+            self.check_there()
         return Folder.at(self.root, *names, create=create)
 
     def check_owned(self) -> None:
         """`InputError` where this user may not use the folder, see `texloom.pipelines.store.ownership`."""
         ownership.check(self.root)
+        self._was_there = self._identity.exists()
+
+    @property
+    def _identity(self) -> Path:
+        return self.root / "identity"
+
+    def check_there(self) -> None:
+        """`UnreachableError` where the store was there once, and does not answer or is not there any more.
+
+        Otherwise what a run makes would be written to the folder on which a disk was mounted, or where the store
+        was before it was moved.
+        """
+        if not self._was_there:
+            return
+        try:
+            self._identity.stat()
+        except (FileNotFoundError, NotADirectoryError):
+            problem = "is not there any more; was it moved, or its disk unmounted?"
+        except OSError as error:
+            problem = f"does not answer: {str(error.strerror).lower()}"
+        else:
+            return
+        raise UnreachableError(f"--store {self.root}: {problem}")
+
+    def is_there(self) -> bool:
+        """Whether `check_there` finds nothing."""
+        try:
+            self.check_there()
+        except UnreachableError:
+            return False
+        return True
 
     def _claim(self) -> None:
         """Make an empty or new folder a store of this user; `InputError` where it is neither that nor one already.
 
         Workers do not call it: the run that they work for has done so, and `check_identity` compares.
         """
+        self.check_there()
         if not self._is_claimed and ownership.marked(self.root) is None:
             self.root.mkdir(parents=True, exist_ok=True)
             self.check_owned()
             ownership.mark(self.root)
         self._is_claimed = True
+        self._was_there = self._was_there or self._identity.exists()
 
     def adopt(self) -> None:
         """Make a store that another user or machine made one of this user too; `InputError` if that fails."""
@@ -183,27 +221,34 @@ class Store:
         except LinkError as error:
             raise refused(f"--store {self.root}: {error.filename} {error.strerror}") from None
         except OSError as error:
+            self.check_there()
+            if self._was_there and is_unreachable(error):
+                raise
             raise InputError(f"--store {self.root}: cannot be written: {error.strerror}") from None
         self.hold()
 
     def identity(self) -> str:
         """A unique name of this folder, by which processes on other machines recognise it."""
         self.create()
-        return (self.root / "identity").read_text()
+        return self._identity.read_text()
 
     def check_identity(self, identity: str) -> None:
         """`InputError` unless this folder is the one that a run on another machine calls by the same path."""
         try:
-            problem = "" if (self.root / "identity").read_text() == identity else "is another folder there"
-        except OSError:
+            problem = "" if self._identity.read_text() == identity else "is another folder there"
+        except OSError as error:
+            if is_unreachable(error):
+                raise
             problem = "is not there"
         if problem:
             raise InputError(f"the store {self.root} {problem}; all workers must see the same one")
+        self._was_there = True
 
     def lock(self, name: str, timeout: float = -1) -> filelock.BaseFileLock:
         """A lock shared by all processes that see the folder; the kernel releases it when its process ends."""
         import filelock
 
+        self.check_there()  # as `filelock` makes folders
         path = self.locks / f"{name}.lock"
         for one in (self.locks, path):  # `filelock` follows links, and empties the file
             if one.is_symlink():
@@ -237,10 +282,10 @@ class Store:
 
     # -- results
 
-    def find(self, stage: str, key: str) -> Artifact | None:
-        """The result of ``key``; `BrokenArtifactError` if it has a record but is not complete."""
+    def find(self, stage: str, key: str, thorough: bool = False) -> Artifact | None:
+        """The result of ``key``, see `check_record`; `BrokenArtifactError` if it has a record and is not whole."""
         record = self.read_record(record_name(stage, key))
-        return None if record is None else self.check_record(record, stage, key)
+        return None if record is None else self.check_record(record, stage, key, thorough)
 
     def read_record(self, name: str) -> dict[str, Any] | None:
         """The record called ``name``, if there is one; `BrokenArtifactError` if it cannot be read."""
@@ -250,7 +295,9 @@ class Store:
             return None
         except ForeignRecordError as error:
             raise BrokenArtifactError(str(error)) from None
-        except NOT_AS_EXPECTED:
+        except NOT_AS_EXPECTED as error:
+            if is_unreachable(error):
+                self.check_there()  # else it is this file alone that the disk cannot read
             raise BrokenArtifactError("its record cannot be read") from None
 
     def write_record(self, name: str, content: bytes) -> None:
@@ -258,10 +305,10 @@ class Store:
         with self.inside() as root, root.child("records") as folder:
             folder.write(name, content, beside=root)  # a small folder, which the end of each run looks through
 
-    def check_record(self, record: Mapping[str, Any], stage: str, key: str) -> Artifact:
+    def check_record(self, record: Mapping[str, Any], stage: str, key: str, thorough: bool = False) -> Artifact:
         """The artifact of ``key`` by its record; `BrokenArtifactError` if it is another's or not complete.
 
-        Files whose size and time match the manifest are trusted, others are compared by digest.
+        Files are compared by digest, those whose size and time match the manifest only if ``thorough``.
         """
         try:
             if (record["stage"], record["key"]) != (stage, key):
@@ -275,7 +322,7 @@ class Store:
                 raise BrokenArtifactError("its record has been altered")
         except NOT_AS_EXPECTED:
             raise BrokenArtifactError("its record cannot be read") from None
-        check_files(place, manifest["files"], thorough=False)
+        check_files(place, manifest["files"], thorough)
         return Artifact(stage, key, place, outputs, digest, tuple(map(str, manifest.get("warnings", ()))))
 
     def save(
@@ -283,7 +330,7 @@ class Store:
     ) -> Artifact:
         """Write a result that took ``seconds`` to compute. The caller holds the lock of ``key``.
 
-        An existing record belongs to another result and is removed.
+        An existing record belongs to another result and is removed. `UnreachableError` where the store has gone.
         """
         self.forget(stage.name, key)
         folder = self.folder(stage.name, key)
@@ -325,7 +372,7 @@ class Store:
     def table(self, artifact: Artifact, output: str) -> Any:
         """A table for people to look at, not compared with its digest; none where it cannot be read."""
         try:
-            return dict(json.loads(small_file(artifact.folder / "tables.json")))[output]
+            return dict(artifact.tables or json.loads(small_file(artifact.folder / "tables.json")))[output]
         except NOT_AS_EXPECTED:
             return None
 

@@ -81,8 +81,9 @@ class Image:
             pixels = np.concatenate([image.pixels, usable[..., None].astype(np.float32)], axis=2)
             return cls(pixels, (*image.channels, "usable"))
         planes = array[..., None] if array.ndim == 2 else array
-        channels = {1: ("Y",), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}.get(planes.shape[-1])
-        if planes.ndim != 3 or channels is None or 0 in planes.shape:
+        count = planes.shape[-1] if planes.ndim == 3 else 0
+        channels = {1: ("Y",), 3: ("R", "G", "B"), 4: ("R", "G", "B", "A")}.get(count)
+        if channels is None or 0 in planes.shape:
             raise InputError(f"an array of shape {array.shape} is no image; (h, w), (h, w, 3) and (h, w, 4) are")
         if planes.dtype in (np.uint8, np.uint16):
             return cls(linear_from_codes(planes, int(len(channels) == 4)), channels)

@@ -20,6 +20,7 @@ import PIL.Image
 
 from tests.conftest import ROOT
 from tests.fuzz.mutations import mutated, mutated_text, odd_value
+from tests.fuzz.programs import arrays, projects, shared
 from tests.fuzz.studio import messages
 from tests.pipelines.flows import Events, files, run_local, write_flow
 from tests.pipelines.media.test_meshes import PLY, SQUARE_OBJ
@@ -357,6 +358,9 @@ KINDS: dict[str, Callable[[random.Random, Path], None]] = {
         meshes,
         stores,
         messages,
+        arrays,
+        projects,
+        *((shared,) if find_spec("fsspec") is not None else ()),
     )
 }
 

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import gc
 import platform
 import subprocess
 import sys
+import weakref
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -13,11 +18,16 @@ import PIL.Image
 import pytest
 
 from tests.pipelines.cli.test_main import texloom
+from tests.pipelines.flows import environment, open_run, run_local, write_set
 from tests.pipelines.pictures import png
+from texloom.pipelines import memory
+from texloom.pipelines.errors import format_error, is_resource_error
 from texloom.pipelines.media import locate
 from texloom.pipelines.media.sources import SourceError, open_source
 from texloom.pipelines.memory import memory_limit, parse_memory
 from texloom.pipelines.store import codec
+from texloom.stages.lookup.registry import find_stage
+from texloom.stages.vocabulary import declare
 from texloom.stages.vocabulary.declare import InputError
 
 FREED = """
@@ -50,6 +60,74 @@ def test_freed_memory_is_kept_for_all_threads() -> None:
     """Otherwise a third of it at most."""
     done = subprocess.run([sys.executable, "-c", FREED], check=True, capture_output=True, text=True)
     assert 55e6 < int(done.stdout) < 65e6
+
+
+GROUPS = {
+    "a container": ("0::/", {"memory.max": 3000}, 3000),
+    "a job": (
+        "0::/slurm/job_1/step_0",
+        {"slurm/job_1/memory.max": 2000, "slurm/job_1/step_0/memory.max": "max"},
+        2000,
+    ),
+    "version 1": ("4:cpu:/job\n7:memory:/job", {"memory/job/memory.limit_in_bytes": 1000}, 1000),
+    "both": ("7:memory:/a\n0::/b", {"memory/a/memory.limit_in_bytes": 2**63, "b/memory.max": 500}, 500),
+    "elsewhere": ("0::/../../job", {"job/memory.max": 500}, None),
+    "none": ("", {}, None),
+}
+
+
+@pytest.mark.parametrize("case", GROUPS)
+def test_limits_of_control_groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: str) -> None:
+    inside, limits, expected = GROUPS[case]
+    (tmp_path / "cgroup").write_text(inside)
+    for name, value in limits.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(f"{value}\n")
+    monkeypatch.setattr(memory, "_GROUP", tmp_path / "cgroup")
+    monkeypatch.setattr(memory, "_GROUPS", tmp_path)
+    whole = memory.machine_memory.__wrapped__()
+    assert whole == expected if expected else whole > 2**20
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="of Linux")
+def test_the_limit_of_the_shell() -> None:
+    code = "from texloom.pipelines.memory import machine_memory; print(machine_memory())"
+    command = ["sh", "-c", f"ulimit -v 2000000; exec {sys.executable} -c '{code}'"]
+    done = subprocess.run(command, check=True, capture_output=True, text=True, env=environment(Path()))
+    assert int(done.stdout) == 2_000_000 * 1024
+
+
+def test_what_failed_holds_no_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether Python looks for cycles or not: it does so by the number of objects, not by their size."""
+    stage = find_stage("evaluation.metrics")
+    held: list[weakref.ref[np.ndarray]] = []
+
+    @functools.wraps(stage.function)
+    def function(*_: Any, **__: Any) -> Any:
+        array = np.zeros(1000)
+        held.append(weakref.ref(array))
+        raise MemoryError
+
+    monkeypatch.setitem(declare.declared, stage.name, dataclasses.replace(stage, function=function))
+    run = open_run(write_set(tmp_path))
+    gc.disable()
+    try:
+        told = run_local(run, tmp_path / "out")
+        assert set(told.items.values()) == {"scores failed: not enough memory"}
+        assert len(held) == 6
+        assert not any(one() is not None for one in held)
+    finally:
+        gc.enable()
+
+
+def test_a_lack_of_memory_of_opencv_is_told_as_one() -> None:
+    import cv2
+
+    lacking, other = cv2.error("OpenCV(5.0.0) /io/alloc.cpp:73"), cv2.error("OpenCV(5.0.0) resize.cpp:3845")
+    lacking.code, other.code = -4, -215
+    assert (is_resource_error(lacking), format_error(lacking)) == (True, "not enough memory")
+    assert not is_resource_error(other)
+    assert format_error(cv2.error("std::bad_alloc")) == "not enough memory"
 
 
 @pytest.mark.parametrize(

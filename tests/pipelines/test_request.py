@@ -37,7 +37,6 @@ NOT_OF = {
     "texloom.run": {"pictures": "sources name them"},
     "texloom.plan": {
         "pictures": "sources name them",
-        "remote": "looks at the store here alone",
         **dict.fromkeys(
             ("exports", "out", "force", "layout", "texel_size", "color_space", "udim", "material"), "writes nothing"
         ),

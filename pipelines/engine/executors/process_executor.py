@@ -44,7 +44,9 @@ class ProcessExecutor(Executor):
                 self.store.create()
                 self._pool = ProcessPool(self.workers)
             shared = shared_part(self.store, task.spec.parts.key)
-            payload = Payload(task.spec.to_json(), str(self.store.root), task.threads, **shared)
+            payload = Payload(
+                task.spec.to_json(), str(self.store.root), task.threads, self.store.identity(), **shared
+            )
             future = self._pool.submit(compute_once, payload, task.tell)
             future.add_done_callback(functools.partial(_end, task))
 

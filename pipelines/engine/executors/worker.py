@@ -13,7 +13,7 @@ from typing import Any
 from texloom.pipelines.engine.events import Event, Listener, Note, Shared, StepProgress, StepStarted
 from texloom.pipelines.engine.executors.executor import Outcome, StepTask
 from texloom.pipelines.engine.task_spec import Inputs, TaskSpec, check_same, run_task
-from texloom.pipelines.errors import format_error, is_resource_error, one_line
+from texloom.pipelines.errors import UnreachableError, format_error, is_resource_error, is_unreachable, one_line
 from texloom.pipelines.media.sources import SourceError
 from texloom.pipelines.store.atomic import probe_folder
 from texloom.pipelines.store.exchange import exchange_of
@@ -140,6 +140,8 @@ def _compute(spec: TaskSpec, store: Store, threads: int | Mapping[str, int], tel
         raise (SourceError if isinstance(error, SourceError) else InputError)(f"{error}{where}") from None
     except Exception as error:
         problem = one_line(format_error(error))
+        if is_unreachable(error):
+            raise UnreachableError(problem) from None
         raise (
             OSError(problem) if is_resource_error(error) else WorkerError(problem, traceback.format_exc())
         ) from None

@@ -24,6 +24,7 @@ from texloom.pipelines.media.material_export import (
 )
 from texloom.pipelines.media.material_maps import Map, holds_vectors, unread, with_curve, with_x_in_alpha
 from texloom.pipelines.media.picture_facts import is_in_blocks
+from texloom.pipelines.media.pillow_pictures import raw_mode
 from texloom.pipelines.media.relief import relief_of
 from texloom.pipelines.media.writers.encodings import can_encode, encoded
 from texloom.pipelines.media.writers.layouts import tiles_of
@@ -34,8 +35,10 @@ from texloom.pipelines.store.png_file import png, with_facts
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.facts import Facts
 
-_OF_PRINT = (".jpg", ".jpeg", ".tif", ".tiff", ".psd")
-"""formats that may hold CMYK or Lab"""
+_OF_OTHER_MODES = (".jpg", ".jpeg", ".tif", ".tiff", ".psd", ".png", ".bmp", ".gif", ".tga")
+"""formats that may hold CMYK, Lab, palettes, or fewer than 8 bits"""
+_FEW_BITS = {"1": "1 bit is", "L;2": "2 bits are", "L;4": "4 bits are"}
+"""by the names of Pillow"""
 _LOG = logging.getLogger(__name__)
 
 
@@ -80,7 +83,7 @@ def write_same(
 
 def _tell_of_form(path: Path) -> None:
     """Say that a file is written in another form: DDS without blocks, as Pillow's lose too much, 26 to 34 dB on
-    photographs; CMYK and Lab in RGB.
+    photographs; CMYK, Lab and palettes, also of greys, in RGB; fewer bits as 8.
     """
     import PIL.Image
 
@@ -89,10 +92,14 @@ def _tell_of_form(path: Path) -> None:
             with path.open("rb") as file:
                 if is_in_blocks(file.read(132)):
                     _LOG.warning("%s: written uncompressed, as blocks (BC1 to BC7) are only read", path.name)
-        elif path.suffix.lower() in _OF_PRINT:
+        elif path.suffix.lower() in _OF_OTHER_MODES:
             with PIL.Image.open(path) as picture:
                 if (name := MODES.get(picture.mode)) is not None:
                     _LOG.warning("%s: written in sRGB, as %s is only read", path.name, name)
+                elif picture.mode in ("P", "PA"):
+                    _LOG.warning("%s: written in RGB, as palettes are only read", path.name)
+                elif (bits := _FEW_BITS.get(picture.mode) or _FEW_BITS.get(raw_mode(picture))) is not None:
+                    _LOG.warning("%s: written in 8 bits, as %s only read", path.name, bits)
 
 
 def _values(image: Image, held: Sequence[Map], delivery: Delivery) -> np.ndarray:

@@ -64,6 +64,22 @@ def test_what_is_cut_off_is_told(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "texture.png").stat().st_mtime_ns == written
 
 
+def test_what_is_cut_off_is_told_once_of_a_picture(tmp_path: Path) -> None:
+    bright = np.full((20, 20, 3), 0.5, np.float32)
+    bright[2:10] = 3
+    source = file_source(bright, tmp_path)
+    text = FLOW.replace("  guide: GUIDE\n", "").replace("EXEMPLAR", source)
+    text = text.replace("{image: guide}", "{image: exemplar}").replace("size: 16}}\nexports", "size: 12}}\nexports")
+    (tmp_path / "flow.yaml").write_text(f"{text}  a.tif: part.image\n  maps/: part.image\n  a.jpg: part.image\n")
+    for _ in range(2):  # written, and left as they are
+        told = run_local(open_run(tmp_path / "flow.yaml"), tmp_path / "out")
+        notes = [note for note in told.notes if "were cut off" in note]
+        assert [note.partition(": albedo: ")[0] for note in notes] == [
+            "texture.png, a.tif, maps, a.jpg",
+            "guide.png",
+        ]
+
+
 def test_maps_and_8_bits_tell_too(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     pixels = np.full((8, 8, 4), 0.5, np.float32)
     pixels[:2, :, 3] = -0.01  # m

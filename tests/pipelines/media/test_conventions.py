@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -349,6 +350,32 @@ def test_colours_of_print_are_told(
     source = open_source("exemplar", str(folder))
     write_same(source.read(), tmp_path / "out", source.maps, Delivery("same"), {})
     assert caplog.messages == [f"s_albedo.{suffix}: written in sRGB, as {name} is only read"]
+
+
+def test_palettes_and_few_bits_are_told(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    folder = folder_of(tmp_path, "s_height")
+    greys = PIL.Image.fromarray(np.arange(np.prod(SIDES)).reshape(SIDES).astype(np.uint8))
+    greys.convert("P").save(folder / "s_albedo.png")
+    greys.convert("1").save(folder / "s_opacity.tif")
+    (folder / "s_roughness.png").write_bytes(png_of_4_bits(*SIDES))
+    source = open_source("exemplar", str(folder))
+    write_same(source.read(), tmp_path / "out", source.maps, Delivery("same"), {})
+    assert set(caplog.messages) == {
+        "s_albedo.png: written in RGB, as palettes are only read",
+        "s_opacity.tif: written in 8 bits, as 1 bit is only read",
+        "s_roughness.png: written in 8 bits, as 4 bits are only read",
+    }
+
+
+def png_of_4_bits(height: int, width: int) -> bytes:
+    """A grey PNG, black."""
+
+    def chunk(kind: bytes, content: bytes) -> bytes:
+        return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+
+    head = struct.pack(">2I5B", width, height, 4, 0, 0, 0, 0)
+    lines = zlib.compress(bytes(height * (1 + -(-width // 2))))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", lines) + chunk(b"IEND", b"")
 
 
 def psd_of(levels: np.ndarray) -> bytes:

@@ -15,6 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+import PIL.Image
 import pytest
 
 pytest.importorskip("fsspec")
@@ -23,9 +25,12 @@ from fsspec.implementations.memory import MemoryFileSystem
 
 import texloom as api
 from tests.pipelines.cli.test_main import texloom
+from tests.pipelines.engine.test_choices import CHOOSING, write
 from tests.pipelines.flows import Events, files, write_flow
 from texloom.pipelines.engine.events import Recorder, Shared
 from texloom.pipelines.engine.executors import worker
+from texloom.pipelines.engine.footprint import Footprint
+from texloom.pipelines.engine.preflight import Preflight
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.command_list import command_list
@@ -184,6 +189,101 @@ def test_the_first_record_stays(tmp_path: Path, url: str) -> None:
         assert ours.uploaded == (manifests[0].read_bytes() == manifests[1].read_bytes())
     assert objects(url, "records") == records
     assert run(tmp_path, "third", url).states == {"cached"}
+
+
+# -- plans
+
+
+SET = """
+flow: set
+sources: {exemplar: {each: 'walls/*.png'}}
+steps:
+  edges: {stage: analysis.edges, inputs: {image: exemplar}, params: {detector: gradient}}
+  structure: {stage: analysis.otsu, inputs: {strength: edges.strength}}
+exports: {structure.png: structure.structure}
+"""
+
+
+def planned(folder: Path, name: str, url: str) -> Run:
+    """A run on a store of its own that has been planned."""
+    opened = Run(open_flow(folder / "flow.yaml", Overrides()), Store(folder / name, url))
+    assert opened.first_plan
+    return opened
+
+
+def states_of(opened: Run) -> dict[str, str]:
+    return {"/".join(filter(None, (step.item, step.name))): step.state for step in opened.first_plan}
+
+
+def test_a_plan_asks_for_records_alone(tmp_path: Path, url: str) -> None:
+    run(tmp_path, "first", url)
+    (record,) = [name for name in objects(url, "records") if "/analysis.signed_distance/" in name]
+    Flaky.requests.clear()
+    assert states_of(planned(tmp_path, "second", url)) == dict.fromkeys(STEPS, "fetch")
+    assert len(Flaky.requests) == 3
+    assert all(one.startswith("GET") and "/records/" in one for one in Flaky.requests)
+    assert not (tmp_path / "second").exists()
+    put(record, b"{}")
+    opened = planned(tmp_path, "second", url)
+    assert states_of(opened) == {"edges": "fetch", "structure": "fetch", "distance": "run"}
+    (reason,) = opened.first_plan[-1].reasons
+    assert " is refused: " in reason
+    run(tmp_path, "second", "")
+    Flaky.requests.clear()
+    assert set(states_of(planned(tmp_path, "second", url)).values()) == {"cached"}
+    assert not Flaky.requests
+
+
+def test_a_plan_of_a_set_asks_for_every_item(tmp_path: Path, url: str) -> None:
+    (tmp_path / "walls").mkdir()
+    for number in range(20):
+        picture = np.random.default_rng(number).integers(0, 256, (24, 24)).astype(np.uint8)
+        PIL.Image.fromarray(picture).save(tmp_path / "walls" / f"{number:02}.png")
+    (tmp_path / "flow.yaml").write_text(SET)
+    (tmp_path / "walls" / "07.png").rename(tmp_path / "seventh.png")
+    run(tmp_path, "first", url)
+    (tmp_path / "seventh.png").rename(tmp_path / "walls" / "07.png")
+    opened = planned(tmp_path, "second", url)
+    expected = {f"{number:02}/{step}": "fetch" for number in range(20) for step in ("edges", "structure")}
+    assert states_of(opened) == expected | {"07/edges": "run", "07/structure": "wait"}
+    assert list(states_of(opened)) == list(expected), "in the order of the items"
+    assert list(opened.scopes) == [item.name for item in opened.items]
+
+
+def test_a_plan_knows_what_was_chosen_elsewhere(tmp_path: Path, url: str, rng: np.random.Generator) -> None:
+    write(tmp_path, CHOOSING, rng)
+    first = run(tmp_path, "first", url)
+    opened = planned(tmp_path, "second", url)
+    assert set(states_of(opened).values()) == {"fetch"}
+    assert [step.name for step in opened.skipped()] == ["noise_part", "noise_scores"]
+    recorder = Recorder(Events())
+    execute(opened, recorder, tmp_path / "out")  # of a run whose plan was made before, as of large exemplars
+    assert recorder.shared == {"fetched": first.shared["uploaded"], "uploaded": 0, "failed": 0}
+    assert files(tmp_path / "out") == first.exports
+
+
+def test_a_large_result_that_is_fetched_is_not_refused(
+    tmp_path: Path, url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(tmp_path, "first", url)
+    monkeypatch.setattr(Run, "footprint", lambda _: Footprint(memory=0, disk=2**60, in_memory={}))
+    alone, shared = (
+        Run(open_flow(tmp_path / "flow.yaml", Overrides()), Store(tmp_path / "b", one)) for one in ("", url)
+    )
+    with pytest.raises(InputError, match=r"are free there$"):
+        Preflight(alone).check(tmp_path / "out")
+    Preflight(shared).check(tmp_path / "out")
+
+
+def test_a_plan_is_made_without_a_storage_that_does_not_answer(tmp_path: Path, url: str) -> None:
+    path = write_flow(tmp_path)
+    run(tmp_path, "first", url)
+    Flaky.answers[:] = ["", *["drop"] * 99]
+    result = texloom("plan", path, "--store", tmp_path / "second", "--remote", url)
+    assert result.code == 0
+    assert result.err.startswith(f"shared store: {url}: ")
+    assert result.err.count("\n") == 1
+    assert "1 to fetch, 1 to run, 1 waiting; fetches " in result.out
 
 
 # -- a storage that fails
@@ -419,8 +519,16 @@ def test_python_and_the_variable(tmp_path: Path, url: str, monkeypatch: pytest.M
     assert json.loads(result.out)["shared"] == {"remote": url, "fetched": 3, "uploaded": 0, "failed": 0}
     assert "3 cached in " in result.err
     assert "; 3 fetched; " in result.err
-    told = texloom("plan", path, "--store", tmp_path / "c").err
-    assert told == f"{url} is not asked by plan; what it has is fetched, not computed, by run\n"
+    planned = json.loads(texloom("plan", path, "--store", tmp_path / "c", "--json").out)
+    assert planned["summary"]["states"] == {"fetch": 3}
+    kept = files(tmp_path / "a" / "cache")
+    assert planned["summary"]["fetched"] == sum(
+        len(content) for name, content in kept.items() if not name.endswith(MANIFEST)
+    )
+    monkeypatch.delenv("TEXLOOM_REMOTE")
+    assert {step.state for step in api.plan(path, store=tmp_path / "c", remote=url)} == {"fetch"}
+    assert {step.state for step in api.plan(path, store=tmp_path / "c")} == {"run", "wait"}
+    assert not (tmp_path / "c").exists()
     opened = Run(open_flow(path, Overrides()), Store(tmp_path / "b", url))
     (line,) = command_list(opened.flow, [], tmp_path / "b", tmp_path / "out", False, url).lines()
     assert line.endswith(f"--remote {url}")
@@ -478,6 +586,7 @@ def test_s3(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         url = "s3://textures/shared"
         first = run(tmp_path, "first", url)
         assert first.shared == {"fetched": 0, "uploaded": 3, "failed": 0}
+        assert set(states_of(planned(tmp_path, "second", url)).values()) == {"fetch"}
         second = run(tmp_path, "second", url)
         assert (second.states, second.shared["fetched"], second.exports) == ({"cached"}, 3, first.exports)
         at = remote.remote_at(url)

@@ -39,8 +39,14 @@ class Server:
         # one: each reads the certificates of the system; no connection is kept that the server might close
         self.client = httpx.Client(timeout=120, limits=httpx.Limits(max_keepalive_connections=0))
         self.started: list[subprocess.Popen[bytes]] = []
-        self.start("server", "start", "--host", "127.0.0.1", "--port", str(port))
+        self._port = str(port)
+        self.serve()
+
+    def serve(self) -> subprocess.Popen[bytes]:
+        """Start the server, once more after it was killed, and wait until it answers."""
+        self.start("server", "start", "--host", "127.0.0.1", "--port", self._port)
         wait_for(lambda: self.post("health", method="GET"))
+        return self.started[-1]
 
     def start(self, *arguments: str) -> None:
         """Start a command of Prefect that goes on."""
