@@ -60,7 +60,7 @@ class Previewer:
         self.attached = scratch / f"attached-{os.getpid()}"
         self.store = Store(scratch / "store")
         set_limit(self.store, _MOST_BYTES)
-        self.reducer = Reducer(self.store.root / "sources")
+        self.reducer = Reducer(self.store.root / "sources", places)
         others = {"attached": self.attached, "reduced": self.reducer.folder}
         self._charts: dict[Any, bool] = {}
         self.library = Library(Path(places.folder), Path(places.store), **others)

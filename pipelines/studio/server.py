@@ -64,6 +64,7 @@ def application(places: Places, codes: Codes, port: int, files: ProjectFiles) ->
         tasks = [asyncio.create_task(one) for one in (studio.jobs.work(), studio.saver.work())]
         studio.begin()
         studio.reader.start()
+        studio.keeper.start()
         studio.spares.prepare()
         yield
         for task in tasks:
@@ -292,8 +293,9 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
 
     @app.get("/api/layers")
     async def layers(item: str) -> ExrContents:
-        file = _exr(studio, item)
-        header, _ = unpacked(await studio.keeper.answer(LayersWork(file=str(file))))
+        file = _looked_at(studio, item)
+        studio.tiler.start()  # which is asked next
+        header, _ = unpacked(await studio.keeper.answer(LayersWork(file=file)))
         described = work.LayersRead.model_validate_json(header).layers
         studio.opened[described.key] = file
         return described
@@ -307,9 +309,8 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
     async def tile(key: str, layer: int, level: int, row: int, column: int) -> Response:
         if key not in studio.opened:
             raise HTTPException(404)
-        file = str(studio.opened[key])
         wanted = TileWork.model_validate(
-            {"key": key, "file": file, "layer": layer, "level": level, "row": row, "column": column}
+            {"key": key, "file": studio.opened[key], "layer": layer, "level": level, "row": row, "column": column}
         )
         _, payload = unpacked(await studio.tiler.answer(wanted))
         return Response(bytes(payload), media_type="image/png")
@@ -322,15 +323,15 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
         return Response(bytes(payload), media_type="image/png")
 
 
-def _exr(studio: Studio, item: str) -> Path:
-    """The EXR of ``job:ID:FILE``, ``result:KEY`` or a picture of the library."""
+def _looked_at(studio: Studio, item: str) -> str:
+    """The file of ``job:ID:FILE``, the EXR of ``result:KEY``, or a picture of the library as flows refer to it."""
     kind, _, name = item.partition(":")
     if kind == "job":
         job, _, file = name.partition(":")
-        return _exports(studio, job, file) / file
+        return str(_exports(studio, job, file) / file)
     if kind == "result":
-        return past_runs.artifact_file(studio.store.root, name, "result.exr")
-    return Path(studio.library.reference(item))
+        return str(past_runs.artifact_file(studio.store.root, name, "result.exr"))
+    return studio.library.reference(item)
 
 
 def _known(studio: Studio, job: str) -> Job:
