@@ -63,8 +63,8 @@ def application(places: Places, codes: Codes, port: int, files: ProjectFiles) ->
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         tasks = [asyncio.create_task(one) for one in (studio.jobs.work(), studio.saver.work())]
         studio.begin()
-        studio.reader.start()
-        studio.keeper.start()
+        for one in (studio.reader, studio.keeper, studio.tiler):
+            one.start()
         studio.spares.prepare()
         yield
         for task in tasks:
@@ -294,7 +294,6 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
     @app.get("/api/layers")
     async def layers(item: str) -> ExrContents:
         file = _looked_at(studio, item)
-        studio.tiler.start()  # which is asked next
         header, _ = unpacked(await studio.keeper.answer(LayersWork(file=file)))
         described = work.LayersRead.model_validate_json(header).layers
         studio.opened[described.key] = file

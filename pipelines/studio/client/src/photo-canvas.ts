@@ -52,7 +52,7 @@ export class PhotoCanvas extends PictureView {
 
   /** Screen px of a px of the photograph. */
   private get unit(): number {
-    return (this.scale * this.picture!.width) / this.photo.width;
+    return (this.scale * this.size!.width) / this.photo.width;
   }
 
   private onScreen([row, column]: Spot): [number, number] {
@@ -81,7 +81,7 @@ export class PhotoCanvas extends PictureView {
 
   protected override drawMarks(context: CanvasRenderingContext2D, left: number, top: number, scale: number): void {
     this.origin = { left, top, scale };
-    const { width, height } = this.picture!;
+    const { width, height } = this.size!;
     for (const area of this.areas.values()) context.drawImage(area, left, top, width * scale, height * scale);
     for (const patch of this.document.patches) this.drawPatch(context, patch);
     if (this.streamlines && !this.grabbed) this.drawStreamlines(context, this.streamlines);

@@ -4,6 +4,7 @@ import { customElement, query, state } from "lit/decorators.js";
 import { surface } from "./bezier";
 import type { Draft } from "./drafts";
 import { choice, failure, undoButtons } from "./fields";
+import { viewed } from "./large-pictures";
 import { LayerPreview } from "./layer-preview";
 import { MaterialLayer } from "./material-layer";
 import type { PatchRecipe, PhotoPatch, PhotoProposal, Recipe, ToPage } from "./messages";
@@ -15,11 +16,9 @@ import { changed, cleared, documentOf, EMPTY, type Handle, painted, type PhotoDo
 import { photoFlow, PURPOSES, type Settings } from "./photo-flows";
 import { type Area, AREAS, areasSide, makeSide, slider } from "./photo-sides";
 import "./picture-view";
-import { bitmap, pictureAddress } from "./server";
 import { screenPixels, sides, sizeText } from "./sizes";
 import { canvasOf, type Payload } from "./studio";
 
-const SIDE = 2048; // px of the photograph that is shown, at most
 const FRONT = 320; // px of the patch as seen from the front
 const STEPS = { surface: "Surface", areas: "Areas", make: "Make" } as const;
 type Step = keyof typeof STEPS;
@@ -66,7 +65,7 @@ export class PhotographView extends MaterialLayer {
     const kept = documentOf(this.kept?.surfaces);
     const known = photos.get(picture.id);
     if (!known || JSON.stringify(known.undo.now) !== JSON.stringify(kept)) {
-      const loaded = known?.bitmap ?? (await this.studio.attempt(bitmap(pictureAddress(picture.id, SIDE))));
+      const loaded = known?.viewed ?? (await this.studio.attempt(viewed(picture.id, picture)));
       if (!loaded) return;
       photos.set(picture.id, new Photo(picture, loaded, kept, known?.areas));
     }
@@ -259,7 +258,7 @@ export class PhotographView extends MaterialLayer {
         })}
         <span class="state" role="status">${this.status(photo)}</span>
       </div>
-      <div class="spaces"><photo-canvas label="Photograph ${photo.picture.name}" .picture=${photo.bitmap} .photo=${photo.picture}
+      <div class="spaces"><photo-canvas label="Photograph ${photo.picture.name}" .picture=${photo.viewed.picture} .tiles=${photo.viewed.tiles} .photo=${photo.picture}
         .document=${this.document} .described=${photo.described} .areas=${new Map(photo.areas)}
         .streamlines=${this.hasStreamlines ? photo.streamlines : null} .patchName=${this.step === "make" ? "" : photo.patch} .isCurved=${this.isCurved}
         .hasGrid=${this.hasGrid} .area=${this.step === "areas" ? this.area : ""} .brush=${this.brush} .handle=${this.handle}
