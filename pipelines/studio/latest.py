@@ -7,11 +7,17 @@ from collections.abc import Callable
 
 from texloom.pipelines.studio.messages.answers import PreviewFailed
 from texloom.pipelines.studio.messages.message import packed
-from texloom.pipelines.studio.messages.requests import AlternativesRequest, Answered, PhotoRequest, PreviewRequest
+from texloom.pipelines.studio.messages.requests import (
+    AlternativesRequest,
+    Answered,
+    PaintSummaryRequest,
+    PhotoRequest,
+    PreviewRequest,
+)
 from texloom.pipelines.studio.processes import WorkCancelledError, WorkerProcess
 from texloom.stages.vocabulary.declare import InputError
 
-Request = AlternativesRequest | PhotoRequest | PreviewRequest
+Request = AlternativesRequest | PaintSummaryRequest | PhotoRequest | PreviewRequest
 
 
 class Latest:

@@ -17,6 +17,7 @@ from texloom.pipelines.studio.messages.requests import (
     LatticeRequest,
     PaintDabRequest,
     PaintOpenRequest,
+    PaintSummaryRequest,
     PhotoRequest,
     PreviewRequest,
 )
@@ -160,6 +161,7 @@ Work = (
     | MeshWork
     | PhotoRequest
     | PaintOpenRequest
+    | PaintSummaryRequest
     | PaintDabRequest
     | AlternativesRequest
     | InsightWork

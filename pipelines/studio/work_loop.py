@@ -24,6 +24,7 @@ from texloom.pipelines.studio.messages.requests import (
     LatticeRequest,
     PaintDabRequest,
     PaintOpenRequest,
+    PaintSummaryRequest,
     PhotoRequest,
     PreviewRequest,
 )
@@ -136,6 +137,8 @@ class WorkLoop:
                 full_size_runs.save(work, self.places, self.check, self._send)
             case PaintOpenRequest() as work:
                 self.painter.open(work, payload, self.check, self._send)
+            case PaintSummaryRequest() as work:
+                self.painter.summarise(work, self.check, self._send)
             case PaintDabRequest() as work:
                 self.painter.paint(work, payload, self._send)
             case PhotoRequest() as work:
