@@ -14,6 +14,7 @@ from texloom.pipelines.studio.messages.requests import (
     PhotoRequest,
     PreviewRequest,
 )
+from texloom.pipelines.studio.page_words import page_words
 from texloom.pipelines.studio.processes import WorkCancelledError, WorkerProcess
 from texloom.stages.vocabulary.declare import InputError
 
@@ -60,4 +61,4 @@ async def answer(worker: WorkerProcess, request: Answered, payload: bytes, send:
     except WorkCancelledError:
         pass
     except InputError as error:
-        send(packed(PreviewFailed(number=request.number, problem=str(error))))
+        send(packed(PreviewFailed(number=request.number, problem=page_words(str(error)))))

@@ -9,7 +9,7 @@ import io
 import json
 import shutil
 import zipfile
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ from texloom.pipelines.studio.messages.catalogue import Picture, PicturePage, Pr
 from texloom.pipelines.studio.messages.message import unpacked
 from texloom.pipelines.studio.messages.recipes import KeptPhoto, PhotoRecipe, Recipe
 from texloom.pipelines.studio.messages.runs import Described, ExrContents, FlowEntry, Job, PastRuns, PastStep
+from texloom.pipelines.studio.page_words import page_words
 from texloom.pipelines.studio.projects.files import ProjectFiles
 from texloom.pipelines.studio.projects.routes import add_project
 from texloom.pipelines.studio.security import Codes, Guard
@@ -79,7 +80,7 @@ def application(places: Places, codes: Codes, port: int, files: ProjectFiles) ->
         await studio.spares.end()
 
     app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
-    add_errors(app, files="/api/received")
+    add_errors(app, files="/api/received", words=page_words)
     add_project(app, studio)
     _add_library(app, studio)
     _add_recipes(app, studio)
@@ -98,12 +99,15 @@ def application(places: Places, codes: Codes, port: int, files: ProjectFiles) ->
     return Guard(app, codes, port)
 
 
-def add_errors(app: FastAPI, files: str) -> None:
-    """Answer each refusal in one line, and bound requests; files go to addresses that begin with ``files``."""
+def add_errors(app: FastAPI, files: str, words: Callable[[str], str] = str) -> None:
+    """Answer each refusal in one line, and bound requests; files go to addresses that begin with ``files``.
+
+    ``words``: how a problem is told.
+    """
 
     @app.exception_handler(InputError)
     async def refuse(_: Request, error: InputError) -> JSONResponse:
-        return JSONResponse(Problem(problem=str(error)).model_dump(), 422)
+        return JSONResponse(Problem(problem=words(str(error))).model_dump(), 422)
 
     @app.exception_handler(RequestValidationError)
     async def malformed(_: Request, error: RequestValidationError) -> JSONResponse:
