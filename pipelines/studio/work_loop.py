@@ -120,7 +120,6 @@ class WorkLoop:
             full_size_runs,
             host_runs,
             layers,
-            photographs,
             surfaces,
             thumbnails,
         )
@@ -144,7 +143,7 @@ class WorkLoop:
             case PhotoRequest() as work:
                 self.photographer.answer(work, self.check, self._send)
             case KeepPhotoWork() as work:
-                photographs.keep(work, self.places, self._send)
+                self.photographer.keep(work, self._send)
             case LatticeRequest() as work:
                 self.lattices.follow(work, self._send)
             case AlternativesRequest() as work:
