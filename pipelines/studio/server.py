@@ -298,7 +298,7 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
     @app.get("/api/layers")
     async def layers(item: str) -> ExrContents:
         file = _looked_at(studio, item)
-        header, _ = unpacked(await studio.keeper.answer(LayersWork(file=file)))
+        header, _ = unpacked(await studio.tiler.answer(LayersWork(file=file)))
         described = work.LayersRead.model_validate_json(header).layers
         studio.opened[described.key] = file
         return described

@@ -151,7 +151,7 @@ class WorkLoop:
             case InsightWork() as work:
                 corrections.insight(work, self.places, self._send)
             case ThumbnailWork() as work:
-                thumbnails.send(work, self._send)
+                thumbnails.send(work, self.places, self._send)
             case PictureWork() as work:
                 decoding.encode(work, self.places, self._send)
             case LayersWork() as work:
