@@ -12,10 +12,11 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import importlib.util
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import BinaryIO
 
 import numpy as np
@@ -63,15 +64,20 @@ def read_header(file: BinaryIO, data: bool = False, layered: bool = False) -> Op
         else:
             header = pillow_pictures.header_of(kind, file, data)
 
-    def decode() -> Float32[np.ndarray, "h w c"]:
+    def guarded(read: Callable[[], np.ndarray]) -> np.ndarray:
         with _guarded(kind):
-            pixels = header.decode()
+            pixels = read()
         if pixels.shape != (header.height, header.width, len(header.channels)):
             raise Refusal(f"is a broken {kind} file (its pixels do not fit its header)")
+        return pixels
+
+    def decode() -> Float32[np.ndarray, "h w c"]:
+        pixels = guarded(header.decode)
         _check_finite(pixels, header.channels)
         return pixels
 
-    return dataclasses.replace(header, decode=decode)
+    codes = None if header.codes is None else functools.partial(guarded, header.codes)
+    return dataclasses.replace(header, decode=decode, codes=codes)
 
 
 _libraries = threading.Lock()  # `_guarded` changes warning filters and streams of the whole process

@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import UInt8
 
 from texloom.pipelines.errors import one_of
 from texloom.pipelines.media import decode as pictures
@@ -75,17 +76,35 @@ def decode(reference: str, digest: str, data: bool = False, layered: bool = Fals
     """Decode a picture; `Refusal` where it is broken, not finite, or not the one of that digest."""
     if udim.is_tiled(reference):
         return _decode_tiles(reference, digest, data)
+    with _unchanged(reference, digest) as file:
+        picture = pictures.read_header(file, data, layered)
+        pixels = picture.decode()
+    return Image(pixels, picture.channels, picture.facts)
+
+
+def decode_colour(reference: str, digest: str) -> UInt8[np.ndarray, "h w 3"]:
+    """The colour of a picture in sRGB, 8 bits, clipped to 0..1, without alpha; `Refusal` as of `decode`."""
+    if udim.is_tiled(reference):
+        return _decode_tiles(reference, digest, data=False).srgb
+    with _unchanged(reference, digest) as file:
+        picture = pictures.read_header(file)
+        if picture.codes is None:
+            return Image(picture.decode(), picture.channels).srgb
+        codes = picture.codes()
+    return codes[..., :3] if picture.channels[0] == "R" else np.repeat(codes[..., :1], 3, axis=2)
+
+
+@contextmanager
+def _unchanged(reference: str, digest: str) -> Iterator[io.BufferedReader]:
+    """The file of a picture; `Refusal` where it is not, or no longer at the end, the one of a digest."""
     with opened(locate(reference)) as file:
         before = os.fstat(file.fileno())
         if _digest(file) != digest:
             raise Refusal("has changed since the run began")
-        picture = pictures.read_header(file, data, layered)
-        pixels = picture.decode()
-        # What was decoded must be what was digested.
+        yield file
         after = os.fstat(file.fileno())
         if (before.st_mtime_ns, before.st_size) != (after.st_mtime_ns, after.st_size):
             raise Refusal("has changed while it was read")
-    return Image(pixels, picture.channels, picture.facts)
 
 
 def _inspect_tiles(reference: str, data: bool) -> tuple[Inspected, udim.Tiles, list[str]]:

@@ -76,7 +76,7 @@ def header_of(kind: str, file: BinaryIO, data: bool) -> OpenedPicture:
         if converted is None:
             decoding, note = decoding_of(image.info, len(color), chunk)
 
-    def decode() -> Float32[np.ndarray, "h w c"]:
+    def integers() -> np.ndarray:
         image.load()
         # Pillow keeps only 8 of 16 bits in colour, but detects damage.
         if depth > 8 and kind == "HEIC":
@@ -87,11 +87,13 @@ def header_of(kind: str, file: BinaryIO, data: bool) -> OpenedPicture:
             values = _values(image if converted is None else converted(image), raw, alpha)
         if told.is_two_channels:
             values = _with_blue(values)
-        return floats(
-            _oriented(values[..., : len(channels)], orientation), len(channels) if data else alpha, decoding
-        )
+        return _oriented(values[..., : len(channels)], orientation)
+
+    def decode() -> Float32[np.ndarray, "h w c"]:
+        return floats(integers(), len(channels) if data else alpha, decoding)
 
     bits = 16 if depth > 8 else 8
+    is_shown = bits == 8 and not data and decoding is None
     # Pillow's pixels and what the format needs beside them, the integers with a copy, and the floats
     memory = height * width * (4 + _EXTRA.get(kind, 0) + len(channels) * (bits // 4 + 4))
     facts = facts_in(image.info.get(PROVENANCE), height, width)
@@ -104,6 +106,7 @@ def header_of(kind: str, file: BinaryIO, data: bool) -> OpenedPicture:
     return OpenedPicture(
         *(height, width, channels, bits, memory, decode, facts, "; ".join(filter(None, notes))),
         texel_size=texel_size_in(image.info.get(PROVENANCE), height, width),
+        codes=integers if is_shown else None,
     )
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 import numpy as np
+from jaxtyping import UInt8
 
 from texloom.pipelines.errors import closest, one_line
 from texloom.pipelines.media import (
@@ -144,6 +145,13 @@ class Source:
             if self.maps:
                 return material_maps.read(self.maps, self.height, self.width)
             return locate.decode(self.reference, self.digest)
+
+    def colour(self) -> UInt8[np.ndarray, "h w 3"]:
+        """The colour of a picture in sRGB, 8 bits; as `read`, but faster where the file has it so."""
+        if self.whole is not None or self.maps:
+            return self.read().srgb
+        with _place(self.name, self.reference):
+            return locate.decode_colour(self.reference, self.digest)
 
 
 def open_source(name: str, reference: str) -> Source:

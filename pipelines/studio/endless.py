@@ -15,8 +15,8 @@ from texloom.pipelines.engine.scheduler import execute
 from texloom.pipelines.flow.model import Reference
 from texloom.pipelines.store.png_file import png
 from texloom.pipelines.store.store import Store
-from texloom.pipelines.studio.layer_tiles import SIDE
 from texloom.pipelines.studio.messages.recipes import Recipe
+from texloom.pipelines.studio.picture_levels import SIDE
 from texloom.pipelines.studio.recipe_flows import open_recipe, output_of, steps_alone, upstream_of
 from texloom.pipelines.studio.work import Encoded, EndlessWork, Places, library_of
 from texloom.stages.vocabulary.declare import InputError

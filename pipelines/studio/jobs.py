@@ -11,6 +11,7 @@ from texloom.pipelines.studio.messages.answers import JobChanged, JobPicture
 from texloom.pipelines.studio.messages.message import packed, unpacked
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.runs import Job
+from texloom.pipelines.studio.page_words import page_words
 from texloom.pipelines.studio.run_queue import RunQueue
 from texloom.pipelines.studio.work import Places, Ran, Running, RunWork
 
@@ -55,6 +56,9 @@ class Jobs(RunQueue[Job]):
         if ended.state in ("failed", "cancelled"):
             self._queue(Job(id=ended.id, name=ended.name, recipe=ended.recipe, state="waiting"))
         return self.jobs[job]
+
+    def _words(self, problem: str) -> str:
+        return page_words(problem)
 
     def saved(self, job: str, out: str) -> Job:
         """Tell that the exports of a run have been saved in a folder."""

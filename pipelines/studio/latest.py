@@ -7,11 +7,18 @@ from collections.abc import Callable
 
 from texloom.pipelines.studio.messages.answers import PreviewFailed
 from texloom.pipelines.studio.messages.message import packed
-from texloom.pipelines.studio.messages.requests import AlternativesRequest, Answered, PhotoRequest, PreviewRequest
+from texloom.pipelines.studio.messages.requests import (
+    AlternativesRequest,
+    Answered,
+    PaintSummaryRequest,
+    PhotoRequest,
+    PreviewRequest,
+)
+from texloom.pipelines.studio.page_words import page_words
 from texloom.pipelines.studio.processes import WorkCancelledError, WorkerProcess
 from texloom.stages.vocabulary.declare import InputError
 
-Request = AlternativesRequest | PhotoRequest | PreviewRequest
+Request = AlternativesRequest | PaintSummaryRequest | PhotoRequest | PreviewRequest
 
 
 class Latest:
@@ -54,4 +61,4 @@ async def answer(worker: WorkerProcess, request: Answered, payload: bytes, send:
     except WorkCancelledError:
         pass
     except InputError as error:
-        send(packed(PreviewFailed(number=request.number, problem=str(error))))
+        send(packed(PreviewFailed(number=request.number, problem=page_words(str(error)))))

@@ -1,4 +1,4 @@
-"""Tiles of the layers of EXR files, at any zoom, in a worker.
+"""Tiles of the layers of EXR files and of other pictures, at any zoom, in a worker.
 
 A layer is read once, in bands, for the pictures of its reduced levels, which lie in files of 8 bits. Tiles of full
 size are decoded from the EXR when they are wanted; only where it has lines instead of tiles they are kept as well.
@@ -14,16 +14,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store import exr
 from texloom.pipelines.store.capture import capture_output
 from texloom.pipelines.store.png_file import png
 from texloom.pipelines.store.preview import picture, range_of
 from texloom.pipelines.studio.layers import ExrLayer, layers_of
+from texloom.pipelines.studio.picture_levels import SIDE, Levels, levels_of, window
 from texloom.pipelines.studio.work import Encoded, Places, TileWork
 from texloom.stages.vocabulary.declare import InputError
 
-SIDE = 512
-"""px of a tile"""
 _MOST_BYTES = 2**30  # of the files of all layers
 _MOST_OPEN = 16  # layers
 _MOST_PIXELS = 2**28  # of a file that is decoded as a whole
@@ -34,7 +34,8 @@ class Tiler:
 
     def __init__(self, places: Places):
         self.folder = Path(places.scratch) / "levels"
-        self._open: dict[tuple[str, int], Pyramid] = {}
+        self._places = places
+        self._open: dict[tuple[str, int], Pyramid | PicturePyramid] = {}
 
     def send(self, work: TileWork, send: Callable[..., None]) -> None:
         """Send a tile as PNG."""
@@ -45,13 +46,28 @@ class Tiler:
             del self._open[next(iter(self._open))]
         send(Encoded(), png(pyramid.tile(work.level, work.row, work.column)))
 
-    def _opened(self, work: TileWork) -> Pyramid:
+    def _opened(self, work: TileWork) -> Pyramid | PicturePyramid:
+        if Path(work.file).suffix.lower() != ".exr":
+            return PicturePyramid(levels_of(open_source("picture", work.file), self._places))
         known = layers_of(Path(work.file))
         if work.layer >= len(known):
             raise InputError("there is no such layer")
         self.folder.mkdir(parents=True, exist_ok=True)
         _prune(self.folder)
         return Pyramid(Path(work.file), known[work.layer], self.folder / f"{work.key}_{work.layer}")
+
+
+@dataclasses.dataclass
+class PicturePyramid:
+    """A picture at all levels."""
+
+    levels: Levels
+
+    def tile(self, level: int, row: int, column: int) -> np.ndarray:
+        """The picture of a tile, uint8."""
+        height, width = self.levels[0].shape[:2]
+        part = window((height, width), level, row, column)
+        return np.ascontiguousarray(self.levels[level][part])
 
 
 @dataclasses.dataclass
@@ -76,14 +92,8 @@ class Pyramid:
         self._levels: list[np.ndarray] = []
 
     def tile(self, level: int, row: int, column: int) -> np.ndarray:
-        """The picture of a tile, uint8; those at the right and lower borders are smaller."""
-        rows, columns = (
-            slice(SIDE * at, min(SIDE * (at + 1), -(-side // 2**level)))
-            for at, side in zip((row, column), self.layer.size, strict=True)
-        )
-        is_known = level == 0 or SIDE << level < 2 * max(self.layer.size)
-        if not is_known or rows.start >= rows.stop or columns.start >= columns.stop:
-            raise InputError("there is no such tile")
+        """The picture of a tile, uint8."""
+        rows, columns = window(self.layer.size, level, row, column)
         if level < self._first:
             return self._picture(self._read(rows, columns))
         self._levels = self._levels or self._made()

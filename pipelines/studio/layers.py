@@ -11,6 +11,7 @@ from typing import Any
 
 import yaml
 
+from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store import codec, exr
 from texloom.pipelines.store.capture import capture_output
 from texloom.pipelines.studio.messages.runs import ExrContents, Layer
@@ -66,8 +67,13 @@ def _headers(path: Path) -> list[dict[str, Any]]:
 
 
 def layers(work: LayersWork, send: Callable[..., None]) -> None:
-    """Send what an EXR holds."""
+    """Send what an EXR holds, or how large another picture is."""
     path = Path(work.file)
+    if path.suffix.lower() != ".exr":
+        source = open_source("picture", work.file)
+        one = Layer(name=source.picture, height=source.height, width=source.width)
+        send(LayersRead(layers=ExrContents(key=source.digest[:32], layers=(one,), about="")))
+        return
     status = path.stat()
     key = hashlib.sha256(f"{path}{status.st_mtime_ns}{status.st_size}".encode()).hexdigest()[:32]
     known = layers_of(path)

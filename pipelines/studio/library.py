@@ -9,7 +9,7 @@ import os
 import re
 import secrets
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from texloom.pipelines.errors import one_line
@@ -145,10 +145,11 @@ class Library:
         folder.mkdir()
         return folder
 
-    def keep(self, received: Path, name: str) -> Picture:
+    def keep(self, received: Path, name: str, decode: Callable[[Source], object]) -> Picture:
         """Keep what was received: one picture, or the maps of a material that is called ``name``.
 
-        Equal files get the same folder. `InputError` where they cannot be read; then they are removed.
+        ``decode`` reads it once, so that a broken file is refused. Equal files get the same folder. `InputError`
+        where they cannot be read; then they are removed.
         """
         with _received(received) as files:
             place = files[0].name
@@ -159,7 +160,7 @@ class Library:
                     path.rename(inner / path.name)
                 place = inner.name
             source = open_source("dropped", str(received / place))
-            source.read()  # decoded once, so that a broken file is refused here
+            decode(source)
             described = _described("", source)  # while it is there
             return described.model_copy(update={"id": self.take(received, place)})
 

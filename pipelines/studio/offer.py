@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+from texloom.pipelines.flow.model import Reference
 from texloom.pipelines.studio.messages.catalogue import (
     Card,
     Control,
@@ -36,6 +37,8 @@ class Offer:
     """what its step `WAY` may choose, to the export that is shown then; none: it has no such step"""
     surface: str = ""
     """of photographs, the step that shows the surface from the front, from which previews are made"""
+    draft: Reference | None = None
+    """what stands for the result in the first picture of a preview, as it comes sooner; none: the result"""
     layer: LayerName = ""
     """as of a `Method`"""
     lengths: dict[str, int] = dataclasses.field(default_factory=dict)

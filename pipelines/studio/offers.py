@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from texloom.pipelines.flow.model import Reference
 from texloom.pipelines.studio.material_offers import MATERIAL_SYNTHESIS, PHOTO_MATERIAL
 from texloom.pipelines.studio.messages.catalogue import Picker, ResultPicture, SeveralPictures
 from texloom.pipelines.studio.offer import Offer, angles, curve, number, setting, switch, tiles
@@ -202,7 +203,11 @@ OFFERS = {
     "on_mesh": Offer(
         "Along lines and by values that are drawn on a mesh", layer="mesh", is_texture=False, lengths={STROKES: 2}
     ),
-    "photo_flattening": Offer("A surface that is placed by hand, laid flat", layer="surfaces"),
+    "photo_flattening": Offer(
+        "A surface that is placed by hand, laid flat",
+        layer="surfaces",
+        draft=Reference("laid_flat_texture", "image"),
+    ),
     "photo_to_texture": Offer("A surface that is placed by hand, synthesised where it is", layer="surfaces"),
     "photo_completion": Offer("A hole that is filled as its surface lies", layer="surfaces", is_texture=False),
     "photo_to_photo": Offer("A hole of another photograph that is covered", layer="surfaces", is_texture=False),

@@ -122,25 +122,23 @@ class Photographer:
             lines = np.ascontiguousarray(session.streamlines(), np.float32)
             send(PhotoLines(number=work.number, lines=lines.shape[1], points=lines.shape[2]), lines.tobytes())
 
+    def keep(self, work: KeepPhotoWork, send: Callable[..., None]) -> None:
+        """Write the geometry file of a photograph, with pictures of its areas, into the library."""
+        photo = self._opened(work.recipe.photo)
+        photo.paint(work.recipe, photo.place(work.recipe))
+        folder = self.library.new_folder()
+        try:
+            photo.session.save_geometry(folder / GEOMETRY)
+            send(KeptPhoto(geometry=self.library.take(folder, GEOMETRY)))
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
     def _opened(self, photo: str) -> OpenPhoto:
         opened = self._open.pop(photo, None) or OpenPhoto(self.library, photo)
         self._open[photo] = opened
         while len(self._open) > _SESSIONS:
             del self._open[next(iter(self._open))]
         return opened
-
-
-def keep(work: KeepPhotoWork, places: Places, send: Callable[..., None]) -> None:
-    """Write the geometry file of a photograph, with pictures of its areas, into the library."""
-    library = library_of(places)
-    photo = OpenPhoto(library, work.recipe.photo)
-    photo.paint(work.recipe, photo.place(work.recipe))
-    folder = library.new_folder()
-    try:
-        photo.session.save_geometry(folder / GEOMETRY)
-        send(KeptPhoto(geometry=library.take(folder, GEOMETRY)))
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _described(session: PhotoSession, name: str, problem: str | None, is_valid: bool) -> PhotoPatch:

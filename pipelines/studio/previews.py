@@ -16,6 +16,7 @@ import numpy as np
 from texloom.pipelines.engine.events import Event, StepProgress
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.engine.scheduler import execute
+from texloom.pipelines.flow.model import Reference
 from texloom.pipelines.media.sources import Source, open_source
 from texloom.pipelines.store.housekeeping import set_limit
 from texloom.pipelines.store.store import Store
@@ -60,7 +61,7 @@ class Previewer:
         self.attached = scratch / f"attached-{os.getpid()}"
         self.store = Store(scratch / "store")
         set_limit(self.store, _MOST_BYTES)
-        self.reducer = Reducer(self.store.root / "sources")
+        self.reducer = Reducer(self.store.root / "sources", places)
         others = {"attached": self.attached, "reduced": self.reducer.folder}
         self._charts: dict[Any, bool] = {}
         self.library = Library(Path(places.folder), Path(places.store), **others)
@@ -117,7 +118,8 @@ class Previewer:
         listen: Callable[[Event], None] = show
         while True:
             began = time.perf_counter()
-            image = self._made(recipe, run, exemplar, reduction, export, listen)
+            draft = offer.draft if reduction is first and reduction.scale < 1 else None
+            image = self._made(recipe, run, exemplar, reduction, export, draft, listen)
             finer = reduction.finer(size, work.largest, time.perf_counter() - began)
             tell(image, reduction.scale, 1.0, finer is None)
             if finer is None:
@@ -131,11 +133,13 @@ class Previewer:
         exemplar: Source,
         reduction: Reduction,
         export: str | None,
+        draft: Reference | None,
         listen: Callable[[Event], None],
     ) -> Image:
         """What a recipe makes of pictures that are reduced; ``run`` is that of the recipe as it is."""
         offer = OFFERS.get(recipe.flow, _UNOFFERED)
-        smaller, made = open_texture(self._smaller(recipe, run, reduction, offer), self.library, self.store, export)
+        reduced = self._smaller(recipe, run, reduction, offer)
+        smaller, made = open_texture(reduced, self.library, self.store, export, draft)
         sources = {
             name: self._reduced_source(run.shared.source(name), exemplar, reduction)
             for name, given in recipe.sources.items()

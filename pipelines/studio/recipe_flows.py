@@ -105,18 +105,21 @@ def open_recipe(recipe: Recipe, library: Library, store: Store) -> Run:
 
 
 def open_texture(
-    recipe: Recipe, library: Library, store: Store, export: str | None = None
+    recipe: Recipe, library: Library, store: Store, export: str | None = None, draft: Reference | None = None
 ) -> tuple[Run, Reference]:
     """As `open_recipe`, but only with the steps that one picture needs, without scores and exports; the picture.
 
     Parameters
     ----------
     export : what is wanted; none: the texture.
+    draft : what stands for it, where that comes sooner.
     """
     run = open_recipe(recipe, library, store)
     flow, made = for_texture(run.flow, recipe.flow)
     if export is not None:
         flow, made = run.flow, run.flow.exports[export]
+    if draft is not None:
+        flow, made = run.flow, draft
     needed = upstream_of(flow, made.name)
     steps = {name: step for name, step in flow.steps.items() if name in needed}
     flow = dataclasses.replace(flow, steps=steps, exports={}, likes={}, surfaces={}, of_maps=())

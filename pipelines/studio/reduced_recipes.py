@@ -15,7 +15,9 @@ import pydantic
 
 from texloom.pipelines.media.array_sources import file_source
 from texloom.pipelines.media.sources import Source
+from texloom.pipelines.studio import picture_levels
 from texloom.pipelines.studio.messages.recipes import Params
+from texloom.pipelines.studio.work import Places
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.masks import valid_pixels, without_usable
 from texloom.stages.vocabulary.sizes import SIDES, size_value
@@ -117,8 +119,8 @@ def reduced_document(content: dict[str, Any], scale: float) -> dict[str, Any]:
 class Reducer:
     """Makes small pictures of sources in a folder, each once."""
 
-    def __init__(self, folder: Path):
-        self.folder = folder
+    def __init__(self, folder: Path, places: Places):
+        self.folder, self._places = folder, places
         self._made: dict[tuple[str, tuple[int, int]], str] = {}
 
     def reference(self, source: Source, exemplar: Source, reduction: Reduction) -> str:
@@ -151,7 +153,9 @@ class Reducer:
         key = source.digest, size
         if key not in self._made or not Path(self._made[key]).exists():
             is_guide = source.name.endswith("_guide")  # whose colours are labels
-            self._made[key] = file_source(_reduced(source.read(), size, is_guide), self.folder)
+            is_plain = picture_levels.is_large(source) and set(source.channels) <= {*"RGBY"} and not is_guide
+            image = picture_levels.small_image(source, size, self._places) if is_plain else source.read()
+            self._made[key] = file_source(_reduced(image, size, is_guide), self.folder)
         return self._made[key]
 
 

@@ -71,8 +71,12 @@ class RunQueue(ABC, Generic[State]):
         except WorkCancelledError:
             changes = {"state": "cancelled", "text": "finished steps are kept; the next run goes on from there"}
         except InputError as error:
-            changes = {"state": "failed", "text": str(error)}
+            changes = {"state": "failed", "text": self._words(str(error))}
         self._change(job, seconds=time.perf_counter() - began, **changes)
+
+    def _words(self, problem: str) -> str:
+        """A problem as those are told it who have queued the run."""
+        return problem
 
     def _change(self, job: str, **changes: Any) -> None:
         self._set(self.jobs[job].model_copy(update=changes))

@@ -9,7 +9,7 @@ import io
 import json
 import shutil
 import zipfile
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ from texloom.pipelines.studio.messages.catalogue import Picture, PicturePage, Pr
 from texloom.pipelines.studio.messages.message import unpacked
 from texloom.pipelines.studio.messages.recipes import KeptPhoto, PhotoRecipe, Recipe
 from texloom.pipelines.studio.messages.runs import Described, ExrContents, FlowEntry, Job, PastRuns, PastStep
+from texloom.pipelines.studio.page_words import page_words
 from texloom.pipelines.studio.projects.files import ProjectFiles
 from texloom.pipelines.studio.projects.routes import add_project
 from texloom.pipelines.studio.security import Codes, Guard
@@ -63,7 +64,8 @@ def application(places: Places, codes: Codes, port: int, files: ProjectFiles) ->
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
         tasks = [asyncio.create_task(one) for one in (studio.jobs.work(), studio.saver.work())]
         studio.begin()
-        studio.reader.start()
+        for one in (studio.reader, studio.keeper, studio.tiler):
+            one.start()
         studio.spares.prepare()
         yield
         for task in tasks:
@@ -78,7 +80,7 @@ def application(places: Places, codes: Codes, port: int, files: ProjectFiles) ->
         await studio.spares.end()
 
     app = FastAPI(lifespan=lifespan, openapi_url=None, docs_url=None, redoc_url=None)
-    add_errors(app, files="/api/received")
+    add_errors(app, files="/api/received", words=page_words)
     add_project(app, studio)
     _add_library(app, studio)
     _add_recipes(app, studio)
@@ -97,12 +99,15 @@ def application(places: Places, codes: Codes, port: int, files: ProjectFiles) ->
     return Guard(app, codes, port)
 
 
-def add_errors(app: FastAPI, files: str) -> None:
-    """Answer each refusal in one line, and bound requests; files go to addresses that begin with ``files``."""
+def add_errors(app: FastAPI, files: str, words: Callable[[str], str] = str) -> None:
+    """Answer each refusal in one line, and bound requests; files go to addresses that begin with ``files``.
+
+    ``words``: how a problem is told.
+    """
 
     @app.exception_handler(InputError)
     async def refuse(_: Request, error: InputError) -> JSONResponse:
-        return JSONResponse(Problem(problem=str(error)).model_dump(), 422)
+        return JSONResponse(Problem(problem=words(str(error))).model_dump(), 422)
 
     @app.exception_handler(RequestValidationError)
     async def malformed(_: Request, error: RequestValidationError) -> JSONResponse:
@@ -292,8 +297,8 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
 
     @app.get("/api/layers")
     async def layers(item: str) -> ExrContents:
-        file = _exr(studio, item)
-        header, _ = unpacked(await studio.keeper.answer(LayersWork(file=str(file))))
+        file = _looked_at(studio, item)
+        header, _ = unpacked(await studio.tiler.answer(LayersWork(file=file)))
         described = work.LayersRead.model_validate_json(header).layers
         studio.opened[described.key] = file
         return described
@@ -307,9 +312,8 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
     async def tile(key: str, layer: int, level: int, row: int, column: int) -> Response:
         if key not in studio.opened:
             raise HTTPException(404)
-        file = str(studio.opened[key])
         wanted = TileWork.model_validate(
-            {"key": key, "file": file, "layer": layer, "level": level, "row": row, "column": column}
+            {"key": key, "file": studio.opened[key], "layer": layer, "level": level, "row": row, "column": column}
         )
         _, payload = unpacked(await studio.tiler.answer(wanted))
         return Response(bytes(payload), media_type="image/png")
@@ -322,15 +326,15 @@ def _add_results(app: FastAPI, studio: Studio) -> None:
         return Response(bytes(payload), media_type="image/png")
 
 
-def _exr(studio: Studio, item: str) -> Path:
-    """The EXR of ``job:ID:FILE``, ``result:KEY`` or a picture of the library."""
+def _looked_at(studio: Studio, item: str) -> str:
+    """The file of ``job:ID:FILE``, the EXR of ``result:KEY``, or a picture of the library as flows refer to it."""
     kind, _, name = item.partition(":")
     if kind == "job":
         job, _, file = name.partition(":")
-        return _exports(studio, job, file) / file
+        return str(_exports(studio, job, file) / file)
     if kind == "result":
-        return past_runs.artifact_file(studio.store.root, name, "result.exr")
-    return Path(studio.library.reference(item))
+        return str(past_runs.artifact_file(studio.store.root, name, "result.exr"))
+    return studio.library.reference(item)
 
 
 def _known(studio: Studio, job: str) -> Job:

@@ -17,6 +17,7 @@ from texloom.pipelines.studio.messages.requests import (
     LatticeRequest,
     PaintDabRequest,
     PaintOpenRequest,
+    PaintSummaryRequest,
     PhotoRequest,
     PreviewStopRequest,
     ToServer,
@@ -100,12 +101,13 @@ class _Session:
         self._painter = WorkerProcess(places)
         self._strokes: asyncio.Queue[tuple[PaintRequest, bytes]] = asyncio.Queue(_MOST_STROKES)
         self._photographs = Latest(lambda: WorkerProcess(places), self._outbox.put)
+        self._summaries = Latest(lambda: WorkerProcess(places), self._outbox.put)
         for job in jobs.jobs.values():
             self._outbox.put(packed(JobChanged(job=job)))
         jobs.listeners.add(self._outbox.put)
         self._previews = Latest(spares.take, self._outbox.put)
         self._previews.worker.start()
-        parts = self._paint(), self._previews.serve(), self._photographs.serve()
+        parts = self._paint(), self._previews.serve(), self._photographs.serve(), self._summaries.serve()
         self._tasks = [asyncio.create_task(one) for one in parts]
 
     @property
@@ -147,6 +149,7 @@ class _Session:
         self._spares.give(self._previews.worker)
         self._painter.kill()
         self._photographs.worker.kill()
+        self._summaries.worker.kill()
 
     async def _deliver(self, socket: WebSocket) -> None:
         told = self._received
@@ -191,8 +194,13 @@ class _Session:
         if isinstance(request, PreviewStopRequest):
             self._previews.stop()
             return
-        newest = self._photographs if isinstance(request, PhotoRequest) else self._previews
-        newest.want(request, payload)
+        match request:
+            case PhotoRequest():
+                self._photographs.want(request)
+            case PaintSummaryRequest():
+                self._summaries.want(request)
+            case _:
+                self._previews.want(request, payload)
 
     async def _paint(self) -> None:
         """Paint in the order in which strokes come."""

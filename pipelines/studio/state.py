@@ -50,8 +50,8 @@ class Studio:
         self.keeper = WorkerProcess(places)
         """takes files, writes them, and reads results, so that thumbnails need not wait for these"""
         self.sessions = Sessions(self.jobs, self.spares, places)
-        self.opened: dict[str, Path] = {}
-        """the EXR files that are looked at, by the key of `ExrContents`"""
+        self.opened: dict[str, str] = {}
+        """the pictures that are looked at, by the key of `ExrContents`"""
         self.receiving: dict[str, Path] = {}
         self.files = files
         self.saver = Saver(files, lambda problem: self._tell(ProjectSaved(problem=problem)))

@@ -12,8 +12,8 @@ from jaxtyping import Float32, UInt8
 from texloom.pipelines.media.material_set import holds_maps
 from texloom.pipelines.media.sources import open_source
 from texloom.pipelines.store.png_file import png
-from texloom.pipelines.studio.page_images import small
-from texloom.pipelines.studio.work import Encoded, ThumbnailWork
+from texloom.pipelines.studio.decoding import reduced
+from texloom.pipelines.studio.work import Encoded, Places, ThumbnailWork
 from texloom.stages.evaluation.lit_preview import LitPreviewParams, light_directions, lit
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -26,7 +26,7 @@ _RELIEF = 0.02  # height of white over black as a share of the side, as of `lit_
 _FILES = ("texture.png", "texture.exr", "preview.png", "corners.png")
 
 
-def send(work: ThumbnailWork, send: Callable[..., None]) -> None:
+def send(work: ThumbnailWork, places: Places, send: Callable[..., None]) -> None:
     """Send what a run has exported: the material on a sphere, or the picture; `InputError` where it has neither."""
     folder = Path(work.folder)
     if (folder / "maps").is_dir() and holds_maps(folder / "maps"):
@@ -39,7 +39,7 @@ def send(work: ThumbnailWork, send: Callable[..., None]) -> None:
         file = next((path.name for path in sorted(folder.glob("*.png"))), None)
     if file is None:
         raise InputError("there is no picture of this result")
-    send(Encoded(), png(small(open_source("result", str(folder / file)).read(), SIDE).srgb))
+    send(Encoded(), png(reduced(open_source("result", str(folder / file)), SIDE, places)))
 
 
 def sphere(image: Image, side: int) -> UInt8[np.ndarray, "side side 4"]:

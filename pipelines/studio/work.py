@@ -17,6 +17,7 @@ from texloom.pipelines.studio.messages.requests import (
     LatticeRequest,
     PaintDabRequest,
     PaintOpenRequest,
+    PaintSummaryRequest,
     PhotoRequest,
     PreviewRequest,
 )
@@ -103,14 +104,15 @@ class KeepWork(Message):
 
 
 class LayersWork(Message):
-    """Say what an EXR holds; `LayersRead` comes back."""
+    """Say what an EXR or another picture holds; `LayersRead` comes back."""
 
     kind: Literal["layers"] = "layers"
     file: str
+    """as a flow file refers to it"""
 
 
 class TileWork(Message):
-    """Make a tile of a layer of an EXR; `Encoded` comes back with a PNG."""
+    """Make a tile of a layer of an EXR, or of another picture; `Encoded` comes back with a PNG."""
 
     kind: Literal["tile"] = "tile"
     key: str
@@ -159,6 +161,7 @@ Work = (
     | MeshWork
     | PhotoRequest
     | PaintOpenRequest
+    | PaintSummaryRequest
     | PaintDabRequest
     | AlternativesRequest
     | InsightWork
@@ -218,7 +221,7 @@ class Saved(Message):
 
 
 class LayersRead(Message):
-    """What an EXR holds."""
+    """What there is to look at in a picture."""
 
     kind: Literal["layers_read"] = "layers_read"
     layers: ExrContents

@@ -24,6 +24,7 @@ from texloom.pipelines.studio.messages.requests import (
     LatticeRequest,
     PaintDabRequest,
     PaintOpenRequest,
+    PaintSummaryRequest,
     PhotoRequest,
     PreviewRequest,
 )
@@ -119,7 +120,6 @@ class WorkLoop:
             full_size_runs,
             host_runs,
             layers,
-            photographs,
             surfaces,
             thumbnails,
         )
@@ -136,12 +136,14 @@ class WorkLoop:
                 full_size_runs.save(work, self.places, self.check, self._send)
             case PaintOpenRequest() as work:
                 self.painter.open(work, payload, self.check, self._send)
+            case PaintSummaryRequest() as work:
+                self.painter.summarise(work, self.check, self._send)
             case PaintDabRequest() as work:
                 self.painter.paint(work, payload, self._send)
             case PhotoRequest() as work:
                 self.photographer.answer(work, self.check, self._send)
             case KeepPhotoWork() as work:
-                photographs.keep(work, self.places, self._send)
+                self.photographer.keep(work, self._send)
             case LatticeRequest() as work:
                 self.lattices.follow(work, self._send)
             case AlternativesRequest() as work:
@@ -149,7 +151,7 @@ class WorkLoop:
             case InsightWork() as work:
                 corrections.insight(work, self.places, self._send)
             case ThumbnailWork() as work:
-                thumbnails.send(work, self._send)
+                thumbnails.send(work, self.places, self._send)
             case PictureWork() as work:
                 decoding.encode(work, self.places, self._send)
             case LayersWork() as work:

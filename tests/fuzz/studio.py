@@ -24,6 +24,7 @@ from texloom.pipelines.studio.messages.requests import (
     LatticeRequest,
     PaintDabRequest,
     PaintOpenRequest,
+    PaintSummaryRequest,
     PhotoRequest,
     PreviewRequest,
 )
@@ -48,6 +49,7 @@ _REQUESTS: tuple[dict[str, Any], ...] = (
         "recipe": {"flow": "revise", "sources": dict.fromkeys(("texture", "exemplar", "region"), "folder:a.png")},
     },
     {"kind": "paint_open", "number": 3, "texture": "folder:a.png", "control": "folder:b.png", "size": "24x20"},
+    {"kind": "paint_summary", "number": 7, "texture": "folder:a.png", "control": "folder:b.png"},
     {"kind": "paint_dab", "number": 4, "top": 2, "left": 3, "height": 4, "width": 5},
     {
         "kind": "photo", "number": 5, "patch": "wall", "side": 16,
@@ -101,6 +103,8 @@ class _Workers:
                 open_recipe(request.recipe, self.previewer.library, self.previewer.store).plan()
             case PaintOpenRequest():
                 self.painter.open(request, bytes(payload), _go_on, _send)
+            case PaintSummaryRequest():
+                self.painter.summarise(request, _go_on, _send)
             case PaintDabRequest():
                 self.painter.paint(request, bytes(payload), _send)
             case PhotoRequest():

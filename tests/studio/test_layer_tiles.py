@@ -16,9 +16,10 @@ from texloom.pipelines.store import exr
 from texloom.pipelines.store.preview import picture
 from texloom.pipelines.studio import layer_tiles
 from texloom.pipelines.studio.endless import Endless
-from texloom.pipelines.studio.layer_tiles import SIDE, Tiler
+from texloom.pipelines.studio.layer_tiles import Tiler
 from texloom.pipelines.studio.layers import layers_of
 from texloom.pipelines.studio.messages.recipes import Recipe
+from texloom.pipelines.studio.picture_levels import SIDE
 from texloom.pipelines.studio.recipe_flows import image_of, open_texture
 from texloom.pipelines.studio.work import EndlessWork, Places, TileWork
 from texloom.stages.vocabulary.declare import InputError

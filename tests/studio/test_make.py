@@ -51,9 +51,10 @@ def test_files_may_be_dropped_anywhere(watched: Watched) -> None:
         page.locator("section.stage").locator("visible=true").first.dispatch_event("drop", {"dataTransfer": data})
         if name == "dropped.png":
             page.get_by_role("button", name="dropped", pressed=True).wait_for()
-    mesh = page.locator("mesh-view").get_by_label("Mesh", exact=True).and_(page.locator("select"))
-    page.wait_for_function("() => document.querySelector('mesh-view')?.corners")
-    assert mesh.input_value().endswith("/flat.obj")
+    page.wait_for_function("""() => {
+      const view = document.querySelector("mesh-view");
+      return view?.corners && view.querySelector("select[aria-label=Mesh]").value.endsWith("/flat.obj");
+    }""")
 
 
 def test_all_files_of_a_large_folder_are_taken(watched: Watched) -> None:

@@ -17,7 +17,7 @@ from texloom.pipelines.store.store import Store
 from texloom.pipelines.studio.messages.message import Message
 from texloom.pipelines.studio.messages.recipes import BrushRecipe, PatchRecipe, PhotoRecipe, Recipe
 from texloom.pipelines.studio.messages.requests import PhotoRequest
-from texloom.pipelines.studio.photographs import Photographer, keep
+from texloom.pipelines.studio.photographs import Photographer
 from texloom.pipelines.studio.recipe_flows import described, open_recipe
 from texloom.pipelines.studio.work import KeepPhotoWork, Places
 
@@ -53,7 +53,7 @@ class Asked:
     def keep(self, recipe: PhotoRecipe) -> Path:
         """The geometry file."""
         kept: list[Any] = []
-        keep(KeepPhotoWork(recipe=recipe), self.places, kept.append)
+        self.photographer.keep(KeepPhotoWork(recipe=recipe), kept.append)
         return Path(self.photographer.library.reference(kept[0].geometry))
 
 

@@ -12,10 +12,10 @@ import pytest
 import texloom
 from tests.studio.conftest import Served
 from tests.studio.sockets import Page
-from texloom.pipelines.studio import photographs
 from texloom.pipelines.studio.messages.answers import PreviewPicture
 from texloom.pipelines.studio.messages.recipes import BrushRecipe, KeptPhoto, PatchRecipe, PhotoRecipe, Recipe
 from texloom.pipelines.studio.messages.requests import PreviewRequest, PreviewStopRequest
+from texloom.pipelines.studio.photographs import Photographer
 from texloom.pipelines.studio.previews import Previewer
 from texloom.pipelines.studio.reduced_recipes import Reduction, reduced_document
 from texloom.pipelines.studio.work import KeepPhotoWork, Places
@@ -122,7 +122,7 @@ def test_the_finest_picture_of_a_surface_is_its_texture(tmp_path: Path) -> None:
     areas = {"without": (BrushRecipe(tool="stroke", points=((60, 60), (90, 60)), radius=9),)}
     photo = PhotoRecipe(photo="folder:noise.png", patches=(patch,), areas=areas)
     kept: list[KeptPhoto] = []
-    photographs.keep(KeepPhotoWork(recipe=photo), places, lambda one, *_: kept.append(one))
+    Photographer(places).keep(KeepPhotoWork(recipe=photo), lambda one, *_: kept.append(one))
     recipe = Recipe(
         flow="photo_to_texture", sources={"photo": "folder:noise.png"}, size=(64, 64), tileable="both", seed=5,
         files={"surface.geometry": kept[0].geometry},
@@ -139,6 +139,35 @@ def test_the_finest_picture_of_a_surface_is_its_texture(tmp_path: Path) -> None:
     texloom.run("photo_to_texture", {"photo": tmp_path / "noise.png"}, **given, **stored)
     made = np.asarray(PIL.Image.open(tmp_path / "made/texture.png").convert("RGBA"))
     np.testing.assert_array_equal(np.frombuffer(sent[-1][1], np.uint8).reshape(64, 64, 4), made)
+
+
+def test_the_first_picture_of_a_flat_surface_needs_no_choice(tmp_path: Path) -> None:
+    """Of two textures and their scores; one is made until a finer picture is wanted."""
+    places = Places(folder=f"{tmp_path}", store=f"{tmp_path}/store", scratch=f"{tmp_path}/scratch")
+    pixels = np.random.default_rng(2).integers(0, 256, (360, 400, 3), np.uint8)
+    PIL.Image.fromarray(pixels).save(tmp_path / "noise.png")
+    patch = PatchRecipe(name="wall", corners=((20, 20), (10, 380), (340, 350), (330, 40)))
+    kept: list[KeptPhoto] = []
+    photo = KeepPhotoWork(recipe=PhotoRecipe(photo="folder:noise.png", patches=(patch,)))
+    Photographer(places).keep(photo, lambda one, *_: kept.append(one))
+    recipe = Recipe(
+        flow="photo_flattening", sources={"photo": "folder:noise.png"}, size=(64, 64), tileable="both", seed=5,
+        files={"surface.geometry": kept[0].geometry},
+    )  # fmt: skip
+    previewer = Previewer(places)
+
+    def made(largest: int) -> tuple[list[bool], bool]:
+        sent: list[PreviewPicture] = []
+        request = PreviewRequest(number=1, recipe=recipe, largest=largest)
+        previewer.make(request, b"", lambda: None, lambda one, _: sent.append(one))
+        return [one.is_final for one in sent if one.done == 1], (
+            previewer.store.root / "cache/evaluation.metrics"
+        ).exists()
+
+    assert made(0) == ([True], False)
+    finals, has_scores = made(400)
+    assert finals[-1]
+    assert has_scores
 
 
 def test_the_finest_picture_is_the_result(tmp_path: Path) -> None:

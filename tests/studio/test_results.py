@@ -45,7 +45,7 @@ def test_layers_and_the_lit_material(finished: Watched) -> None:
     assert page.get_by_label("Relief").count() == 0  # without a height map
     page.get_by_label("Layers").get_by_role("button", name="image").click()
     page.get_by_text("image, 256 × 256 px").wait_for()
-    page.wait_for_function("() => document.querySelector('tiled-view').loaded.size === 1")
+    page.wait_for_function("() => document.querySelector('tiled-view').tileLayer.loaded.size === 1")
     page.get_by_role("radio", name="Repeat").last.click()
     page.get_by_text("Sizes, channels, provenance").click()
     page.get_by_text("synthesis.quilting").wait_for()
@@ -71,7 +71,7 @@ def test_a_texture_without_end(watched: Watched) -> None:
     page.get_by_role("button", name="Inspect it").click()
     page.get_by_role("radio", name="Compare").wait_for()  # also without the exemplar, so that no button moves later
     page.get_by_role("radio", name="Endless").click()
-    page.wait_for_function("() => document.querySelector('tiled-view').loaded.size >= 4")
+    page.wait_for_function("() => document.querySelector('tiled-view').tileLayer.loaded.size >= 4")
     while held:
         held.pop().continue_()
     page.locator("tiled-view canvas").press("ArrowLeft")

@@ -54,13 +54,20 @@ class PaintProgress(Message):
     done: Share
 
 
+class PaintSummarised(Message):
+    """A texture is summarised."""
+
+    kind: Literal["paint_summarised"] = "paint_summarised"
+    number: int
+
+
 class PaintOpened(Message):
     """A canvas is ready; `PaintPicture` of all of it follows."""
 
     kind: Literal["paint_opened"] = "paint_opened"
     number: int
     control: str
-    """id of the control map"""
+    """id of the control map; of a draft as it was asked for"""
 
 
 class PaintPicture(Message):
@@ -178,6 +185,7 @@ ToPage = (
     | PaintOpened
     | PaintPicture
     | PaintProgress
+    | PaintSummarised
     | PhotoArea
     | PhotoLines
     | PhotoPreview

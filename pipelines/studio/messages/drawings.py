@@ -58,6 +58,17 @@ class DrawnMesh(Message):
     """how much is painted, as the address of a grey PNG of 512 px; empty: nothing is"""
 
 
+class DrawnPaint(Message):
+    """The layer Paint."""
+
+    control: str = Field(max_length=512)
+    """id of the map that says what is where in the picture; empty: its brightness"""
+    side: int = Field(ge=16, le=2048)
+    """of the canvas, px"""
+    map: str = Field(max_length=2**19)
+    """what is painted, as the address of a grey PNG"""
+
+
 class Drawing(Message):
     """What is drawn on all layers of a material that are no pictures themselves."""
 
@@ -66,4 +77,5 @@ class Drawing(Message):
     collage: DrawnCollage | None = None
     lattice: LatticeVertices | None = None
     mesh: DrawnMesh | None = None
+    paint: DrawnPaint | None = None
     surfaces: PhotoRecipe | None = None

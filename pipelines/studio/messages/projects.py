@@ -12,7 +12,7 @@ from texloom.pipelines.studio.messages.message import Message
 from texloom.pipelines.studio.messages.recipes import Recipe
 from texloom.pipelines.studio.messages.runs import Job
 
-SCHEMA = 2
+SCHEMA = 3
 """of the files of a project; rises where an earlier texloom could not read them"""
 MOST_VARIANTS = 1000
 """of one material"""

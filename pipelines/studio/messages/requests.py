@@ -41,18 +41,32 @@ class AlternativesRequest(Message):
     seeds: tuple[Annotated[int, Field(ge=0, lt=2**53)], ...] = Field(max_length=16)
 
 
-class PaintOpenRequest(Message):
-    """Summarise a texture with its control map; the payload is the map to begin with, 8 bits a pixel."""
+class PaintSummaryRequest(Message):
+    """Summarise a texture with its control map, so that a canvas of them opens at once."""
 
-    kind: Literal["paint_open"] = "paint_open"
+    kind: Literal["paint_summary"] = "paint_summary"
     number: int
     texture: str
     """id of a picture"""
     control: str
     """id of its control map, a grey picture; empty: its brightness"""
+    seed: int = Field(7, ge=0, lt=2**53)
+
+
+class PaintOpenRequest(Message):
+    """Open a canvas, with a summary of what is not summarised yet; the payload is its map, 8 bits a pixel."""
+
+    kind: Literal["paint_open"] = "paint_open"
+    number: int
+    texture: str
+    """as of `PaintSummaryRequest`"""
+    control: str
+    """likewise"""
     size: Annotated[tuple[CanvasSide, CanvasSide], SIDES]
     """``WIDTHxHEIGHT``, px"""
     seed: int = Field(7, ge=0, lt=2**53)
+    scale: float = Field(1, gt=0, le=1)
+    """to which texture and control map are reduced for a draft"""
 
 
 class PaintDabRequest(Message):
@@ -100,7 +114,15 @@ class LatticeRequest(Message):
     """None: detected"""
 
 
-Answered = AlternativesRequest | LatticeRequest | PaintDabRequest | PaintOpenRequest | PhotoRequest | PreviewRequest
+Answered = (
+    AlternativesRequest
+    | LatticeRequest
+    | PaintDabRequest
+    | PaintOpenRequest
+    | PaintSummaryRequest
+    | PhotoRequest
+    | PreviewRequest
+)
 """whose answers have their numbers"""
 ToServer = Answered | PreviewStopRequest
 

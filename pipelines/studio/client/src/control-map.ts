@@ -8,20 +8,23 @@ export interface Area {
   width: number;
 }
 
+type Picture = ImageBitmap | HTMLImageElement | HTMLCanvasElement;
+
 const NOTHING: Area = { top: 0, left: 0, height: 0, width: 0 };
 
 export class ControlMap {
   codes: Uint8Array;
   private readonly history: Undo<Uint8Array>;
 
+  /** A map that is like a picture, stretched to its size; or one that rises from left to right. */
   constructor(
     readonly height: number,
     readonly width: number,
+    begun?: Picture,
   ) {
     this.codes = new Uint8Array(height * width);
-    for (let index = 0; index < this.codes.length; index += 1) {
-      this.codes[index] = Math.round((255 * (index % width)) / (width - 1));
-    }
+    if (begun) this.draw(begun);
+    else this.codes.forEach((_, index) => (this.codes[index] = Math.round((255 * (index % width)) / (width - 1))));
     this.history = new Undo(this.codes.slice());
   }
 
@@ -52,12 +55,17 @@ export class ControlMap {
   }
 
   /** Take a picture of a map, stretched to this one. */
-  load(picture: ImageBitmap): void {
+  load(picture: Picture): void {
+    this.draw(picture);
+    this.keep();
+  }
+
+  private draw(picture: Picture): void {
     const context = this.context();
+    context.imageSmoothingQuality = "high";
     context.drawImage(picture, 0, 0, this.width, this.height);
     const pixels = context.getImageData(0, 0, this.width, this.height).data;
     this.codes = this.codes.map((_, index) => pixels[4 * index]);
-    this.keep();
   }
 
   fill(code: number): void {
@@ -93,6 +101,11 @@ export class ControlMap {
     return part;
   }
 
+  /** The codes of a smaller map. */
+  reduced(side: number): Uint8Array {
+    return side === this.width ? this.codes : new ControlMap(side, side, this.canvas()).codes;
+  }
+
   /** The map as a picture. */
   canvas(): HTMLCanvasElement {
     const context = this.context();
@@ -100,6 +113,12 @@ export class ControlMap {
     this.codes.forEach((code, index) => image.data.set([code, code, code, 255], 4 * index));
     context.putImageData(image, 0, 0);
     return context.canvas;
+  }
+
+  /** The address of a picture of the map at a size. */
+  address(side: number): string {
+    const map = side === this.width ? this : new ControlMap(side, side, this.canvas());
+    return map.canvas().toDataURL("image/png");
   }
 
   private context(): CanvasRenderingContext2D {
@@ -117,4 +136,12 @@ export function joined(one: Area | null, other: Area): Area {
   const bottom = Math.max(one.top + one.height, other.top + other.height);
   const right = Math.max(one.left + one.width, other.left + other.width);
   return { top, left, height: bottom - top, width: right - left };
+}
+
+/** The picture at an address. */
+export async function decoded(address: string): Promise<HTMLImageElement> {
+  const picture = new Image();
+  picture.src = address;
+  await picture.decode();
+  return picture;
 }

@@ -201,7 +201,7 @@ export class DirectCollage extends DirectMode {
   protected panes(): TemplateResult {
     return html`
       <figure><figcaption>Exemplar: drag over a part to pick it</figcaption>
-        <picture-view class="tool" tool="act" label="Exemplar" .picture=${this.exemplar} .extent=${[this.picture.height, this.picture.width]}
+        <picture-view class="tool" tool="act" label="Exemplar" .picture=${this.exemplar} .tiles=${this.exemplarTiles} .extent=${[this.picture.height, this.picture.width]}
           .over=${this.overExemplar} @act=${(event: CustomEvent<Act>) => this.pickAct(event.detail)}></picture-view></figure>
       <figure><figcaption class="row">Result ${choice("What is shown", SHOWS, this.shows, (shows) => {
         this.shows = shows;

@@ -239,7 +239,7 @@ export class DirectLattice extends DirectMode {
     const shown = this.view === "straight" ? this.straight : this.shown;
     return html`
       <figure><figcaption>Exemplar</figcaption>
-        <picture-view tool="act" label="Exemplar with its lattice: drag vectors and vertices" .picture=${this.exemplar}
+        <picture-view tool="act" label="Exemplar with its lattice: drag vectors and vertices" .picture=${this.exemplar} .tiles=${this.exemplarTiles}
           .extent=${[this.picture.height, this.picture.width]} .over=${this.over}
           @act=${(event: CustomEvent<Act>) => this.act(event.detail)}></picture-view></figure>
       <figure><figcaption class="row"><span class="segments" role="radiogroup" aria-label="What is shown">

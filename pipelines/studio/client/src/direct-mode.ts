@@ -4,6 +4,7 @@ import { state } from "lit/decorators.js";
 import { type Draft, kept } from "./drafts";
 import { card, failure, isTyping, undoButtons } from "./fields";
 import { KIND, LAYERS, type LayerName } from "./layers";
+import { viewed } from "./large-pictures";
 import { MaterialLayer } from "./material-layer";
 import type { Drawing, Job, Method, Recipe, ToPage } from "./messages";
 import type { Drawable, PictureView } from "./picture-view";
@@ -12,12 +13,14 @@ import "./recipe-form";
 import { bitmap, fileAddress, pictureAddress } from "./server";
 import { screenPixels, sides, sizeText } from "./sizes";
 import { canvasOf, isFollowed, type Payload } from "./studio";
+import type { Tiles } from "./tiles";
 
 const EXEMPLAR = 2048; // px of the exemplar that is shown, at most
 const PAUSE = 1000; // ms without a stroke until the material has what is drawn
 
 export abstract class DirectMode extends MaterialLayer {
   @state() protected exemplar: ImageBitmap | null = null;
+  protected exemplarTiles: Tiles | null = null;
   /** what the material shows, the preview, or the result at full size */
   @state() protected shown: Drawable | null = null;
   @state() protected size: [number, number] = [512, 512];
@@ -72,8 +75,8 @@ export abstract class DirectMode extends MaterialLayer {
     this.reset();
     this.sync();
     if (this.kept) this.restore(this.kept);
-    const loaded = await this.studio.attempt(bitmap(pictureAddress(picture.id, EXEMPLAR)));
-    if (loaded && picture === this.picture) this.exemplar = loaded;
+    const loaded = await this.studio.attempt(viewed(picture.id, picture, EXEMPLAR));
+    if (loaded && picture === this.picture) [this.exemplar, this.exemplarTiles] = [loaded.picture, loaded.tiles];
   }
 
   // -- keys

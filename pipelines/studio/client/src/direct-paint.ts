@@ -266,7 +266,7 @@ export class DirectPaint extends DirectMode {
     return html`${(["exemplar", "target"] as const).map((side) => html`<figure>
       <figcaption>${SIDES[side]}</figcaption>
       <picture-view class=${KINDS[this.kind].sides.includes(side) ? "tool" : ""} tool="act" label=${SIDES[side]}
-        .picture=${side === "exemplar" ? this.exemplar : this.shown} .extent=${extents[side]} .over=${this.overs[side]}
+        .picture=${side === "exemplar" ? this.exemplar : this.shown} .tiles=${side === "exemplar" ? this.exemplarTiles : null} .extent=${extents[side]} .over=${this.overs[side]}
         @act=${(event: CustomEvent<Act>) => this.act(side, event.detail)}></picture-view>
     </figure>`)}`;
   }

@@ -6,8 +6,10 @@ import { choice } from "./fields";
 import "./material-view";
 import type { ExrContents, Job, Recipe } from "./messages";
 import type { Drawable, Mode } from "./picture-view";
-import { ENDLESS, type TiledView, type Tiles } from "./tiled-view";
+import type { TiledView } from "./tiled-view";
 import "./tiled-view";
+import { ENDLESS, type Tiles } from "./tiles";
+import { mapAddress } from "./large-pictures";
 import { meshOf, picturesOf } from "./recipe-edits";
 import { bitmap, fileAddress, layers, pictureAddress, RequestError } from "./server";
 import { sides, sizeText } from "./sizes";
@@ -145,7 +147,7 @@ export class InspectView extends Element {
   /** The addresses of a run's maps; the same object for the same run, so that nothing is loaded twice. */
   private mapsOf(job: Job): Record<string, string> {
     if (this.known.job !== job.id) {
-      const entries = Object.entries(job.maps).map(([role, file]) => [role, fileAddress(job.id, file)]);
+      const entries = Object.entries(job.maps).map(([role, file]) => [role, mapAddress(job, file)]);
       this.known = { job: job.id, maps: Object.fromEntries(entries) as Record<string, string> };
     }
     return this.known.maps;

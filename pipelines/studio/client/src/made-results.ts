@@ -2,8 +2,10 @@
 import type { BadPlace, Job, Recipe, ToPage, Variant } from "./messages";
 import type { Drawable, Point } from "./picture-view";
 import { recipeKey } from "./recipe-key";
-import { bitmap, fileAddress, insight } from "./server";
+import { viewedFile } from "./large-pictures";
+import { insight } from "./server";
 import { canvasOf, type Payload, type Studio } from "./studio";
+import type { Tiles } from "./tiles";
 import { Undo } from "./undo";
 
 export const TEXTURE = "texture.png";
@@ -12,6 +14,8 @@ export class MadeResults {
   /** the runs whose results are shown: at full size, and after each correction */
   runs = new Undo<string>("");
   picture: Drawable | null = null;
+  /** of a large one, of which `picture` is a small version */
+  tiles: Tiles | null = null;
   /** whether `picture` is the finished one, not one of a scale */
   isWhole = false;
   /** the places least like the exemplar */
@@ -34,9 +38,15 @@ export class MadeResults {
     return this.studio.jobs.get(this.id);
   }
 
+  /** Height and width of the result that is shown, px. */
+  get size(): [number, number] {
+    const { height, width } = this.tiles ?? this.picture ?? { height: 1, width: 1 };
+    return [height, width];
+  }
+
   forget(): void {
     this.runs = new Undo<string>("");
-    [this.picture, this.isWhole, this.places, this.origins] = [null, false, [], null];
+    [this.picture, this.tiles, this.isWhole, this.places, this.origins] = [null, null, false, [], null];
   }
 
   /** Go back to the runs of a recipe, if there are any. */
@@ -83,23 +93,23 @@ export class MadeResults {
   async load(job: Job, file: string): Promise<void> {
     const wanted = job.files.includes(file) ? file : job.files.includes(TEXTURE) ? TEXTURE : "";
     this.wanted = wanted;
-    const loaded = wanted && (await this.studio.attempt(bitmap(fileAddress(job.id, wanted))));
+    const loaded = wanted && (await this.studio.attempt(viewedFile(job, wanted)));
     if (!loaded || job.id !== this.id || wanted !== this.wanted) return;
-    [this.picture, this.isWhole] = [loaded, true];
+    [this.picture, this.tiles, this.isWhole] = [loaded.picture, loaded.tiles, true];
     [this.places, this.origins] = [this.left.get(job.id) ?? [], null];
     this.changed();
     if (wanted !== TEXTURE) return;
     const told = !this.left.has(job.id) && (await this.studio.attempt(insight(job.id)));
-    if (!told || job.id !== this.id || this.picture !== loaded) return;
+    if (!told || job.id !== this.id || this.picture !== loaded.picture) return;
     this.places = told[0].places;
-    if (told[0].height === loaded.height && told[1].length) this.origins = told[1];
+    if (told[0].height === this.size[0] && told[1].length) this.origins = told[1];
     this.changed();
   }
 
   /** Take a picture of a scale. */
   receive(message: ToPage, payload: Payload): void {
     if (message.kind !== "job_picture" || message.job !== this.id || this.runs.canUndo) return;
-    [this.picture, this.isWhole] = [canvasOf(payload, message.width, message.height), false];
+    [this.picture, this.tiles, this.isWhole] = [canvasOf(payload, message.width, message.height), null, false];
     this.changed();
   }
 }

@@ -1,15 +1,17 @@
 // The preview of a recipe, or the sheet of its variants.
 import type { PreviewPicture, Recipe, ToPage } from "./messages";
 import type { Drawable } from "./picture-view";
+import { viewed } from "./large-pictures";
 import { bitmap, pictureAddress } from "./server";
+import type { Tiles } from "./tiles";
 import { canvasOf, isFollowed, type Payload, type Studio } from "./studio";
 import { type Cell, type Sheet, withCell } from "./variants";
 
-const EXEMPLAR = 1024; // px of the exemplar that is shown, at most
 const RESULT = 2048; // px of a result in the sheet, at most
 
 export class MakePreviews {
   exemplar: ImageBitmap | null = null;
+  exemplarTiles: Tiles | null = null;
   private shown = ""; // the id of the exemplar that is wanted
   picture: Drawable | null = null;
   /** of `picture` relative to the result */
@@ -45,11 +47,13 @@ export class MakePreviews {
 
   /** Show the picture that a recipe begins with. */
   async showExemplar(id: string): Promise<void> {
-    if (id !== this.shown) this.exemplar = null;
+    if (id !== this.shown) [this.exemplar, this.exemplarTiles, this.picture] = [null, null, null];
     this.shown = id;
-    const loaded = id && !this.exemplar && (await this.studio.attempt(bitmap(pictureAddress(id, EXEMPLAR))));
-    if (!loaded || id !== this.shown) return;
-    this.exemplar = loaded;
+    const loaded = id && !this.exemplar && (await this.studio.attempt(viewed(id, this.studio.picture(id))));
+    if (id !== this.shown) return;
+    void this.studio.expect(null);
+    if (!loaded) return;
+    [this.exemplar, this.exemplarTiles] = [loaded.picture, loaded.tiles];
     this.changed();
   }
 

@@ -1,8 +1,10 @@
 // What has been made of a recipe: the preview or the result, in several ways to look at it.
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, property, state } from "lit/decorators.js";
+import type { Comparison } from "./comparison";
 import { Element } from "./element";
 import { choice, isTyping, undoButtons } from "./fields";
+import { mapAddress } from "./large-pictures";
 import type { MadeResults } from "./made-results";
 import { chosenSpace, keepSpace, MODES, type Shown, type Space, SPACES } from "./make-modes";
 import "./material-view";
@@ -11,10 +13,10 @@ import type { Drawable, Mode, Patch, Point } from "./picture-view";
 import "./picture-view";
 import { meshOf, picturesOf } from "./recipe-edits";
 import type { Maps } from "./scene";
-import { fileAddress } from "./server";
 import { sides } from "./sizes";
 import "./source-inset";
 import type { Studio } from "./studio";
+import type { Tiles } from "./tiles";
 import type { Sheet } from "./variants";
 import "./variant-sheet";
 
@@ -37,8 +39,9 @@ export class MakeStage extends Element {
   @property({ attribute: false }) preview: Drawable | null = null;
   @property({ attribute: false }) previewScale = 1;
   @property({ attribute: false }) exemplar: ImageBitmap | null = null;
-  /** the picture of another result, which is shown in place of the exemplar */
-  @property({ attribute: false }) other: Drawable | null = null;
+  @property({ attribute: false }) exemplarTiles: Tiles | null = null;
+  /** another result, which is shown in place of the exemplar; another object inside each time */
+  @property({ attribute: false }) other!: Comparison;
   @property({ attribute: false }) done = 1;
   @property({ attribute: false }) status: string | TemplateResult = "";
   /** what is said where there is no picture yet */
@@ -76,26 +79,33 @@ export class MakeStage extends Element {
         ${this.sheet ? nothing : choice("Flat, lit, or both", SPACES, this.space, (space) => keepSpace((this.chosen = space)))}
       </div>
       ${this.sheet ? html`<variant-sheet .sheet=${this.sheet}></variant-sheet>` : html`<div class="spaces">
-        ${this.space === "lit" ? nothing : this.view(shown)}
+        ${this.space === "lit" ? nothing : shown || this.mode === "compare" ? this.view(shown) : this.begin()}
         ${this.space === "flat" ? nothing : html`<material-view .studio=${this.studio} .maps=${this.maps(shown)} .mesh=${meshOf(this.recipe)}
           .side=${this.recipe.size ? sides(this.recipe.size)[0] : 1024}></material-view>`}
       </div>`}
-      ${shown || this.sheet ? nothing : html`<p class="welcome over">${this.waits}</p>`}
+      ${shown || this.sheet || this.exemplar ? nothing : html`<p class="welcome over">${this.waits}</p>`}
       ${results.origins && results.picture && this.exemplar && this.hovered && !this.isCorrecting
         ? html`<source-inset .exemplar=${this.exemplar} .origins=${results.origins} .place=${this.hovered}
-            .size=${[results.picture.height, results.picture.width]} .scale=${this.exemplarWidth / this.exemplar.width}></source-inset>`
+            .size=${results.size} .scale=${this.exemplarWidth / this.exemplar.width}></source-inset>`
         : nothing}
       ${this.done < 1 && !results.id ? html`<progress class="line" max="1" .value=${this.done} aria-label="Preview"></progress>` : nothing}
     `;
   }
 
+  /** What it begins with, until there is something made of it. */
+  private begin(): TemplateResult {
+    return html`<picture-view label="Picture" .picture=${this.exemplar} .tiles=${this.exemplarTiles}></picture-view>`;
+  }
+
   private view(shown: Drawable | null): TemplateResult {
-    const { results } = this;
+    const { results, other } = this;
     const marked = (this.isCorrecting || this.marksPlaces) && results.picture && !this.outline.length ? results.places : [];
     return html`<picture-view
       .picture=${shown}
-      .exemplar=${this.other ?? this.exemplar}
-      .exemplarScale=${this.other && shown ? shown.width / this.other.width : this.exemplarScale(shown)}
+      .tiles=${results.tiles}
+      .exemplar=${other.picture ?? this.exemplar}
+      .exemplarTiles=${other.picture ? other.tiles : this.exemplarTiles}
+      .exemplarScale=${other.picture && shown ? this.width(shown) / other.picture.width : this.exemplarScale(shown)}
       .mode=${this.mode as Mode}
       .isReduced=${results.picture ? !results.isWhole : this.previewScale < 1}
       .tool=${this.isCorrecting ? "lasso" : "pan"}
@@ -122,7 +132,7 @@ export class MakeStage extends Element {
     const of = isWhole ? job?.id : shown;
     if (this.lit.of !== of) {
       const files = isWhole && job ? Object.entries(job.maps) : [];
-      const maps = Object.fromEntries(files.map(([role, file]) => [role, fileAddress(job!.id, file)]));
+      const maps = Object.fromEntries(files.map(([role, file]) => [role, mapAddress(job!, file)]));
       this.lit = { of, maps: isWhole ? maps : shown ? { albedo: shown } : {} };
     }
     return this.lit.maps;
@@ -140,11 +150,16 @@ export class MakeStage extends Element {
     return this.studio.picture(picturesOf(this.recipe)[0])?.width ?? 1;
   }
 
+  /** Of what is shown, px. */
+  private width(shown: Drawable): number {
+    return this.results.tiles?.width ?? shown.width;
+  }
+
   /** How large the pixels of the exemplar that is loaded are, in those of what is shown. */
   private exemplarScale(shown: Drawable | null): number {
     const perPixel = this.exemplarWidth / (this.exemplar?.width ?? this.exemplarWidth);
     const size = this.recipe.size ?? this.method.size;
     if (!this.results.picture || !shown || !size) return perPixel * this.previewScale;
-    return (perPixel * shown.width) / sides(size)[1];
+    return (perPixel * this.width(shown)) / sides(size)[1];
   }
 }

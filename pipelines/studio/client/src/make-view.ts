@@ -60,6 +60,7 @@ export class MakeView extends Element {
       <material-bar .studio=${this.studio}></material-bar>
       <section class="stage" aria-label="Texture" ?hidden=${layer !== "result"}>
         ${recipe ? this.stage() : welcome(this.studio.begin.examples[0], (picture) => made.choose(picture))}
+        ${this.studio.incoming ? html`<picture-view class="incoming" label="Picture that is being read" .picture=${this.studio.incoming}></picture-view>` : nothing}
       </section>
       ${picture ? keyed(made.opened, html`<material-layers .studio=${this.studio} .picture=${picture} .recipe=${recipe}
         .begun=${made.results.picture ?? made.previews.picture} .make=${this.make} .layer=${layer}
@@ -76,8 +77,8 @@ export class MakeView extends Element {
     const { recipe, method, results, previews, state } = this.made;
     const { problem } = previews;
     return html`<make-stage .studio=${this.studio} .recipe=${recipe} .method=${method} .results=${results} .history=${this.made.history}
-      .mode=${state.mode} .modes=${this.made.modes} .file=${this.made.shownFile} .sheet=${previews.sheet} .other=${this.made.other.picture}
-      .preview=${previews.picture} .previewScale=${previews.scale} .exemplar=${previews.exemplar} .done=${previews.done}
+      .mode=${state.mode} .modes=${this.made.modes} .file=${this.made.shownFile} .sheet=${previews.sheet} .other=${this.made.other}
+      .preview=${previews.picture} .previewScale=${previews.scale} .exemplar=${previews.exemplar} .exemplarTiles=${previews.exemplarTiles} .done=${previews.done}
       .status=${problem ? failure(problem, () => previews.again()) : this.made.status}
       .waits=${problem || waitsFor(this.made.lacking, results, hasPreview(method))}
       .isCorrecting=${state.isCorrecting} .outline=${state.outline} .patch=${state.patch}
@@ -95,9 +96,9 @@ export class MakeView extends Element {
 
   private settings(recipe: Recipe): TemplateResult {
     const { made } = this;
-    const { job, picture, places, isWhole } = made.results;
+    const { job, picture, places, isWhole, size } = made.results;
     if (made.state.isCorrecting && job && picture) {
-      return html`<correct-panel .studio=${this.studio} .job=${job} .places=${places} .size=${[picture.height, picture.width]}
+      return html`<correct-panel .studio=${this.studio} .job=${job} .places=${places} .size=${size}
         @outline=${(event: CustomEvent<Point[]>) => made.see({ outline: event.detail })}
         @patch=${(event: CustomEvent<Patch | null>) => made.see({ patch: event.detail })}
         @accept=${(event: CustomEvent<Recipe | null>) => made.accept(event.detail)}></correct-panel>`;

@@ -4,12 +4,13 @@ import { customElement, query, state } from "lit/decorators.js";
 import type { Corners } from "./corners";
 import { document as contentOf, type Draft, kept, picture } from "./drafts";
 import { amount, meshFields, slider, undoButtons } from "./fields";
+import { mapAddress } from "./large-pictures";
 import { LayerPreview } from "./layer-preview";
 import { MaterialLayer } from "./material-layer";
 import type { MeshScene } from "./mesh-scene";
 import { type Hit, linesOf, NOTHING, type Painted } from "./mesh-strokes";
 import type { DrawnMesh, Job, Recipe, ToPage } from "./messages";
-import { fileAddress, mesh } from "./server";
+import { mesh } from "./server";
 import { screenPixels, sizeText } from "./sizes";
 import type { Payload } from "./studio";
 import { TexelMap } from "./texel-map";
@@ -141,7 +142,7 @@ export class MeshView extends MaterialLayer {
 
   private async show(job: Job): Promise<void> {
     this.shown = job.id;
-    const maps = Object.fromEntries(Object.entries(job.maps).map(([role, file]) => [role, fileAddress(job.id, file)]));
+    const maps = Object.fromEntries(Object.entries(job.maps).map(([role, file]) => [role, mapAddress(job, file)]));
     await this.studio.attempt(this.scene!.setMaps(maps));
     this.use("turn");
     this.setAttribute("ready", job.id);

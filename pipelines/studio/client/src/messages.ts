@@ -264,11 +264,18 @@ export interface DrawnMesh {
   amounts: string;
 }
 
+export interface DrawnPaint {
+  control: string;
+  side: number;
+  map: string;
+}
+
 export interface Drawing {
   picture: string;
   collage: DrawnCollage | null;
   lattice: LatticeVertices | null;
   mesh: DrawnMesh | null;
+  paint: DrawnPaint | null;
   surfaces: PhotoRecipe | null;
 }
 
@@ -388,6 +395,14 @@ export interface AlternativesRequest {
   seeds: (number)[];
 }
 
+export interface PaintSummaryRequest {
+  kind: "paint_summary";
+  number: number;
+  texture: string;
+  control: string;
+  seed?: number;
+}
+
 export interface PaintOpenRequest {
   kind: "paint_open";
   number: number;
@@ -395,6 +410,7 @@ export interface PaintOpenRequest {
   control: string;
   size: string;
   seed?: number;
+  scale?: number;
 }
 
 export interface PaintDabRequest {
@@ -458,6 +474,11 @@ export interface PaintProgress {
   number: number;
   step: string;
   done: number;
+}
+
+export interface PaintSummarised {
+  kind: "paint_summarised";
+  number: number;
 }
 
 export interface PaintOpened {
@@ -544,6 +565,6 @@ export interface JobPicture {
   width: number;
 }
 
-export type ToServer = AlternativesRequest | LatticeRequest | PaintDabRequest | PaintOpenRequest | PhotoRequest | PreviewRequest | PreviewStopRequest;
+export type ToServer = AlternativesRequest | LatticeRequest | PaintDabRequest | PaintOpenRequest | PaintSummaryRequest | PhotoRequest | PreviewRequest | PreviewStopRequest;
 
-export type ToPage = AlternativePicture | MaterialChanged | ProjectSaved | Connected | LatticePicture | PaintOpened | PaintPicture | PaintProgress | PhotoArea | PhotoLines | PhotoPreview | PhotoProposal | PhotoState | PreviewPicture | PreviewFailed | JobChanged | JobPicture;
+export type ToPage = AlternativePicture | MaterialChanged | ProjectSaved | Connected | LatticePicture | PaintOpened | PaintPicture | PaintProgress | PaintSummarised | PhotoArea | PhotoLines | PhotoPreview | PhotoProposal | PhotoState | PreviewPicture | PreviewFailed | JobChanged | JobPicture;

@@ -1,10 +1,11 @@
 // The layer Paint: a control map under the brush, and the texture that follows it.
 import { html, nothing, type TemplateResult } from "lit";
 import { customElement, query, state } from "lit/decorators.js";
-import { type Area, ControlMap, joined } from "./control-map";
+import { type Area, ControlMap, decoded, joined } from "./control-map";
 import { amount, failure, slider, undoButtons } from "./fields";
 import { MaterialLayer } from "./material-layer";
-import type { PaintPicture, Recipe, ToPage } from "./messages";
+import type { Recipe, ToPage } from "./messages";
+import { PaintCanvas } from "./paint-canvas";
 import { bitmap, PAINTED, pictureAddress, upload } from "./server";
 import { sizeText } from "./sizes";
 import type { Payload } from "./studio";
@@ -12,15 +13,15 @@ import type { Payload } from "./studio";
 const FLOW = "per_pixel_control";
 const SIDES = [256, 512, 1024];
 const PICK = 256; // px of the original from which values are picked
+const SEED = 7;
+const MOST_KEPT = 2 ** 19; // characters of a map that the project keeps
+const LARGEST_KEPT = 256; // px of a side of one that would take more
 
 @customElement("paint-view")
 export class PaintView extends MaterialLayer {
   protected readonly layer = "paint";
   @state() private control = "";
   @state() private side = 512;
-  @state() private state: "none" | "opening" | "ready" = "none";
-  @state() private progress = "";
-  @state() private problem = "";
   @state() private code = 255;
   @state() private radius = 40;
   @state() private hardness = 0.5;
@@ -28,16 +29,13 @@ export class PaintView extends MaterialLayer {
   @query("canvas.result") private canvas!: HTMLCanvasElement;
   @query("canvas.cursor") private cursor!: HTMLCanvasElement;
   private map = new ControlMap(this.side, this.side);
-  private pixels: HTMLCanvasElement | null = null;
+  private followed!: PaintCanvas;
   private values: ImageData | null = null;
-  private opened = "";
-  private number = -1;
-  private dirty: Area | null = null;
-  private isWaiting = false;
   private last: { x: number; y: number } | null = null;
 
   override connectedCallback(): void {
     super.connectedCallback();
+    this.followed ??= new PaintCanvas(this.studio, () => this.map, () => this.requestUpdate());
     this.studio.addEventListener("renewed", this.onRenewed);
   }
 
@@ -46,89 +44,63 @@ export class PaintView extends MaterialLayer {
     this.studio.removeEventListener("renewed", this.onRenewed);
   }
 
-  private readonly onRenewed = (): void => {
-    if (this.state !== "none") this.begin();
-  };
+  private readonly onRenewed = (): void => this.followed.renew();
 
   // -- opening
 
   protected override async open(): Promise<void> {
-    this.control = "";
+    const { picture } = this;
+    const drawn = this.kept?.paint ?? null;
+    [this.control, this.side] = [drawn?.control ?? "", drawn?.side ?? this.side];
+    this.map = new ControlMap(this.side, this.side);
     this.forget();
+    const painted = drawn && (await this.studio.attempt(decoded(drawn.map)));
+    if (!painted || picture !== this.picture) return;
+    this.map = new ControlMap(this.side, this.side, painted);
+    this.begin();
   }
 
   /** What has been opened is of another original, control map or size. */
   private forget(): void {
-    [this.state, this.problem, this.job, this.number] = ["none", "", "", -1];
-    this.pixels = null;
+    this.job = "";
+    this.followed.forget();
+    this.requestUpdate();
   }
 
-  /** Have the server summarise the texture with its control map. */
+  /** Open a canvas of the map, which is stretched where it had another size. */
   private begin(): void {
-    if (this.map.width !== this.side) this.map = new ControlMap(this.side, this.side);
-    [this.state, this.progress, this.problem, this.job] = ["opening", "", "", ""];
-    [this.dirty, this.isWaiting, this.pixels] = [null, false, null];
-    this.number = this.studio.next();
-    this.studio.send({
-      kind: "paint_open", number: this.number, texture: this.picture.id, control: this.control, size: sizeText([this.side, this.side]),
-    }, this.map.codes);
+    if (this.map.width !== this.side) this.map = new ControlMap(this.side, this.side, this.map.canvas());
+    this.job = "";
+    this.followed.begin({ picture: this.picture, control: this.control, seed: this.recipe.seed ?? SEED });
+    this.keepDrawn();
+    this.requestUpdate();
+  }
+
+  /** Let the project have what is painted; a map that takes much room smaller. */
+  private keepDrawn(): void {
+    const whole = this.map.address(this.side);
+    const map = whole.length > MOST_KEPT ? this.map.address(LARGEST_KEPT) : whole;
+    this.keep({ paint: { control: this.control, side: this.side, map } });
   }
 
   protected override receive(message: ToPage, payload: Payload): void {
-    if (!("number" in message) || message.number !== this.number) return;
-    if (message.kind === "paint_progress") {
-      this.progress = `${message.step} ${message.done ? `${Math.round(100 * message.done)} %` : ""}`;
-    } else if (message.kind === "paint_opened") {
-      this.state = "ready";
-      this.opened = message.control;
-      void this.loadValues();
-    } else if (message.kind === "paint_picture") {
-      this.onPicture(message, payload);
-    } else if (message.kind === "preview_failed") {
-      this.problem = message.problem;
-      this.state = this.pixels ? "ready" : "none";
-      this.isWaiting = false;
-    }
+    if (this.followed.receive(message, payload)) void this.loadValues();
   }
 
   /** The values of the control map, for picking. */
   private async loadValues(): Promise<void> {
-    const picture = await this.studio.attempt(bitmap(pictureAddress(this.opened, PICK)));
+    const picture = await this.studio.attempt(bitmap(pictureAddress(this.followed.control, PICK)));
     if (!picture) return;
     const context = new OffscreenCanvas(picture.width, picture.height).getContext("2d")!;
     context.drawImage(picture, 0, 0);
     this.values = context.getImageData(0, 0, picture.width, picture.height);
   }
 
-  private onPicture(message: PaintPicture, payload: Payload): void {
-    if (!this.pixels) {
-      this.pixels = document.createElement("canvas");
-      [this.pixels.width, this.pixels.height] = [this.side, this.side];
-    }
-    if (message.height && message.width) {
-      const part = new ImageData(payload, message.width, message.height);
-      this.pixels.getContext("2d")!.putImageData(part, message.left, message.top);
-    }
-    this.isWaiting = false;
-    this.draw();
-    this.flush();
-  }
-
   // -- painting
 
-  /** Send what has been painted, unless the server still works on the strokes before. */
-  private flush(): void {
-    if (this.isWaiting || !this.dirty?.height || this.state !== "ready") return;
-    const area = this.dirty;
-    this.dirty = null;
-    this.isWaiting = true;
-    this.studio.send({ kind: "paint_dab", number: this.number, ...area }, this.map.part(area));
-  }
-
   private changed(area: Area): void {
-    this.dirty = joined(this.dirty, area);
     if (this.shows === "map") this.draw();
-    this.flush();
+    this.followed.follow(area);
   }
 
   private down(event: PointerEvent): void {
@@ -144,7 +116,7 @@ export class PaintView extends MaterialLayer {
     const scale = this.side / box.width;
     const at = { x: (event.clientX - box.left) * scale, y: (event.clientY - box.top) * scale };
     this.drawCursor(event.clientX, event.clientY, this.radius / scale);
-    if (!event.buttons || this.state !== "ready") return;
+    if (!event.buttons || !this.followed.canPaint) return;
     const from = this.last ?? at;
     const steps = Math.max(1, Math.ceil(Math.hypot(at.x - from.x, at.y - from.y) / (this.radius / 3)));
     let area: Area | null = null;
@@ -160,12 +132,14 @@ export class PaintView extends MaterialLayer {
     if (!this.last) return;
     this.last = null;
     this.map.keep();
+    this.keepDrawn();
     this.requestUpdate();
   }
 
   private whole(change: () => void): void {
     change();
     this.changed(this.map.whole);
+    this.keepDrawn();
     this.requestUpdate();
   }
 
@@ -190,17 +164,17 @@ export class PaintView extends MaterialLayer {
     const blob = await new Promise<Blob | null>((done) => this.map.canvas().toBlob(done, "image/png"));
     const target = await this.studio.attempt(upload([new File([blob!], `${PAINTED}target.png`)], ""));
     if (!target) return undefined;
-    const sources = { texture: this.picture.id, control: this.opened, target: target.id };
+    const sources = { texture: this.picture.id, control: this.followed.control, target: target.id };
     return { flow: FLOW, sources, size: sizeText([this.side, this.side]), seed: this.recipe.seed };
   }
 
   // -- how it looks
 
   private draw(): void {
-    const shown = this.shows === "map" ? this.map.canvas() : this.pixels;
+    const shown = this.shows === "map" ? this.map.canvas() : this.followed.pixels;
     if (!this.canvas || !shown) return;
     if (this.canvas.width !== this.side) [this.canvas.width, this.canvas.height] = [this.side, this.side];
-    this.canvas.getContext("2d")!.drawImage(shown, 0, 0);
+    this.canvas.getContext("2d")!.drawImage(shown, 0, 0, this.side, this.side);
   }
 
   private drawCursor(x: number, y: number, radius: number): void {
@@ -222,7 +196,7 @@ export class PaintView extends MaterialLayer {
   override render(): TemplateResult {
     return html`
       <section class="stage" aria-label="Canvas">${this.stage()}</section>
-      <aside class="right" aria-label="Brush">${this.cards(this.settings())} ${this.state === "ready" ? this.ending("Finish with all maps") : nothing}</aside>
+      <aside class="right" aria-label="Brush">${this.cards(this.settings())} ${this.followed.state === "ready" ? this.ending("Finish with all maps") : nothing}</aside>
     `;
   }
 
@@ -237,22 +211,24 @@ export class PaintView extends MaterialLayer {
         <span class="state" role="status">${this.status()}</span>
       </div>
       <div class="painted">
-        <canvas class="result" aria-label="Canvas: paint with the pointer" role="img" ?hidden=${this.state !== "ready"}
+        <canvas class="result" aria-label="Canvas: paint with the pointer" role="img" ?hidden=${!this.followed.canPaint}
           @pointerdown=${this.down} @pointermove=${this.move} @pointerup=${this.up}></canvas>
         <canvas class="cursor" aria-hidden="true"></canvas>
       </div>
-      ${this.state === "none" ? html`<div class="welcome over">
+      ${this.followed.state === "none" ? html`<div class="welcome over">
         <h2>What controls it?</h2>
         <p>Choose a grey map of the picture on the right that says what is where in it, such as wetness, rust or height, or paint by
-          its brightness. Summarising the picture takes a minute or two, once.</p><p><button class="primary" @click=${() => this.begin()}>Begin to paint</button></p></div>` : nothing}
-      ${this.state === "opening" ? html`<progress class="line" aria-label="Summary"></progress>` : nothing}
+          its brightness. A draft is there within seconds; summarising the picture takes a minute or two, once.</p><p><button class="primary" @click=${() => this.begin()}>Begin to paint</button></p></div>` : nothing}
+      ${["opening", "draft"].includes(this.followed.state) ? html`<progress class="line" aria-label="Summary"></progress>` : nothing}
     `;
   }
 
   private status(): string | TemplateResult {
-    if (this.problem) return failure(this.problem, () => this.begin());
-    if (this.state === "opening") return `Summarising the original, once: ${this.progress || "starting"}`;
-    return this.state === "ready" ? "Paint: the texture follows" : "";
+    const { problem, state, progress } = this.followed;
+    if (problem) return failure(problem, () => this.begin());
+    if (state === "opening") return `Summarising the original, once: ${progress || "starting"}`;
+    if (state === "draft") return `Paint this draft while the original is summarised, once: ${progress || "starting"}`;
+    return state === "ready" ? "Paint: the texture follows" : "";
   }
 
   private settings(): TemplateResult {
@@ -274,7 +250,7 @@ export class PaintView extends MaterialLayer {
           this.side = side;
           this.forget();
         }}>${side}</button>`)}</div>
-      ${this.state === "ready" ? this.brush() : nothing}
+      ${this.followed.canPaint ? this.brush() : nothing}
     `;
   }
 

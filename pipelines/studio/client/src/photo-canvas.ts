@@ -2,7 +2,7 @@
 import { customElement, property } from "lit/decorators.js";
 import { border, lineOf, type Spot, surface } from "./bezier";
 import type { BrushRecipe, PatchRecipe, PhotoPatch, Picture } from "./messages";
-import { changed, EMPTY, type Handle, handlesOf, moved, painted, type PhotoDocument, placeOf } from "./photo-document";
+import { changed, EMPTY, type Handle, handlesOf, moved, painted, type PhotoDocument, placeOf, thinned } from "./photo-document";
 import { PictureView } from "./picture-view";
 
 export type Shown = { plain: Float32Array; lines: number; points: number };
@@ -49,10 +49,9 @@ export class PhotoCanvas extends PictureView {
   }
 
   // -- places
-
   /** Screen px of a px of the photograph. */
   private get unit(): number {
-    return (this.scale * this.picture!.width) / this.photo.width;
+    return (this.scale * this.size!.width) / this.photo.width;
   }
 
   private onScreen([row, column]: Spot): [number, number] {
@@ -81,7 +80,7 @@ export class PhotoCanvas extends PictureView {
 
   protected override drawMarks(context: CanvasRenderingContext2D, left: number, top: number, scale: number): void {
     this.origin = { left, top, scale };
-    const { width, height } = this.picture!;
+    const { width, height } = this.size!;
     for (const area of this.areas.values()) context.drawImage(area, left, top, width * scale, height * scale);
     for (const patch of this.document.patches) this.drawPatch(context, patch);
     if (this.streamlines && !this.grabbed) this.drawStreamlines(context, this.streamlines);
@@ -297,16 +296,4 @@ export class PhotoCanvas extends PictureView {
       super.key(event);
     }
   }
-}
-
-/** The points of a stroke, as near to each other as its radius needs; the last one of a fill. */
-function thinned(points: Spot[], { tool, radius }: Brush): Spot[] {
-  if (tool === "fill") return [points.at(-1)!];
-  const distance = tool === "stroke" ? Math.max(1, radius! / 6) : 1;
-  const kept: Spot[] = [];
-  for (const [row, column] of points) {
-    const [above, before] = kept.at(-1) ?? [Infinity, Infinity];
-    if (Math.hypot(row - above, column - before) >= distance) kept.push([Math.round(10 * row) / 10, Math.round(10 * column) / 10]);
-  }
-  return kept;
 }

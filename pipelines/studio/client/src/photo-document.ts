@@ -1,4 +1,5 @@
 // What is placed and painted on a photograph. Every change makes a new document, so that undo keeps the old ones.
+import type { Brush } from "./photo-canvas";
 import { bounded, type Corners, type Spot, surface, type Weights } from "./bezier";
 import type { BrushRecipe, PatchRecipe, PhotoRecipe } from "./messages";
 
@@ -101,4 +102,16 @@ export function painted(document: PhotoDocument, area: string, edit: BrushRecipe
 export function cleared(document: PhotoDocument, area: string): PhotoDocument {
   const { [area]: _, ...areas } = document.areas;
   return { ...document, areas };
+}
+
+/** The points of a stroke, as near to each other as its radius needs; the last one of a fill. */
+export function thinned(points: Spot[], { tool, radius }: Brush): Spot[] {
+  if (tool === "fill") return [points.at(-1)!];
+  const distance = tool === "stroke" ? Math.max(1, radius! / 6) : 1;
+  const kept: Spot[] = [];
+  for (const [row, column] of points) {
+    const [above, before] = kept.at(-1) ?? [Infinity, Infinity];
+    if (Math.hypot(row - above, column - before) >= distance) kept.push([Math.round(10 * row) / 10, Math.round(10 * column) / 10]);
+  }
+  return kept;
 }

@@ -1,4 +1,5 @@
 // A photograph that is open on the layer Surfaces.
+import type { Viewed } from "./large-pictures";
 import type { PhotoPatch, PhotoRecipe, Picture } from "./messages";
 import { AREA_COLORS, type Shown } from "./photo-canvas";
 import type { PhotoDocument } from "./photo-document";
@@ -15,7 +16,7 @@ export class Photo {
 
   constructor(
     readonly picture: Picture,
-    readonly bitmap: ImageBitmap,
+    readonly viewed: Viewed,
     begun: PhotoDocument,
     /** as they are in the session of the server, which only tells those that change */
     readonly areas = new Map<string, HTMLCanvasElement>(),

@@ -130,8 +130,10 @@ export class PictureList extends Element {
   async receive(files: File[], name: string): Promise<void> {
     if (!files.length) return;
     this.busy = files.length > 1 ? `Reading ${files.length} files …` : `Reading ${files[0].name} …`;
+    if (files.length === 1 && !this.takesSeveral) void this.studio.expect(files[0]);
     const pictures = (await this.studio.attempt(this.taken(files, name))) ?? [];
     this.busy = "";
+    if (!pictures.length) void this.studio.expect(null);
     [...pictures].reverse().forEach((one) => this.studio.add(one));
     if (this.takesSeveral) pictures.forEach((one) => this.tell("add", one));
     else if (pictures.length) this.tell("choose", pictures[0]);

@@ -6,7 +6,7 @@ const PAUSE = 300; // ms until a change is sent, so that a slider sends one
 const AGAIN = 2000; // ms until what could not be sent is sent again
 const PLACE = "texloom place"; // of this tab
 const MOST_DRAWN = 700_000; // characters of what is drawn; the server refuses more than a MiB
-const UNDRAWN: Drawing = { picture: "", collage: null, lattice: null, mesh: null, surfaces: null };
+const UNDRAWN: Drawing = { picture: "", collage: null, lattice: null, mesh: null, paint: null, surfaces: null };
 
 /** What of the studio a project needs. */
 interface Host extends EventTarget {

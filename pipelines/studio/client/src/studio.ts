@@ -8,6 +8,9 @@ import { Socket } from "./socket";
 export type Payload = Uint8ClampedArray<ArrayBuffer>;
 type Receiver = (message: ToPage, payload: Payload) => void;
 
+const LARGE_FILE = 2 ** 20; // bytes of a picture that is shown while it is sent
+const INCOMING = 1024; // px of its width
+
 /**
  * Changes are told as events: `change`, `opened` where another material is to be shown, `problem` with a text,
  * `described` with a recipe that is to be shown, and `renewed` where the server knows nothing of this page any more.
@@ -22,6 +25,9 @@ export class Studio extends EventTarget {
   /** the one that was dropped last */
   mesh = "";
   isConnected = false;
+  /** a picture that is being sent, small, until the server shows it */
+  incoming: ImageBitmap | null = null;
+  private expected: File | null = null;
   private readonly receivers = new Set<Receiver>();
   private readonly socket: Socket;
   private number = 0;
@@ -118,6 +124,17 @@ export class Studio extends EventTarget {
   add(picture: Picture): void {
     this.added = [picture, ...this.added.filter((one) => one.id !== picture.id)];
     this.pictures = [picture, ...this.pictures.filter((one) => one.id !== picture.id)];
+    this.changed();
+  }
+
+  /** Show a file of a picture while the server reads it, if the browser can; none: show none any more. */
+  async expect(file: File | null): Promise<void> {
+    if (file === this.expected) return;
+    [this.expected, this.incoming] = [file, null];
+    this.changed();
+    if (!file || file.size < LARGE_FILE) return;
+    const picture = await createImageBitmap(file, { resizeWidth: INCOMING, resizeQuality: "medium" }).catch(() => null);
+    if (this.expected === file) this.incoming = picture;
     this.changed();
   }
 

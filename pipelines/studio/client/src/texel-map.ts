@@ -1,4 +1,5 @@
 // Values painted on a surface, at the pixels of its texture; a dab reaches across the borders of charts.
+import { decoded } from "./control-map";
 import { type Corners, VALUES } from "./corners";
 
 const GROWN = 3; // px by which charts are continued
@@ -80,9 +81,7 @@ export class TexelMap {
 
   /** The values that a picture has at an address. */
   async load(address: string): Promise<Uint8Array> {
-    const picture = new Image();
-    picture.src = address;
-    await picture.decode();
+    const picture = await decoded(address);
     const context = new OffscreenCanvas(this.side, this.side).getContext("2d")!;
     context.drawImage(picture, 0, 0);
     const { data } = context.getImageData(0, 0, this.side, this.side);
