@@ -9,6 +9,7 @@ import numpy as np
 import PIL.Image
 import pytest
 
+from texloom.pipelines.media.sources import Source
 from texloom.pipelines.studio.library import Library
 from texloom.pipelines.studio.listing import chosen, folders_of, scan
 
@@ -54,7 +55,7 @@ def test_a_picture_of_a_camera_is_a_photograph(tmp_path: Path) -> None:
     made.save(tmp_path / "received" / "photo.jpg", exif=camera)
     made.save(tmp_path / "project" / "drawn.jpg")
     own = library(tmp_path)
-    assert own.keep(tmp_path / "received", "").is_photograph
+    assert own.keep(tmp_path / "received", "", Source.read).is_photograph
     assert [(one.name, one.is_photograph) for one in own.pictures().pictures] == [("drawn", False), ("photo", True)]
 
 

@@ -232,10 +232,10 @@ def test_a_record_that_is_never_right_ends_the_run(mark: Path, monkeypatch: pyte
     path = write_flow(mark.parent)
     check = Store.check_record
 
-    def refused(self: Store, record: Any, stage: str, key: str) -> Artifact:
+    def refused(self: Store, record: Any, stage: str, key: str, thorough: bool = False) -> Artifact:
         if stage == "analysis.otsu":
             raise BrokenArtifactError("as asked")
-        return check(self, record, stage, key)
+        return check(self, record, stage, key, thorough)
 
     local(open_run(path), mark.parent / "out")
     monkeypatch.setattr(Store, "check_record", refused)
