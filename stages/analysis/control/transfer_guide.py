@@ -88,27 +88,27 @@ def transfer_guide(
     4.3. Ranks, edges and the strength by areas are ours.
     """
     size = params.size or (picture.height, picture.width)
-    own = _lightness(image, params.detail)
+    lightness = _lightness(image)
     shown = picture.elsewhere(resize(fill_excluded(picture).pixels, *size, bilinear=True))
     valid, asked = valid_pixels(image), valid_pixels(picture)
     if asked is not None:
         asked = resized_mask(asked, *size)
-    planes = [ranks(own, valid)]
-    wanted = [ranks(_lightness(shown, params.detail), asked)]
+    planes = [ranks(_smooth(lightness, params.detail), valid)]
+    wanted = [ranks(_smooth(_lightness(shown), params.detail), asked)]
     if contours is not None and picture_contours is not None and params.edges:
         planes.append(contours * np.float32(_EDGES * params.edges))
         found = resize(picture_contours[..., None], *size, bilinear=True)[..., 0]
         wanted.append(found * np.float32(_EDGES * params.edges))
-    strength = np.float32(params.weight * _strength(image, valid) * VALUE_STRENGTH * contrast(image))
+    strength = np.float32(params.weight * _strength(lightness, valid) * VALUE_STRENGTH * contrast(image))
     target = np.stack(wanted, axis=2) * strength
     if asked is not None:
         target[~asked] = np.nan
     return TransferGuide(np.stack(planes, axis=2) * strength, target)
 
 
-def _strength(image: Image, valid: Mask | None) -> float:
+def _strength(lightness: ScalarMap, valid: Mask | None) -> float:
     """Of the guide beside that of values: more, the less of the exemplar's lightness is of areas."""
-    own = [_lightness(image, deviation) for deviation in (0.0, _AREA * min(image.height, image.width))]
+    own = lightness, _smooth(lightness, _AREA * min(lightness.shape))
     whole, areas = (float((one if valid is None else one[valid]).std(dtype=np.float64)) for one in own)
     if areas < _VISIBLE:
         _LOG.warning(
@@ -120,6 +120,9 @@ def _strength(image: Image, valid: Mask | None) -> float:
     return _STRENGTH * lacking * math.sqrt(lacking)
 
 
-def _lightness(image: Image, deviation: float) -> ScalarMap:
-    lightness = np.ascontiguousarray(lab_from_linear(fill_excluded(image).color)[..., 0])
+def _lightness(image: Image) -> ScalarMap:
+    return np.ascontiguousarray(lab_from_linear(fill_excluded(image).color)[..., 0])
+
+
+def _smooth(lightness: ScalarMap, deviation: float) -> ScalarMap:
     return gaussian_blur(lightness, deviation) if deviation else lightness

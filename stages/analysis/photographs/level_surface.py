@@ -11,7 +11,7 @@ from pydantic import Field
 
 from texloom.stages.analysis.regularity.deformed_lattice import lattice_through
 from texloom.stages.analysis.regularity.lattice_tracking import track_lattice
-from texloom.stages.common.geometry.free_form_deformation import fitted
+from texloom.stages.analysis.regularity.straighten import straightening
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.vocabulary.arrays import Image, Vectors
@@ -33,7 +33,6 @@ _BETTER = 0.005  # correlation of cells beside each other, by which it has to ri
 _OVERLAP = 0.1  # of the usable pixels, that have another one a generator away
 _WHOLE = 0.999  # share of a pixel from usable ones
 _COARSE = 8  # px between the places at which the warp is computed
-_SPACING = 0.5  # of a cell, of the finest splines: finer ones would only bend between vertices
 
 
 class LevelSurfaceParams(Params):
@@ -125,9 +124,7 @@ def _warped(image: Image, places: Float64[np.ndarray, "n 2"], targets: Float64[n
     from texloom.stages.kernels.core.resample import sampled
 
     sides = np.array([image.height, image.width])
-    box = (np.minimum(targets.min(axis=0), 0), np.maximum(targets.max(axis=0), sides - 1))
-    cell = float(np.sqrt(np.prod(box[1] - box[0]) / len(targets)))
-    warp = fitted(targets, places, box, _SPACING * cell)
+    warp = straightening(places, targets, sides)
     shape = -(-sides // _COARSE) + 1
     grid = np.moveaxis(np.indices(tuple(shape)), 0, -1).reshape(-1, 2) * float(_COARSE)
     moves = (warp(grid) - grid).reshape(*shape, 2)

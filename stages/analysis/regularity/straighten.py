@@ -4,10 +4,10 @@ import dataclasses
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64, Int64
 
 from texloom.stages.analysis.regularity.deformed_lattice import Points
-from texloom.stages.common.geometry.free_form_deformation import fitted
+from texloom.stages.common.geometry.free_form_deformation import FreeForm, fitted
 from texloom.stages.vocabulary.arrays import Channels, Image
 from texloom.stages.vocabulary.declare import InputError, NoParams, stage
 
@@ -51,15 +51,21 @@ def straighten(image: Image, vertices: Points, regular: Points, params: NoParams
 
     if len(regular) < 3:
         raise InputError(f"regular: want three points or more, got {len(regular)}")
-    points, targets = regular.astype(np.float64), vertices.astype(np.float64)
     sides = np.array([image.height, image.width])
-    box = (np.minimum(points.min(axis=0), 0), np.maximum(points.max(axis=0), sides - 1))
-    # Half the spacing of a square lattice of this density; finer splines would only bend between points.
-    finest = 0.5 * float(np.sqrt(np.prod(box[1] - box[0]) / len(points)))
-    warp = fitted(points, targets, box, finest)
+    warp = straightening(vertices.astype(np.float64), regular.astype(np.float64), sides)
     positions = warp(np.moveaxis(np.indices((image.height, image.width)), 0, -1).reshape(-1, 2).astype(np.float64))
     pixels = sampled(image.pixels, positions)
     outside = ((positions < -0.5) | (positions > sides - 0.5)).any(axis=1)
     pixels[outside] = 0
     source = positions.astype(np.float32).reshape(*sides, 2)
     return Straightened(image.elsewhere(pixels.reshape(*sides, -1)), source)
+
+
+def straightening(
+    vertices: Float64[np.ndarray, "n 2"], regular: Float64[np.ndarray, "n 2"], sides: Int64[np.ndarray, "2"]
+) -> FreeForm:
+    """The map from an image of these sides with a regular lattice to the one that has it at ``vertices``."""
+    box = (np.minimum(regular.min(axis=0), 0), np.maximum(regular.max(axis=0), sides - 1))
+    # Half the spacing of a square lattice of this density; finer splines would only bend between points.
+    finest = 0.5 * float(np.sqrt(np.prod(box[1] - box[0]) / len(regular)))
+    return fitted(regular, vertices, box, finest)
