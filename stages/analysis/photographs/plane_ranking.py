@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float32
 
 from texloom.stages.analysis.photographs import bezier
 from texloom.stages.analysis.photographs.evenness import evenness
@@ -12,7 +13,7 @@ from texloom.stages.analysis.regularity.lattice import detail, gradient_magnitud
 from texloom.stages.common.features.line_segments import Segments
 from texloom.stages.kernels.core.elementary_functions import arctan2, cbrt
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
-from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
+from texloom.stages.vocabulary.arrays import Image, Mask
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.progress import Progress, report
 
@@ -21,6 +22,8 @@ _MIN_AREA = 0.05  # share of the photograph, of such a plane
 _EVEN, _CLEARLY_EVEN = 0.55, 0.70  # of a frontal surface that has no lines; clean exemplars have .73 or more
 _REPEATS = 0.3  # repetition times evenness, of one that is less even
 _SIDE = 192  # px of the longer side of a plane seen from the front
+_FINE_SIDE = 384  # px, at which a repetition is sought that is not seen there: of many small tiles
+_SEEN = 0.6  # repetition from which it is
 _MIN_SIDE = 12  # px of its shorter side
 _STRAIGHT, _NEARLY = np.radians(2.0), np.radians(12.0)  # of an axis: straight lines, and lines that should be
 _MIN_SHOWN = 0.5  # share of a plane, and of a block of it, that the photograph shows
@@ -108,24 +111,33 @@ def measured(image: Image, candidate: PlaneCandidate, segments: Segments, cells:
     size = np.array(patch.size) * _SIDE / max(patch.size)
     if size.min() < _MIN_SIDE:
         return None
-    places = bezier.even_points(patch.controls, patch.space, (round(size[0]), round(size[1])))
-    shown = ((places >= 0) & (places <= np.array(shape) - 1)).all(axis=2)
+
+    def seen(times: float) -> tuple[Float32[np.ndarray, "h w 3"], Mask]:
+        rows, columns = np.rint(size * times).astype(int).tolist()
+        places = bezier.even_points(patch.controls, patch.space, (rows, columns))
+        return lab_from_linear(sampled(image.color, places)), (
+            (places >= 0) & (places <= np.array(shape) - 1)
+        ).all(axis=2)
+
+    lab, shown = seen(1.0)
     if shown.mean() < _MIN_SHOWN:
         return None
-    lab = lab_from_linear(sampled(image.color, places))
-    lightness = np.where(shown, lab[..., 0], lab[shown][:, 0].mean())
+    repetition = _repetition(lab, shown)
+    if repetition < _SEEN:
+        repetition = max(repetition, _repetition(*seen(_FINE_SIDE / _SIDE)))
     return RankedPlane(
         candidate,
-        _repetition(lightness, shown),
+        repetition,
         evenness(lab, shown, _MIN_SHOWN),
         _straightness(segments, corners, size, cells),
     )
 
 
-def _repetition(lightness: ScalarMap, shown: Mask) -> float:
+def _repetition(lab: Float32[np.ndarray, "h w 3"], shown: Mask) -> float:
     """The highest peak of the autocorrelation of lightness or of the length of its gradient."""
     import cv2
 
+    lightness = np.where(shown, lab[..., 0], lab[shown][:, 0].mean())
     best = 0.0
     for plane in (lightness, gradient_magnitude(lightness, shown)):
         correlation = self_correlation(detail(plane))
