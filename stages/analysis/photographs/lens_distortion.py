@@ -20,7 +20,8 @@ _FINER = (0.05, 0.02, 0.01, 0.005)  # steps to both sides of the best
 _FAMILIES = 3  # vanishing points
 _MIN_SHARE = 0.06  # of the length of all segments, of each
 _WIDTH = np.radians(1.0)  # of the agreement of a segment with its vanishing point
-_MIN_GAIN = 0.1  # of agreement, over none
+_MIN_GAIN = 0.1  # of agreement, over none, and over distortions ``_APART`` from it: lines that are not straight
+_APART = 0.1  # agree hardly better with one distortion than with another
 _MIN_AGREEMENT = 0.35  # share of the length of all segments, about
 _MIN_SEGMENTS = 60
 _MAX_SEGMENTS = 300  # the longest
@@ -52,7 +53,8 @@ def lens_distortion(image: Image, params: LensDistortionParams) -> LensDistortio
 
     A point at a distance r from the middle, in half diagonals, belongs at r / (1 + distortion r^2). Of several
     distortions that is taken at which most of the length of the segments points to few vanishing points; none where
-    this is not clearly more than without. The middle keeps its scale, borders are cropped.
+    this is not clearly more than without, or than at distortions apart from it. The middle keeps its scale, borders
+    are cropped.
 
     Parameters
     ----------
@@ -91,7 +93,8 @@ def estimated_distortion(segments: Segments) -> float:
             agreements.setdefault(tried, _agreement(segments, tried))
     best = max(agreements, key=lambda tried: agreements[tried])
     total = float(segments.lengths.sum())
-    clear = agreements[best] > (1 + _MIN_GAIN) * plain and agreements[best] > _MIN_AGREEMENT * total
+    others = [plain, *(_agreement(segments, best + apart) for apart in (-_APART, _APART))]
+    clear = agreements[best] > max((1 + _MIN_GAIN) * max(others), _MIN_AGREEMENT * total)
     return best if clear else 0.0
 
 
