@@ -6,10 +6,10 @@ import math
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Bool, Float64
 from pydantic import Field
 
-from texloom.stages.analysis.regularity.deformed_lattice import lattice_through
+from texloom.stages.analysis.regularity.deformed_lattice import DeformedLattice, lattice_through
 from texloom.stages.analysis.regularity.lattice_tracking import track_lattice
 from texloom.stages.analysis.regularity.straighten import straightening
 from texloom.stages.numerics.filters import gaussian_blur
@@ -26,7 +26,8 @@ _REACH = 0.2  # of the shorter generator, around the place that a neighbour pred
 _STIFFNESS = 0.1  # of the lattice: slow bends are followed, single elements hardly
 _LEAST_DETECTED = 0.5  # of the vertices inside
 _MIN_VERTICES = 9
-_LEAST, _MOST = 1.0, 0.15  # px, and share of the shorter generator, of the largest move
+_LEAST = 1.0  # px of the largest move
+_MOST_STRAIN = 0.15  # share of a generator by which it may differ from its neighbour's after the moves
 _UPRIGHT = 0.06  # tangent of the angle to a side up to which lines of the lattice are made level
 _STEPS = range(-2, 3)  # generators that such a line may consist of
 _BETTER = 0.005  # correlation of cells beside each other, by which it has to rise
@@ -62,8 +63,8 @@ def level_surface(image: Image, generators: Vectors, params: LevelSurfaceParams)
     What a homography and a lens leave, a degree of tilt or some px of bend, makes joints of a texture kink where
     pieces from different places meet. The lattice's vertices are detected (`deformed_lattice`), smoothed so that
     single elements stay as they lie, and moved to the nearest regular lattice; lines of this within 3.4 degrees of
-    a side become parallel to it. The warp is taken if enough vertices are detected, no move is large, and cells are
-    more alike afterwards.
+    a side become parallel to it. The warp is taken if enough vertices are detected, neighbours among them move hardly
+    apart, and cells are more alike afterwards.
 
     Parameters
     ----------
@@ -89,9 +90,8 @@ def level_surface(image: Image, generators: Vectors, params: LevelSurfaceParams)
     targets = matrix_product(targets - middle, turn) + middle
     inside = ((places >= 0) & (places <= 2 * middle)).all(axis=1)
     moved = float(np.hypot(*(targets - places)[inside].T).max(initial=0.0))
-    shorter = float(np.hypot(*found.generators.T).min())
     enough = found.detected >= _LEAST_DETECTED and found.detected * inside.sum() >= _MIN_VERTICES
-    if not enough or not _LEAST <= moved <= _MOST * shorter:
+    if not enough or moved < _LEAST or _strain(found, targets - places, inside) > _MOST_STRAIN:
         return kept
     level = _warped(image, places, targets)
     report(Progress(0.8))
@@ -101,6 +101,16 @@ def level_surface(image: Image, generators: Vectors, params: LevelSurfaceParams)
     why = f"rows and columns made straight and level, by up to {moved:.1f} px (--set level=false leaves them)"
     _LOG.warning("%s", why)
     return LevelSurface(level, own, {"why": why, "moved": moved, "detected": found.detected})
+
+
+def _strain(found: DeformedLattice, moves: Float64[np.ndarray, "n 2"], inside: Bool[np.ndarray, "n"]) -> float:
+    """The largest difference between the moves of neighbouring vertices inside, in generators."""
+    steps = found.steps - found.steps.min(axis=0)
+    table = np.full((*(steps.max(axis=0) + 1), 2), np.nan)
+    table[steps[inside, 0], steps[inside, 1]] = moves[inside]
+    apart = (np.hypot(*np.moveaxis(np.diff(table, axis=axis), 2, 0)) for axis in (0, 1))
+    lengths = np.hypot(*found.generators.astype(np.float64).T)
+    return max(float(np.nanmax(one, initial=0.0) / length) for one, length in zip(apart, lengths, strict=True))
 
 
 def _level(generators: Float64[np.ndarray, "2 2"]) -> Float64[np.ndarray, "2 2"]:
