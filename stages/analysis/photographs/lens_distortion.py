@@ -22,7 +22,7 @@ _MIN_SHARE = 0.06  # of the length of all segments, of each
 _WIDTH = np.radians(1.0)  # of the agreement of a segment with its vanishing point
 _MIN_GAIN = 0.1  # of agreement, over none, and over distortions ``_APART`` from it: lines that are not straight
 _APART = 0.1  # agree hardly better with one distortion than with another
-_MIN_AGREEMENT = 0.35  # share of the length of all segments, about
+_MIN_AGREEMENT = 0.45  # share of the length of all segments, about; straight lines through lenses have .56 or more
 _MIN_SEGMENTS = 60
 _MAX_SEGMENTS = 300  # the longest
 

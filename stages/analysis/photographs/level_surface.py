@@ -143,7 +143,9 @@ def _warped(image: Image, places: Float64[np.ndarray, "n 2"], targets: Float64[n
     shown = ((positions >= 0) & (positions <= sides - 1)).all(axis=2)
     if (valid := valid_pixels(image)) is not None:
         shown &= sampled(valid[..., None].astype(np.float32), positions)[..., 0] > _WHOLE
-    return with_usable(image.elsewhere(sampled(fill_excluded(image).pixels, positions)), shown)
+    pixels = sampled(fill_excluded(image).pixels, positions)
+    pixels[~shown] = 0
+    return with_usable(image.elsewhere(pixels), shown)
 
 
 def _alike(image: Image, generators: Vectors) -> float:
