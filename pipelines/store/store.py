@@ -13,6 +13,7 @@
       markers/<key id>                 whose store it is, see `texloom.pipelines.store.ownership`
       settings.json                    the limit of the size, see `texloom.pipelines.store.housekeeping`
       size.json                        the running total, see `texloom.pipelines.store.usage`
+      result_sizes                     the size of each result, see `texloom.pipelines.store.result_sizes`
       sources/                         arrays given by a Python program, see `texloom.pipelines.media.array_sources`
       exports/<key>                    digests of exported files, see `texloom.pipelines.engine.exports`
       runs/<flow>-<time>/              exports
