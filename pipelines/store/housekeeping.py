@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import hmac
 import json
+import operator
 import os
 import re
 import time
@@ -19,7 +20,7 @@ from typing import NamedTuple
 
 from texloom.pipelines.byte_size import format_byte_size
 from texloom.pipelines.errors import refused
-from texloom.pipelines.store import ownership, removal, run_log, usage, written
+from texloom.pipelines.store import ownership, removal, result_sizes, run_log, usage, written
 from texloom.pipelines.store.lease import protected_since
 from texloom.pipelines.store.record import record_name
 from texloom.pipelines.store.result_files import NOT_AS_EXPECTED, BrokenArtifactError
@@ -34,6 +35,7 @@ _SETTINGS = "settings.json"
 _MOST = 4096  # bytes of it
 _HISTORY_DAYS = 30
 _ROOM = 10  # part of the limit that is made free at once
+_USED = operator.itemgetter(4)
 
 
 class StoreEntry(NamedTuple):
@@ -45,7 +47,7 @@ class StoreEntry(NamedTuple):
     place: str
     """where it is, as text, as there may be a million"""
     size: int
-    """bytes, with its checkpoints"""
+    """bytes, with its record and checkpoints"""
     used: float
     """seconds since 1970"""
 
@@ -55,20 +57,51 @@ class StoreEntry(NamedTuple):
         return Path(self.place)
 
 
-def entries(store: Store) -> list[StoreEntry]:
-    """All results, by stage, the least recently used first."""
+def entries(store: Store, measured: bool = False) -> list[StoreEntry]:
+    """All results, by stage, the least recently used first; see `results` for ``measured``."""
     unfinished = set(_keys(store, "checkpoints"))
-    found, used = [], usage.times(store.records)
-    for stage, key in _keys(store, "cache"):
-        place = f"{store.root}/cache/{stage}/{key}"
-        size = usage.size_of(place)
-        if (stage, key) in unfinished:
-            size += usage.size_of(store.root / "checkpoints" / stage / key)
+    used = usage.times(store.records)
+    found: dict[str, list[StoreEntry]] = {}
+    for stage, key, of_result in results(store, measured):
+        is_unfinished = bool(unfinished) and (stage, key) in unfinished
+        size = of_result + (usage.size_of(store.root / "checkpoints" / stage / key) if is_unfinished else 0)
         when = used.get(record_name(stage, key))
         if when is None:
             when = store.used(store.location(stage, key))
-        found.append(StoreEntry(stage, key, place, size, when))
-    return sorted(found, key=lambda entry: (str(entry.stage), entry.used))
+        found.setdefault(stage, []).append(StoreEntry(stage, key, f"{store.root}/cache/{stage}/{key}", size, when))
+    for listed in found.values():
+        listed.sort(key=_USED)
+    return [entry for _, listed in sorted(found.items()) for entry in listed]
+
+
+def results(store: Store, measured: bool = False) -> Iterator[tuple[str, str, int]]:
+    """Stage, key, and bytes with the record of each result; ``measured``: without the index of sizes."""
+    known = {} if measured else result_sizes.read(store)
+    found: dict[int, int] = {}
+    for stage in usage.names(store.root / "cache"):
+        place, record = f"{store.root}/cache/{stage}", f"{store.records}/{record_name(stage, '')}"
+        for key, inode in usage.inodes(place):
+            if not _KEY.fullmatch(key):
+                continue
+            token = result_sizes.token(key, inode)
+            size, is_settled = known.get(token), True
+            if size is None:
+                of_record = sum(status.st_size for status in usage.statuses(record + key))
+                size = usage.size_of(f"{place}/{key}") + of_record
+                is_settled = of_record > 0 and inode not in result_sizes.UNKNOWN  # else it is just being written
+            if is_settled:
+                found[token] = size
+            yield stage, key, size
+    if not measured:
+        result_sizes.keep(store, known, found)
+
+
+def total_size(store: Store, measured: bool = False) -> int:
+    """Bytes of all files; unless ``measured`` by the index of sizes."""
+    if measured:
+        return usage.size_of(store.root)
+    others = set(usage.names(store.root)) - {"cache", "records", "locks"}  # locks are empty
+    return sum(usage.size_of(store.root / name) for name in others) + sum(size for *_, size in results(store))
 
 
 def _keys(store: Store, kind: str) -> Iterator[tuple[str, str]]:
@@ -195,8 +228,9 @@ def keep_limit(store: Store, measure: bool = True) -> list[StoreEntry]:
         return []
     if not measure and (known := usage.total(store)) is not None and known <= most:
         return []
-    size = usage.size_of(store.root)
-    removed = []
+    size, removed = total_size(store), []
+    if size > most:
+        size = total_size(store, measured=True)
     if size > most:
         goal = most if measure else most - most // _ROOM
         protected = protected_since(store.root)
@@ -213,10 +247,10 @@ def keep_limit(store: Store, measure: bool = True) -> list[StoreEntry]:
 
 def over(store: Store, most: int | None) -> list[StoreEntry]:
     """What `keep_limit` would remove under a limit of so many bytes."""
-    size = 0 if most is None else usage.size_of(store.root)
     found: list[StoreEntry] = []
-    if most is None or size <= most:
+    if most is None or total_size(store) <= most:
         return found
+    size = total_size(store, measured=True)
     for entry in _unprotected(store, protected_since(store.root)):
         if size <= most:
             break
@@ -227,7 +261,7 @@ def over(store: Store, most: int | None) -> list[StoreEntry]:
 
 def _unprotected(store: Store, protected: float) -> Iterator[StoreEntry]:
     """All that was last used before a time, what was least recently used first."""
-    for entry in sorted((*entries(store), *other_entries(store)), key=lambda entry: entry.used):
+    for entry in sorted((*entries(store, measured=True), *other_entries(store)), key=_USED):
         if entry.used >= protected:
             break
         yield entry
@@ -255,7 +289,10 @@ def _remove(store: Store, entry: StoreEntry, oldest: float) -> bool:
         if not is_locked or store.used(store.location(entry.stage, entry.key)) >= oldest:  # it was used meanwhile
             return False
         with contextlib.suppress(OSError):
-            return store.remove(entry.stage, entry.key)
+            is_gone = store.remove(entry.stage, entry.key)
+            if is_gone:
+                _unlink_lock(store, f"{record_name(entry.stage, entry.key)}.lock")
+            return is_gone
     return False
 
 
@@ -313,11 +350,17 @@ def _unlink_old(
 
 
 def _remove_lock(store: Store, name: str) -> None:
-    """Remove a lock's file unless it is held. A process that waits for it then sees that, and makes a new one."""
+    """Remove a lock's file unless it is held."""
     import filelock
 
     held = store.lock(name.removesuffix(".lock"), timeout=0)
-    with contextlib.suppress(filelock.Timeout, OSError), held, store.inside("locks") as folder:
+    with contextlib.suppress(filelock.Timeout, OSError), held:
+        _unlink_lock(store, name)
+
+
+def _unlink_lock(store: Store, name: str) -> None:
+    """Remove the file of a lock that is held here. A process that waits for it sees that, and makes a new one."""
+    with contextlib.suppress(OSError), store.inside("locks") as folder:
         folder.unlink_file(name)
 
 

@@ -13,6 +13,7 @@
       markers/<key id>                 whose store it is, see `texloom.pipelines.store.ownership`
       settings.json                    the limit of the size, see `texloom.pipelines.store.housekeeping`
       size.json                        the running total, see `texloom.pipelines.store.usage`
+      result_sizes                     the size of each result, see `texloom.pipelines.store.result_sizes`
       sources/                         arrays given by a Python program, see `texloom.pipelines.media.array_sources`
       exports/<key>                    digests of exported files, see `texloom.pipelines.engine.exports`
       runs/<flow>-<time>/              exports
@@ -30,6 +31,7 @@ import dataclasses
 import hashlib
 import json
 import os
+import re
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -63,6 +65,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+_LOCK = re.compile(r"[\w-]+-[0-9a-f]{64}\.lock|size\.lock")
 _SCRATCH_SHARE = 1 / 32  # of the memory limit; larger arrays are in files
 _CAN_TOUCH_LINKS = os.utime in os.supports_follow_symlinks
 
@@ -167,12 +170,19 @@ class Store:
         try:
             self._identity.stat()
         except (FileNotFoundError, NotADirectoryError):
+            self._remove_left_locks()
             problem = "is not there any more; was it moved, or its disk unmounted?"
         except OSError as error:
             problem = f"does not answer: {str(error.strerror).lower()}"
         else:
             return
         raise UnreachableError(f"--store {self.root}: {problem}")
+
+    def _remove_left_locks(self) -> None:
+        """Remove the folder that `filelock` made where the store was, if it was moved just before."""
+        with contextlib.suppress(OSError), Folder.at(self.root) as folder:
+            if folder.names() == ["locks"]:
+                folder.remove_flat("locks", _LOCK.fullmatch)
 
     def is_there(self) -> bool:
         """Whether `check_there` finds nothing."""

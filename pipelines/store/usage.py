@@ -72,16 +72,25 @@ def size_of(path: str | Path) -> int:
     try:
         with os.scandir(path) as found:
             for entry in found:
-                with contextlib.suppress(OSError):
-                    if entry.is_dir(follow_symlinks=False):
-                        total += size_of(entry.path)
-                    elif entry.is_file(follow_symlinks=False):
+                try:
+                    if entry.is_file(follow_symlinks=False):
                         total += entry.stat(follow_symlinks=False).st_size
+                    elif entry.is_dir(follow_symlinks=False):
+                        total += size_of(entry.path)
+                except OSError:  # `contextlib.suppress` would take a tenth of the time
+                    pass
     except NotADirectoryError:
         return sum(status.st_size for status in statuses(path) if stat.S_ISREG(status.st_mode))
     except OSError:
         pass
     return total
+
+
+def inodes(folder: str | Path) -> Iterator[tuple[str, int]]:
+    """The names in a folder, of which there may be a million, and their inodes, from listing it alone."""
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            yield entry.name, entry.inode()
 
 
 def times(folder: str | Path) -> dict[str, float]:

@@ -15,6 +15,7 @@ from texloom.pipelines.engine import attempt
 from texloom.pipelines.engine.executors.executor import Outcome
 from texloom.pipelines.errors import UnreachableError
 from texloom.pipelines.store import store as stores
+from texloom.pipelines.store.record import record_name
 from texloom.pipelines.store.result_files import BrokenArtifactError
 from texloom.pipelines.store.store import Store
 
@@ -80,6 +81,22 @@ def test_a_store_that_goes_while_its_folders_are_made(tmp_path: Path, monkeypatc
     monkeypatch.setattr(stores, "probe_folder", lambda root: (store.root.rename(tmp_path / "moved"), probe(root)))
     with pytest.raises(UnreachableError):
         store.create()
+
+
+def test_a_lock_that_was_made_where_a_store_was_goes(tmp_path: Path) -> None:
+    """`filelock` makes the folder of its file; the empty root may be where a disk is mounted, and stays."""
+    store = Store(tmp_path / "store")
+    store.create()
+    lock = store.lock(record_name("analysis.otsu", "0" * 64))
+    store.root.rename(tmp_path / "moved")
+    with lock:
+        assert store.locks.is_dir()
+    assert not store.is_there()
+    assert list(store.root.iterdir()) == []
+    store.locks.mkdir()
+    (store.locks / "yarn.lock").touch()
+    assert not store.is_there()
+    assert [path.name for path in store.locks.iterdir()] == ["yarn.lock"]
 
 
 def test_a_record_that_cannot_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

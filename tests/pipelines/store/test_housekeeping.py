@@ -69,6 +69,7 @@ def test_prune_removes_what_was_not_used(store: Store) -> None:
     assert old.folder.exists()
     assert [entry.key for entry in housekeeping.prune(store, 30)] == [old.key]
     assert not old.folder.exists()
+    assert names(store.locks) == [], "that of a removed result goes with it"
     assert store.find(STAGE.name, old.key) is None
     assert store.checkpoints(STAGE.name, old.key).latest(Otsu) is None
     assert store.find(STAGE.name, new.key) is not None
