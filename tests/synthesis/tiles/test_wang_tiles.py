@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tests.runs import run_with_threads
-from tests.synthetic import blobs, masked, picture, stamped
+from tests.synthetic import blobs, masked, picture, smooth_noise, stamped
 from texloom.stages.common.grids.wang import CORNERS, SIDES, WangSet, laid
 from texloom.stages.evaluation.wang_tiling import WangTilingParams, wang_tiling
 from texloom.stages.numerics.filters import gaussian_blur
@@ -151,6 +151,24 @@ def test_the_ends_of_the_borders_do_not_show() -> None:
             change = np.abs(image - np.roll(image, 1, axis)).mean(axis=(1 - axis, 2)).reshape(-1, TILE).mean(axis=0)
             changes.append(change[[BORDER, TILE - BORDER]].mean() / change.mean())
     assert np.mean(changes) < 1.3
+
+
+def test_smooth_tones_have_no_straight_steps_where_borders_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There the minimum cut is straight, as that is shortest; the step across it passes over into the interior."""
+    clouds = smooth_noise((96, 96), 8, np.random.default_rng(4))[..., None]
+    exemplar = picture((0.4 + 0.1 * clouds / clouds.std()).clip(0.02, 1).astype(np.float32).repeat(3, axis=2))
+    steps = []
+    for largest in (0.5, 1e-6):
+        monkeypatch.setattr("texloom.stages.synthesis.tiles.tile_synthesis._LARGEST_STEP", largest)
+        borders, tiles = made(exemplar, colors=1, variants=(2, 2))
+        image = np.roll(tiles.image.pixels, shifts(borders, tiles)[0], (0, 1))
+        lines = np.s_[core(BORDER), TILE - core(BORDER)]
+        changes = [
+            np.abs(image - np.roll(image, 1, axis)).mean(axis=(1 - axis, 2)).reshape(-1, TILE).mean(axis=0)
+            for axis in (0, 1)
+        ]
+        steps.append(np.mean([change[list(lines)].mean() for change in changes]))
+    assert steps[0] < 0.8 * steps[1]
 
 
 def stones(rng: np.random.Generator) -> Image:
