@@ -23,6 +23,7 @@ from texloom.stages.synthesis.tiles.wang_borders import (
     WangBordersParams,
     check_size,
     core,
+    plain_places,
     tile_side,
     to_borders,
     wang_borders,
@@ -169,6 +170,18 @@ def test_smooth_tones_have_no_straight_steps_where_borders_end(monkeypatch: pyte
         ]
         steps.append(np.mean([change[list(lines)].mean() for change in changes]))
     assert steps[0] < 0.8 * steps[1]
+
+
+def test_corners_lie_where_the_texture_is_least_special() -> None:
+    pixels = 0.3 + 0.02 * np.random.default_rng(0).random((40, 80, 3))
+    pixels[:12, :12] = pixels[-6:, 70:] = 0.9  # around the first pixel of the torus, as far as 10 px across it
+    pixels[20:, 45:60] = 0.05
+    found = plain_places(picture(pixels.astype(np.float32)), np.array([[0, 0], [0, 40]]), 40, 8)
+    for number, (row, column) in enumerate(found.tolist()):
+        assert 40 * number <= column < 40 * (number + 1)
+        rows, columns = (np.arange(at - 8, at + 8) % side for at, side in ((row, 40), (column, 80)))
+        shown = pixels[rows[:, None], columns]
+        assert np.abs(shown - 0.31).max() < 0.05, (row, column)
 
 
 def stones(rng: np.random.Generator) -> Image:
