@@ -9,7 +9,9 @@ import numpy as np
 from jaxtyping import Int64
 from pydantic import Field
 
+from texloom.stages.analysis.structure.element_size import element_size
 from texloom.stages.common.features.maps import check_weights
+from texloom.stages.common.grids.pyramid import halved_size, resize
 from texloom.stages.common.grids.size_checks import check_patch
 from texloom.stages.common.grids.wang import Kind, WangSet
 from texloom.stages.common.similarity.neighbourhoods import Rectangles
@@ -31,6 +33,8 @@ _NEAR = (0.75, 1.5)  # of that side, among which one that fits the lattice is ch
 _CLOSE = 0.5  # px that the lattice may miss a tile's side by before one less near is preferred
 Repeats: TypeAlias = Annotated[int, Field(ge=1, le=10)]
 Lines: TypeAlias = Int64[np.ndarray, " lines"]  # type: ignore[name-defined]
+_LARGEST_ELEMENT = 1 / 3  # of a tile's side; larger ones cannot lie in its interior
+_MEASURED = 512  # px, above which elements are measured at half the size
 _MOST_PIXELS = 2**28  # of an atlas, as of pictures that are read
 _log = logging.getLogger(__name__)
 
@@ -132,6 +136,25 @@ def tile_side(wanted: int, generators: Vectors | None) -> tuple[int, float]:
     return int(sides[best]), float(missed[best])
 
 
+def tell_large_elements(image: Image, rectangles: Rectangles | None, tile: int) -> None:
+    """Warn of exemplars whose elements, as stones, are too large for the interior of a tile."""
+    whole = np.array([[0, 0, image.height, image.width]])
+    for number, (row, column, height, width) in enumerate(
+        (whole if rectangles is None else rectangles).tolist(), 1
+    ):
+        own = image.elsewhere(np.ascontiguousarray(image.pixels[row : row + height, column : column + width]))
+        while min(own.height, own.width) > _MEASURED:
+            own = own.elsewhere(resize(own.pixels, *halved_size((own.height, own.width), 1), bilinear=True))
+        size = element_size(own) * height / own.height
+        if size > _LARGEST_ELEMENT * tile:
+            _log.warning(
+                "elements of about %d px in %s are larger than a third of tiles of %d px: they are cut, or return "
+                "in every tile; take tiles of %d px or more",
+                round(size), "the exemplar" if rectangles is None else f"exemplar {number}", tile,
+                round(size / _LARGEST_ELEMENT),
+            )  # fmt: skip
+
+
 def offsets(length: int, tile: int) -> tuple[Lines, Lines]:
     """Number of the multiple of ``tile`` that each of ``length`` lines of pixels is nearest to, and px from it on.
 
@@ -204,6 +227,8 @@ def wang_borders(
         _log.warning(
             "tiles of %d px, not %d: these contain whole cells of the lattice, to %.1f px", tile, wanted, missed
         )
+    if generators is None or not len(generators):
+        tell_large_elements(image, rectangles, tile)
     border = _border(tile, params)
     first, *randoms = rng.spawn(3)
     corners, numbers = layout.band

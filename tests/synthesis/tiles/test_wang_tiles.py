@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import logging
 import re
 import shutil
 import subprocess
@@ -24,6 +25,7 @@ from texloom.stages.synthesis.tiles.wang_borders import (
     check_size,
     core,
     plain_places,
+    tell_large_elements,
     tile_side,
     to_borders,
     wang_borders,
@@ -182,6 +184,17 @@ def test_corners_lie_where_the_texture_is_least_special() -> None:
         rows, columns = (np.arange(at - 8, at + 8) % side for at, side in ((row, 40), (column, 80)))
         shown = pixels[rows[:, None], columns]
         assert np.abs(shown - 0.31).max() < 0.05, (row, column)
+
+
+def test_elements_that_are_too_large_for_tiles_are_told(caplog: pytest.LogCaptureFixture) -> None:
+    both = picture(np.concatenate([np.full((96, 96, 3), 0.5, np.float32), stones(np.random.default_rng(0)).pixels]))
+    halves = np.array([[0, 0, 96, 96], [96, 0, 96, 96]], np.int32)
+    with caplog.at_level(logging.WARNING):
+        tell_large_elements(both, halves, 64)
+    assert not caplog.records
+    with caplog.at_level(logging.WARNING):
+        tell_large_elements(both, halves, 24)
+    assert "px in exemplar 2 are larger than a third of tiles of 24 px: they are cut, or return" in caplog.text
 
 
 def stones(rng: np.random.Generator) -> Image:
