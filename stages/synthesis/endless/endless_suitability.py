@@ -11,9 +11,7 @@ from jaxtyping import Float32
 from texloom.stages.analysis.regularity.deformed_lattice import DeformedLatticeParams, deformed_lattice
 from texloom.stages.analysis.regularity.lattice_selection import LatticeSelectionParams, lattice_selection
 from texloom.stages.analysis.regularity.offset_statistics import OffsetStatisticsParams, offset_statistics
-from texloom.stages.analysis.structure.contour_cells import ContourCells
-from texloom.stages.analysis.structure.edges import EdgesParams, edges
-from texloom.stages.common.grids.border import Border
+from texloom.stages.analysis.structure.element_size import element_size
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.synthesis.endless.gaussian_texture import (
     GaussianTexture,
@@ -124,7 +122,7 @@ def suitability_of(image: Image) -> dict[str, Any]:
     found = {
         "difference": max(differences),
         "repetition": _repetition(texture.first[..., 0]),
-        "element size": _element_size(color),
+        "element size": element_size(color) / min(color.height, color.width),
     }
     worst = max(sum(value > limit for limit in LIMITS[name]) for name, value in found.items())
     density = offset_statistics(image, OffsetStatisticsParams()).density
@@ -184,13 +182,6 @@ def _repetition(plane: Float32[np.ndarray, "h w"]) -> float:
         (down[:, None] ** 2 + across**2 > (side / 6) ** 2) & (down[:, None] < 0.6 * height) & (across < 0.6 * width)
     )
     return float((sums[far] / pairs[far]).max()) / spread
-
-
-def _element_size(image: Image) -> float:
-    """Side of the median whole element as a share of the picture's shorter side; 0 where it has no such."""
-    cells = ContourCells(edges(image, EdgesParams()).strength, Border(1))
-    side = min(image.height, image.width)
-    return float(np.sqrt(np.median(cells.area[cells.whole]))) / side if cells.clear else 0.0
 
 
 def _gradients(plane: Float32[np.ndarray, "h w"], scale: float) -> Float32[np.ndarray, "h w"]:

@@ -29,6 +29,7 @@ from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
 from texloom.stages.vocabulary.progress import part
 
 _STARTS = 4  # of a torus of one material, among which one is chosen
+_LARGEST_STEP = 0.5  # of tone at a cut, in standard deviations of a colour; larger ones are contours
 _MIN_HALVED = 96  # px, side of tiles and exemplars from which on blocks between materials are laid at half the size
 
 
@@ -147,7 +148,8 @@ class TileSynthesis:
 
         From there on it continues what is known, where ``filled`` is true at most, up to the line along which this
         differs least from what the main method has made: the border of ``keep`` itself would show as a straight
-        line, since patches across it are averaged on one side only.
+        line, since patches across it are averaged on one side only. In smooth parts, where this line is straight
+        again, as it is shortest, steps of tone across it pass over into what was made.
 
         Of several starts it is the one with least difference between the mean colours of its ``parts``, numbers
         from 1, and that of the exemplar; not where there are several, whose materials ``points`` has, and which
@@ -174,7 +176,10 @@ class TileSynthesis:
             made = self.revision.optimised(known.image, starts[0], keep, TORUS, optimising, keep & ~shared, wanted)
         own = self._cut(known.image, made.image, shared, filled)[..., None]
         joined = known.image.elsewhere(np.where(own, made.image.pixels, known.image.pixels))
-        return self._level(joined, np.where(own, made.match, known.match), shared)
+        match = np.where(own, made.match, known.match)
+        tones = GradientDomainParams(maps=("albedo",), limit=_LARGEST_STEP, border_only=True)
+        even = gradient_domain(self.image, joined.wrapping(True), match, tones, ~own[..., 0])
+        return self._level(even.image, match, shared)
 
     def _halved_start(
         self,

@@ -9,17 +9,22 @@ import numpy as np
 from jaxtyping import Int64
 from pydantic import Field
 
+from texloom.stages.analysis.structure.element_size import element_size
 from texloom.stages.common.features.maps import check_weights
+from texloom.stages.common.grids.pyramid import halved_size, resize
 from texloom.stages.common.grids.size_checks import check_patch
 from texloom.stages.common.grids.wang import Kind, WangSet
 from texloom.stages.common.similarity.neighbourhoods import Rectangles
 from texloom.stages.kernels.core.elementary_functions import log
+from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.numerics.matrices import matrix_product, pseudo_inverse
 from texloom.stages.synthesis.tiles.border_waves import BorderWaves
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, band_points
 from texloom.stages.synthesis.tiles.tile_synthesis import TileSynthesis, WangParams
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
+from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, stage
+from texloom.stages.vocabulary.masks import fill_excluded
 from texloom.stages.vocabulary.progress import part
 from texloom.stages.vocabulary.sizes import SIDES
 
@@ -28,6 +33,8 @@ _NEAR = (0.75, 1.5)  # of that side, among which one that fits the lattice is ch
 _CLOSE = 0.5  # px that the lattice may miss a tile's side by before one less near is preferred
 Repeats: TypeAlias = Annotated[int, Field(ge=1, le=10)]
 Lines: TypeAlias = Int64[np.ndarray, " lines"]  # type: ignore[name-defined]
+_LARGEST_ELEMENT = 1 / 3  # of a tile's side; larger ones cannot lie in its interior
+_MEASURED = 512  # px, above which elements are measured at half the size
 _MOST_PIXELS = 2**28  # of an atlas, as of pictures that are read
 _log = logging.getLogger(__name__)
 
@@ -129,6 +136,25 @@ def tile_side(wanted: int, generators: Vectors | None) -> tuple[int, float]:
     return int(sides[best]), float(missed[best])
 
 
+def tell_large_elements(image: Image, rectangles: Rectangles | None, tile: int) -> None:
+    """Warn of exemplars whose elements, as stones, are too large for the interior of a tile."""
+    whole = np.array([[0, 0, image.height, image.width]])
+    for number, (row, column, height, width) in enumerate(
+        (whole if rectangles is None else rectangles).tolist(), 1
+    ):
+        own = image.elsewhere(np.ascontiguousarray(image.pixels[row : row + height, column : column + width]))
+        while min(own.height, own.width) > _MEASURED:
+            own = own.elsewhere(resize(own.pixels, *halved_size((own.height, own.width), 1), bilinear=True))
+        size = element_size(own) * height / own.height
+        if size > _LARGEST_ELEMENT * tile:
+            _log.warning(
+                "elements of about %d px in %s are larger than a third of tiles of %d px: they are cut, or return "
+                "in every tile; take tiles of %d px or more",
+                round(size), "the exemplar" if rectangles is None else f"exemplar {number}", tile,
+                round(size / _LARGEST_ELEMENT),
+            )  # fmt: skip
+
+
 def offsets(length: int, tile: int) -> tuple[Lines, Lines]:
     """Number of the multiple of ``tile`` that each of ``length`` lines of pixels is nearest to, and px from it on.
 
@@ -162,7 +188,8 @@ def wang_borders(
 ) -> WangBorders:
     """Synthesise the borders of a complete set of Wang tiles, and lay them out as an atlas.
 
-    A first torus gives a corner of each colour. Two bands, one across and one down, contain each border once,
+    A first torus gives a corner of each colour, of one material without a lattice from where it is least special.
+    Two bands, one across and one down, contain each border once,
     between the corners at its ends, which are fixed while the main method synthesises the rest. The borders are
     then copied to wherever they occur in the atlas, a torus that contains every tile once, beside tiles that it
     fits.
@@ -200,6 +227,8 @@ def wang_borders(
         _log.warning(
             "tiles of %d px, not %d: these contain whole cells of the lattice, to %.1f px", tile, wanted, missed
         )
+    if generators is None or not len(generators):
+        tell_large_elements(image, rectangles, tile)
     border = _border(tile, params)
     first, *randoms = rng.spawn(3)
     corners, numbers = layout.band
@@ -220,12 +249,15 @@ def wang_borders(
 
     bands = []
     (corner, along), (_, across) = offsets(tile * len(numbers), tile), offsets(height, height)
-    colors = corners[corner] * height
+    places = np.array([[0, color * height] for color in range(int(corners.max()) + 1)])
+    if materials is None and (generators is None or not len(generators)):
+        places = plain_places(start.image, places, height, 2 * border)
+    row_of, column_of = places[corners[corner]].T
     for axis, random in enumerate(randoms):
         if axis == 0:
-            known = start.at(across[:, None], colors + along)
+            known = start.at(across[:, None] + row_of, column_of + along)
         else:
-            known = start.at(along[:, None], colors[:, None] + across)
+            known = start.at((row_of + along)[:, None], column_of[:, None] + across)
         # The bands have the same corners wherever interiors fit to them, so that all borders continue each other.
         widths = (2 * border - core(border), border, _reach(tile, border))
         lines = (across, along) if axis == 0 else (along, across)
@@ -254,6 +286,24 @@ def wang_borders(
     # Between two borders, at the diagonals, neither is continued.
     filled = keep | ((nearer < _reach(tile, border)) & (farther > nearer + 1))
     return WangBorders(atlas, match, keep, filled, table)
+
+
+def plain_places(image: Image, places: Int64[np.ndarray, "n 2"], side: int, reach: int) -> Int64[np.ndarray, "n 2"]:
+    """In the square of a torus from each of ``places`` on, where what lies within ``reach`` px is least special.
+
+    This is where its slow colours deviate least from the mean: what corners show returns in every tile.
+    """
+    margin = min(2 * reach, image.height)
+    rows, columns = (np.arange(-margin, length + margin) % length for length in (image.height, image.width))
+    lab = gaussian_blur(lab_from_linear(fill_excluded(image).color)[rows[:, None], columns], reach / 8)
+    deviation = ((lab - lab.mean(axis=(0, 1), dtype=np.float64)) ** 2).sum(axis=2)
+    around = gaussian_blur(deviation, reach / 2)[margin:-margin, margin:-margin]
+    found = []
+    for row, column in places.tolist():
+        own = around[row : row + side, column : column + side]
+        down, across = divmod(int(np.argmin(own)), side)
+        found.append((row + down, column + across))
+    return np.array(found, np.int64)
 
 
 def _squares(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import logging
 import re
 import shutil
 import subprocess
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 
 from tests.runs import run_with_threads
-from tests.synthetic import blobs, masked, picture, stamped
+from tests.synthetic import blobs, masked, picture, smooth_noise, stamped
 from texloom.stages.common.grids.wang import CORNERS, SIDES, WangSet, laid
 from texloom.stages.evaluation.wang_tiling import WangTilingParams, wang_tiling
 from texloom.stages.numerics.filters import gaussian_blur
@@ -23,6 +24,8 @@ from texloom.stages.synthesis.tiles.wang_borders import (
     WangBordersParams,
     check_size,
     core,
+    plain_places,
+    tell_large_elements,
     tile_side,
     to_borders,
     wang_borders,
@@ -151,6 +154,47 @@ def test_the_ends_of_the_borders_do_not_show() -> None:
             change = np.abs(image - np.roll(image, 1, axis)).mean(axis=(1 - axis, 2)).reshape(-1, TILE).mean(axis=0)
             changes.append(change[[BORDER, TILE - BORDER]].mean() / change.mean())
     assert np.mean(changes) < 1.3
+
+
+def test_smooth_tones_have_no_straight_steps_where_borders_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """There the minimum cut is straight, as that is shortest; the step across it passes over into the interior."""
+    clouds = smooth_noise((96, 96), 8, np.random.default_rng(4))[..., None]
+    exemplar = picture((0.4 + 0.1 * clouds / clouds.std()).clip(0.02, 1).astype(np.float32).repeat(3, axis=2))
+    steps = []
+    for largest in (0.5, 1e-6):
+        monkeypatch.setattr("texloom.stages.synthesis.tiles.tile_synthesis._LARGEST_STEP", largest)
+        borders, tiles = made(exemplar, colors=1, variants=(2, 2))
+        image = np.roll(tiles.image.pixels, shifts(borders, tiles)[0], (0, 1))
+        lines = np.s_[core(BORDER), TILE - core(BORDER)]
+        changes = [
+            np.abs(image - np.roll(image, 1, axis)).mean(axis=(1 - axis, 2)).reshape(-1, TILE).mean(axis=0)
+            for axis in (0, 1)
+        ]
+        steps.append(np.mean([change[list(lines)].mean() for change in changes]))
+    assert steps[0] < 0.8 * steps[1]
+
+
+def test_corners_lie_where_the_texture_is_least_special() -> None:
+    pixels = 0.3 + 0.02 * np.random.default_rng(0).random((40, 80, 3))
+    pixels[:12, :12] = pixels[-6:, 70:] = 0.9  # around the first pixel of the torus, as far as 10 px across it
+    pixels[20:, 45:60] = 0.05
+    found = plain_places(picture(pixels.astype(np.float32)), np.array([[0, 0], [0, 40]]), 40, 8)
+    for number, (row, column) in enumerate(found.tolist()):
+        assert 40 * number <= column < 40 * (number + 1)
+        rows, columns = (np.arange(at - 8, at + 8) % side for at, side in ((row, 40), (column, 80)))
+        shown = pixels[rows[:, None], columns]
+        assert np.abs(shown - 0.31).max() < 0.05, (row, column)
+
+
+def test_elements_that_are_too_large_for_tiles_are_told(caplog: pytest.LogCaptureFixture) -> None:
+    both = picture(np.concatenate([np.full((96, 96, 3), 0.5, np.float32), stones(np.random.default_rng(0)).pixels]))
+    halves = np.array([[0, 0, 96, 96], [96, 0, 96, 96]], np.int32)
+    with caplog.at_level(logging.WARNING):
+        tell_large_elements(both, halves, 64)
+    assert not caplog.records
+    with caplog.at_level(logging.WARNING):
+        tell_large_elements(both, halves, 24)
+    assert "px in exemplar 2 are larger than a third of tiles of 24 px: they are cut, or return" in caplog.text
 
 
 def stones(rng: np.random.Generator) -> Image:
