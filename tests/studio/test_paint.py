@@ -38,7 +38,12 @@ HOLD = """() => {
     held.forEach(([message, payload]) => followed.receive(message, payload));
   };
 }"""
-LOSE = "() => document.querySelector('texloom-studio').studio.socket.socket.close()"
+# Lose the socket, and send something while it closes, as a stroke may where that takes long.
+LOSE = """() => {
+  const { studio } = document.querySelector("texloom-studio");
+  studio.socket.socket.close();
+  studio.send({ kind: "preview_stop" });
+}"""
 
 
 def test_the_texture_follows_the_brush(watched: Watched, tmp_path: Path) -> None:
