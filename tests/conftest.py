@@ -22,7 +22,9 @@ from tests.annotations import check_annotations
 T = TypeVar("T")
 
 ROOT = Path(__file__).parents[1]
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+# the first one shows no windows, and so takes less
+BROWSERS = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "chrome")
+CHROMIUM = next(filter(None, map(shutil.which, BROWSERS)), None)
 
 # Numba sees edits in a kernel's own file only, not in those it calls: a digest of all kernels names its cache.
 _kernels = b"".join(path.read_bytes() for path in sorted((ROOT / "stages" / "kernels").rglob("*.py")))
@@ -64,10 +66,16 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     return LoadFileScheduling(config, log)
 
 
+def pytest_sessionstart() -> None:
+    """Look for no circles of objects until all tests are collected, of which looking takes two fifths."""
+    gc.disable()
+
+
 def pytest_collection_finish() -> None:
     """Look for circles of objects less often: a compiler makes many that stay; looking takes an eighth of it."""
     gc.freeze()
     gc.set_threshold(50_000, 20, 20)
+    gc.enable()
 
 
 def pytest_unconfigure() -> None:

@@ -27,13 +27,20 @@ from texloom.pipelines.studio.built_page import BUILT
 
 TEXLOOM = (sys.executable, "-m", "texloom")
 FRUGAL = """
+import multiprocessing
 from texloom.pipelines.studio import processes, sessions
 from texloom.__main__ import main
 sessions.KEPT = 0
 processes.Spares.prepare = lambda *_: None
+if "forkserver" in multiprocessing.get_all_start_methods():
+    studio = "texloom.pipelines.studio."
+    multiprocessing.set_forkserver_preload([studio + "work_loop", studio + "previews", studio + "photographs"])
+    get_context = multiprocessing.get_context
+    multiprocessing.get_context = lambda _: get_context("forkserver")
 main()
 """
-"""texloom, but a page that is closed ends at once, and the next one takes its worker; none is prepared ahead"""
+"""texloom, but a page that is closed ends at once, and the next one takes its worker; none is prepared ahead, and
+what all of them import is imported once"""
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT / ".import")}
 SMALL = 64  # px of a side of the exemplar
 

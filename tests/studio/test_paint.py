@@ -38,7 +38,19 @@ HOLD = """() => {
     held.forEach(([message, payload]) => followed.receive(message, payload));
   };
 }"""
-LOSE = "() => document.querySelector('texloom-studio').studio.socket.socket.close()"
+# Lose the socket until `reconnect`, and send something while it closes, as a stroke may where that takes long.
+LOSE = """() => {
+  const { studio } = document.querySelector("texloom-studio");
+  const { socket } = studio;
+  socket.connect = () => {
+    window.reconnect = () => {
+      delete socket.connect;
+      socket.connect();
+    };
+  };
+  socket.socket.close();
+  studio.send({ kind: "preview_stop" });
+}"""
 
 
 def test_the_texture_follows_the_brush(watched: Watched, tmp_path: Path) -> None:
@@ -68,6 +80,8 @@ def test_the_texture_follows_the_brush(watched: Watched, tmp_path: Path) -> None
     page.get_by_text("Connecting to the studio").wait_for()
     page.mouse.move(box["x"] + 200, box["y"] + 160, steps=4)
     page.mouse.up()
+    page.wait_for_function("() => window.reconnect")
+    page.evaluate("() => window.reconnect()")
     page.get_by_text("Connecting to the studio").wait_for(state="detached")
     page.wait_for_function("before => document.querySelector('canvas.result').toDataURL() !== before", arg=before)
     repeated(page.get_by_label("Brush", exact=True), tmp_path, "Finish with all maps")

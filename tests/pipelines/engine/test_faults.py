@@ -22,10 +22,16 @@ from texloom.pipelines.store.store import Store
 NO_ANSWER = OSError(errno.EIO, os.strerror(errno.EIO))
 
 
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the files that a whole run makes are kept for all faults."""
+    return tmp_path_factory.mktemp("faults")
+
+
 @pytest.mark.skipif(os.name == "nt", reason="descriptors by /proc, signals of processes")
 @pytest.mark.parametrize("fault", ["comes_back", "moved"])
-def test_nothing_is_lost(tmp_path: Path, fault: str) -> None:
-    assert faults.tried(tmp_path, fault, "local") == []
+def test_nothing_is_lost(shared: Path, fault: str) -> None:
+    assert faults.tried(shared, fault, "local") == []
 
 
 @pytest.fixture

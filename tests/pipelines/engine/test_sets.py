@@ -258,7 +258,7 @@ def test_a_plan_tells_items_apart(folder: Path) -> None:
 def test_a_changed_param_of_an_item_step_reaches_what_gathers(folder: Path) -> None:
     run(folder)
     plans = {(plan.item, plan.name): plan for plan in open_run(folder / "flow.yaml", start__size="24").plan()}
-    assert plans["a-1", "start"].reasons == ("param size: 32x32 -> 24x24",)
+    assert plans["a-1", "start"].reasons == ("param size: 16x16 -> 24x24",)
     assert plans[None, "all"].state == "wait"
     _, listener, _ = run(folder, start__size="24")
     assert listener.states["all"] == "ran"
@@ -488,7 +488,7 @@ ONE = """
 sources:
   exemplar: pictures/a.png
 steps:
-  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 32, method: METHOD}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 16, method: METHOD}}
   scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image, match: start.match}}
 exports:
   texture.png: start.image
@@ -500,12 +500,12 @@ def test_flows_are_compared_on_the_same_items(folder: Path) -> None:
     for method in ("pixels", "blocks"):
         (folder / f"{method}.yaml").write_text(ONE.replace("METHOD", method))
     names = [str(folder / f"{method}.yaml") for method in ("pixels", "blocks")]
-    overrides = Overrides(params={"start.size": "40x48"}, seed=5, seeds=2)
+    overrides = Overrides(params={"start.size": "16x20"}, seed=5, seeds=2)
     flow = comparison_flow(names, overrides, str(folder / "pictures" / "*.png"))
     opened, listener = Run(flow, Store(folder / "artifacts")), Events()
     exports = execute(opened, listener, folder / "out")
     with PIL.Image.open(exports["a-5/pixels.png"]) as picture:
-        assert picture.size == (40, 48)
+        assert picture.size == (16, 20)
     table = json.loads(exports["comparison.json"].read_text())
     assert table["methods"] == ["pixels", "blocks"]
     page = exports["comparison.html"].read_text()
@@ -515,7 +515,7 @@ def test_flows_are_compared_on_the_same_items(folder: Path) -> None:
     # what a flow computes by itself is the same result
     alone = load_flow(
         folder / "blocks.yaml",
-        Overrides({"exemplar": str(folder / "pictures" / "b.png")}, {"start.size": "40x48"}, seed=6),
+        Overrides({"exemplar": str(folder / "pictures" / "b.png")}, {"start.size": "16x20"}, seed=6),
     )
     assert {plan.state for plan in Run(alone, Store(folder / "artifacts")).plan()} == {"cached"}
 

@@ -58,10 +58,15 @@ export class Socket {
   }
 
   private transmit({ number, frame }: Sent): void {
-    if (!this.socket) return;
+    if (!this.isOpen()) return;
     clearTimeout(this.telling);
     this.telling = 0;
-    this.socket.send(numbered(number, this.received, frame));
+    this.socket!.send(numbered(number, this.received, frame));
+  }
+
+  /** Whether what is sent may arrive: a socket that is closing is still this page's, and complains. */
+  private isOpen(): boolean {
+    return this.socket?.readyState === WebSocket.OPEN;
   }
 
   private connect(): void {
@@ -90,7 +95,7 @@ export class Socket {
     this.received = number;
     this.telling ||= window.setTimeout(() => {
       this.telling = 0;
-      this.socket?.send(numbered(0, this.received));
+      if (this.isOpen()) this.socket!.send(numbered(0, this.received));
     }, TELLING);
     this.listener(message, payload);
   }

@@ -71,9 +71,11 @@ def test_a_server_shows_steps_progress_and_pictures(tmp_path: Path) -> None:
     from prefect.client.orchestration import get_client
 
     path = write_flow(tmp_path, SYNTHESIS)
-    execute(open_run(path, texture__occurrence="11"))  # what the local engine has made, the server's finds
+    execute(
+        open_run(path, start__size="48", texture__occurrence="11")
+    )  # what the local engine has made, the server's finds
     listener = Events()
-    run = open_run(path, texture__occurrence="12")
+    run = open_run(path, start__size="48", texture__occurrence="12")
     exports = flow_run.execute_as_flow_run(run, listener, tmp_path / "out")
     assert exports["texture.exr"].exists()
     assert listener.states == {"start": "cached", "texture": "ran"}
@@ -91,7 +93,10 @@ def test_a_server_shows_steps_progress_and_pictures(tmp_path: Path) -> None:
         "synthesis-texture-scale": "image",
         "synthesis-texture-progress": "progress",
     }
-    assert execute(open_run(path, texture__occurrence="12")).states == {"start": "cached", "texture": "cached"}
+    assert execute(open_run(path, start__size="48", texture__occurrence="12")).states == {
+        "start": "cached",
+        "texture": "cached",
+    }
 
 
 @pytest.mark.usefixtures("server")
@@ -123,7 +128,7 @@ sources:
   exemplar: exemplar.png
 steps:
   edges: {stage: analysis.edges, inputs: {image: exemplar}}
-  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 32, method: pixels}}
+  start: {stage: synthesis.initialise, inputs: {image: exemplar}, params: {size: 16, method: pixels}}
   scores: {stage: evaluation.metrics, inputs: {exemplar: exemplar, image: start.image}}
   all: {stage: evaluation.tabulate, gather: {tables: scores.table}}
 exports:
@@ -154,7 +159,7 @@ def shown() -> tuple[FlowRun, list[tuple[str, str]], dict[str, Any]]:
 def test_any_runner_is_a_flow_run_that_its_parameters_repeat(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write_flow(tmp_path, SCORED)
+    write_flow(tmp_path, SCORED, side=24)
     monkeypatch.chdir(tmp_path)
     overrides = Overrides(
         {"exemplar": "exemplar.png"},
@@ -199,14 +204,14 @@ def test_any_runner_is_a_flow_run_that_its_parameters_repeat(
 @pytest.mark.usefixtures("server")
 @pytest.mark.filterwarnings("ignore")
 def test_the_parameters_of_a_comparison_repeat_it(tmp_path: Path) -> None:
-    path = write_flow(tmp_path, SCORED.replace("edges.png: edges.strength", "scores.json: scores.table"))
+    path = write_flow(tmp_path, SCORED.replace("edges.png: edges.strength", "scores.json: scores.table"), side=24)
     path.write_text(re.sub(r".* all.*\n", "", path.read_text()))
     (tmp_path / "theirs").mkdir()
     shutil.copy(tmp_path / "exemplar.png", tmp_path / "theirs")
     names = [str(path), str(shutil.copy(path, tmp_path / "other.yaml")), f"theirs={tmp_path / 'theirs'}"]
     flow = comparison_flow(
         names,
-        Overrides(params={"flow_start.size": "32x40", "other_start.size": "32x40"}, seeds=2),
+        Overrides(params={"flow_start.size": "16x20", "other_start.size": "16x20"}, seeds=2),
         str(tmp_path / "exemplar.png"),
     )
     opened = Run(flow, Store(tmp_path / "artifacts"))
