@@ -51,6 +51,7 @@ def photo_report(
     masked: Image | None = None,
     level: dict[str, Any] | None = None,
     whole: dict[str, Any] | None = None,
+    fitted: dict[str, Any] | None = None,
     light: dict[str, Any] | None = None,
     provenance: Sequence[Mapping[str, Any]] = (),
 ) -> PhotoReport:
@@ -67,6 +68,7 @@ def photo_report(
     foreign, masked : table and picture of `foreign_parts`, where these were searched.
     level : table of `level_surface`, where that was tried.
     whole : table of `between_joints`, where whole periods were searched.
+    fitted : table of `fitted_cells`, where cells were fitted to a size.
     light : what was found of the light, see `delight`.
     provenance : the steps upstream.
 
@@ -110,6 +112,8 @@ def photo_report(
         )
     if whole is not None and whole["why"]:
         rows.insert(-3, ("whole periods", whole["why"].partition(" (--set")[0], "--set whole=false to keep all"))
+    if fitted is not None and fitted["why"]:
+        rows.insert(-3, ("scale", fitted["why"].partition(" (--set")[0], "--set fit=false to cut cells instead"))
     decisions = [dict(zip(("what", "decided", "change"), row, strict=True)) for row in rows]
     shown = {
         name: page.shown(picture, params.largest, params.quality)

@@ -48,7 +48,7 @@ DROPS = {
     "analysis.patch_atlas",
     "analysis.lens_distortion", "analysis.photometric_stereo",
     "analysis.delight", "analysis.tone",  # unless it changes nothing: drift ends differently on opposite sides
-    "analysis.between_joints", "analysis.level_surface",
+    "analysis.between_joints", "analysis.fitted_cells", "analysis.level_surface",
     "analysis.control_direction", "analysis.deformed_lattice", "analysis.dog_mask", "analysis.feature_distance",
     "analysis.gaussian_stack", "analysis.jacobian_field", "analysis.orientation_field", "analysis.plane_proposal",
     "analysis.growth_guide", "analysis.progression",

@@ -6,9 +6,10 @@ import math
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float64
+from jaxtyping import Float64
 from pydantic import Field
 
+from texloom.stages.analysis.photographs.resampled_surface import resampled
 from texloom.stages.analysis.regularity.deformed_lattice import DeformedLattice, lattice_through
 from texloom.stages.analysis.regularity.lattice_tracking import track_lattice
 from texloom.stages.analysis.regularity.straighten import straightening
@@ -17,7 +18,7 @@ from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.vocabulary.arrays import Image, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Params, stage
-from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels, with_usable
+from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
 from texloom.stages.vocabulary.progress import Progress, report
 
 _LOG = logging.getLogger(__name__)
@@ -32,7 +33,6 @@ _UPRIGHT = 0.06  # tangent of the angle to a side up to which lines of the latti
 _STEPS = range(-2, 3)  # generators that such a line may consist of
 _BETTER = 0.005  # correlation of cells beside each other, by which it has to rise
 _OVERLAP = 0.1  # of the usable pixels, that have another one a generator away
-_WHOLE = 0.999  # share of a pixel from usable ones
 _COARSE = 8  # px between the places at which the warp is computed
 
 
@@ -63,8 +63,8 @@ def level_surface(image: Image, generators: Vectors, params: LevelSurfaceParams)
     What a homography and a lens leave, a degree of tilt or some px of bend, makes joints of a texture kink where
     pieces from different places meet. The lattice's vertices are detected (`deformed_lattice`), smoothed so that
     single elements stay as they lie, and moved to the nearest regular lattice; lines of this within 3.4 degrees of
-    a side become parallel to it. The warp is taken if enough vertices are detected, neighbours among them move hardly
-    apart, and cells are more alike afterwards.
+    a side become parallel to it. The warp is taken if enough vertices are detected, neighbours hardly move apart,
+    and cells are more alike afterwards.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def level_surface(image: Image, generators: Vectors, params: LevelSurfaceParams)
     return LevelSurface(level, own, {"why": why, "moved": moved, "detected": found.detected})
 
 
-def _strain(found: DeformedLattice, moves: Float64[np.ndarray, "n 2"], inside: Bool[np.ndarray, "n"]) -> float:
+def _strain(found: DeformedLattice, moves: Float64[np.ndarray, "n 2"], inside: np.ndarray) -> float:
     """The largest difference between the moves of neighbouring vertices inside, in generators."""
     steps = found.steps - found.steps.min(axis=0)
     table = np.full((*(steps.max(axis=0) + 1), 2), np.nan)
@@ -139,13 +139,7 @@ def _warped(image: Image, places: Float64[np.ndarray, "n 2"], targets: Float64[n
     grid = np.moveaxis(np.indices(tuple(shape)), 0, -1).reshape(-1, 2) * float(_COARSE)
     moves = (warp(grid) - grid).reshape(*shape, 2)
     here = np.moveaxis(np.indices((image.height, image.width), np.float64), 0, -1)
-    positions = here + sampled(moves, here / _COARSE).reshape(here.shape)
-    shown = ((positions >= 0) & (positions <= sides - 1)).all(axis=2)
-    if (valid := valid_pixels(image)) is not None:
-        shown &= sampled(valid[..., None].astype(np.float32), positions)[..., 0] > _WHOLE
-    pixels = sampled(fill_excluded(image).pixels, positions)
-    pixels[~shown] = 0
-    return with_usable(image.elsewhere(pixels), shown)
+    return resampled(image, here + sampled(moves, here / _COARSE).reshape(here.shape))
 
 
 def _alike(image: Image, generators: Vectors) -> float:

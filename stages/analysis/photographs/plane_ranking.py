@@ -115,9 +115,8 @@ def measured(image: Image, candidate: PlaneCandidate, segments: Segments, cells:
     def seen(times: float) -> tuple[Float32[np.ndarray, "h w 3"], Mask]:
         rows, columns = np.rint(size * times).astype(int).tolist()
         places = bezier.even_points(patch.controls, patch.space, (rows, columns))
-        return lab_from_linear(sampled(image.color, places)), (
-            (places >= 0) & (places <= np.array(shape) - 1)
-        ).all(axis=2)
+        inside = ((places >= 0) & (places <= np.array(shape) - 1)).all(axis=2)
+        return lab_from_linear(sampled(image.color, places)), inside
 
     lab, shown = seen(1.0)
     if shown.mean() < _MIN_SHOWN:

@@ -1,0 +1,126 @@
+"""A surface scaled so that whole cells of its lattice fit the sides of a tileable result."""
+
+import dataclasses
+import itertools
+import logging
+import math
+from typing import Annotated, Any
+
+import numpy as np
+from jaxtyping import Float32, Float64
+from pydantic import Field
+
+from texloom.stages.analysis.photographs.resampled_surface import resampled
+from texloom.stages.numerics.matrices import inverse_of
+from texloom.stages.vocabulary.arrays import Channels, Image, Vectors
+from texloom.stages.vocabulary.declare import Params, stage
+from texloom.stages.vocabulary.facts import NOWHERE, Wraps
+from texloom.stages.vocabulary.sizes import Size
+from texloom.stages.vocabulary.tileable import Tileable
+
+_LOG = logging.getLogger(__name__)
+
+_MOST = math.log(1.2)  # of a scale: more is another texture
+_LEAST = 0.005  # of a scale: less is not worth a resampling
+_SHAPE = 4.0  # weight of a change of the cells' shape against that of their size
+_TOGETHER = 0.1  # cells by which one generator's number may miss a whole one where the other's is
+_NONE = 0.05  # cells along a side that count as none: a generator that runs along the other
+
+Others = Annotated[Float32[np.ndarray, "_ 2"], Channels(("row", "column"))]
+"""generators, px, of another number of rows"""
+
+
+class FittedCellsParams(Params):
+    """The result that cells are to fit."""
+
+    fit: bool = Field(True)
+    """scale the surface so that whole cells fit a tileable result, instead of cutting cells to fit"""
+    size: Size = Field((1024, 1024), validate_default=True)
+    """of the result, px"""
+    tileable: Tileable = NOWHERE
+    """axes along which it continues across its borders"""
+
+
+@dataclasses.dataclass(frozen=True)
+class FittedCells:
+    """A surface whose cells fit a result."""
+
+    image: Image
+    """scaled along each side; as it was where nothing is"""
+    generators: Vectors
+    """of its lattice, px"""
+    known: Others
+    """those of ``known``, px"""
+    table: dict[str, Any]
+    """``why``: a sentence, empty where nothing is scaled; ``scale``: of rows and of columns"""
+
+
+@stage(version=1)
+def fitted_cells(
+    image: Image, generators: Vectors, params: FittedCellsParams, known: Others | None = None
+) -> FittedCells:
+    """Scale a surface so that whole cells of its lattice fit the sides along which a result is tileable.
+
+    A result of 7.5 cells has to show seven or eight, and cells that are cut to that show joints twice, or stones
+    that are fused. Scaling hides the difference. Of the numbers of cells next to those that the sides hold, those
+    are taken that change size and shape of the cells least, by up to a fifth.
+
+    Parameters
+    ----------
+    image : the surface from the front.
+    generators : of its lattice, as from `level_surface`; a surface without one is left as it is.
+    known : other generators of it, as from `between_joints`, which are scaled too and fitted instead where there
+        are any rows.
+
+    References
+    ----------
+    Ours.
+    """
+    fixed = generators[:0] if known is None else known
+    fitted = fixed if len(fixed) else generators
+    scale = np.ones(2)
+    if params.fit and len(fitted):
+        scale = np.array(_scale(fitted.astype(np.float64), params.size, params.tileable))
+    table = {"why": "", "scale": [round(float(one), 4) for one in scale]}
+    if np.abs(scale - 1).max() < _LEAST:
+        return FittedCells(image, generators, fixed, table)
+    sides = tuple(round(side * one) for side, one in zip((image.height, image.width), scale.tolist(), strict=True))
+    scale = np.array(sides) / np.array([image.height, image.width])
+    places = np.moveaxis(np.indices(sides, np.float64), 0, -1)
+    inside = np.clip((places + 0.5) / scale - 0.5, 0, np.array([image.height, image.width]) - 1)
+    down, across = scale.tolist()
+    height, width = params.size
+    why = (
+        f"scaled to {across:.1%} across and {down:.1%} down, so that whole cells fit {width} x {height} px "
+        "(--set fit=false cuts cells instead)"
+    )
+    _LOG.warning("%s", why)
+    own = np.float32(scale)
+    table = {"why": why, "scale": [round(down, 4), round(across, 4)]}
+    return FittedCells(resampled(image, inside), generators * own, fixed * own, table)
+
+
+def _scale(generators: Float64[np.ndarray, "_ 2"], size: tuple[int, int], wrap: Wraps) -> tuple[float, float]:
+    """Of rows and of columns; 1 along sides that do not wrap, or that no whole cells fit."""
+    steps = inverse_of(generators) if len(generators) == 2 else (generators.T / (generators**2).sum())
+    cells = np.asarray(steps) * np.array(size, np.float64)[:, None]
+    downs, acrosses = (_scales(row) if around else [1.0] for row, around in zip(cells, wrap, strict=True))
+
+    def cost(scales: tuple[float, float]) -> float:
+        down, across = (math.log(one) for one in scales)
+        return down**2 + across**2 + _SHAPE * (down - across) ** 2
+
+    return min(itertools.product(downs, acrosses), key=cost)
+
+
+def _scales(cells: np.ndarray) -> list[float]:
+    """Scales after which a side holds whole numbers of cells along all generators; 1 where there are none."""
+    along = np.abs(cells[np.abs(cells) > _NONE])
+    found = []
+    for count in along.tolist():
+        for whole in range(max(1, math.floor(count) - 1), math.ceil(count) + 2):
+            scale = count / whole
+            numbers = along / scale
+            if abs(math.log(scale)) <= _MOST and np.abs(numbers - np.rint(numbers)).max() <= _TOGETHER:
+                found.append(scale)
+    return found or [1.0]
