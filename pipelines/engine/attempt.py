@@ -374,7 +374,7 @@ class Attempt:
         seconds: float,
     ) -> None:
         is_refusal = isinstance(result, InputError) and not isinstance(result, SourceError)
-        if is_refusal and may_refuse(step, scope_run.scope, self.run.store):
+        if is_refusal and may_refuse(step, self.run.flow.steps.values(), scope_run.scope, self.run.store):
             scope_run.pass_over(step, str(result))
             self.listener(Note(f"{scope_run.scope.label(step)} is passed over: {result}"))
             return

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 
 from texloom.pipelines.engine.scope import Scope
-from texloom.pipelines.flow.model import Step
+from texloom.pipelines.flow.model import Reference, Step
 from texloom.pipelines.store.store import Store
 
 
@@ -28,9 +29,18 @@ def present(step: Step, scope: Scope, store: Store) -> Step | None:
     return step if len(inputs) == len(step.inputs) else dataclasses.replace(step, inputs=inputs)
 
 
-def may_refuse(step: Step, scope: Scope, store: Store) -> bool:
-    """Whether others that were chosen beside a step go on where it refuses what it takes."""
-    return step.chosen is not None and len(_chosen(step.chosen.name, scope, store)) > 1
+def may_refuse(step: Step, steps: Iterable[Step], scope: Scope, store: Store) -> bool:
+    """Whether another label that was chosen beside a step's goes on where the step refuses what it takes.
+
+    Parameters
+    ----------
+    steps : all of the flow.
+    """
+    if step.chosen is None:
+        return False
+    gone = {step.chosen} | {other.chosen for other in steps if scope.why_passed_over(other.name) is not None}
+    name = step.chosen.name
+    return any(Reference(name, label) not in gone for label in _chosen(name, scope, store))
 
 
 def _why_not_chosen(step: Step, scope: Scope, store: Store) -> str | None:

@@ -106,6 +106,15 @@ def test_of_several_one_may_refuse(tmp_path: Path, rng: np.random.Generator) -> 
         run_local(open_run(tmp_path / "flow.yaml", methods__methods="tiles"), tmp_path / "alone")
 
 
+def test_where_all_refuse_the_run_fails(tmp_path: Path, rng: np.random.Generator) -> None:
+    part = "part: {stage: analysis.crop, inputs: {image: exemplar}, params: {size: 16}, only: methods.part}"
+    other = "{stage: analysis.deformed_lattice, inputs: {image: exemplar, generators: lattice.generators}"
+    flow = REFUSING.replace(part, f"part: {other}, only: methods.part}}").replace("part.image", "part.picture")
+    with pytest.raises(InputError, match=r"steps\.(tiles|part): "):
+        run_local(open_run(write(tmp_path, flow, rng)), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("wrong", "problem"),
     [
