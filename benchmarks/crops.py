@@ -32,10 +32,10 @@ import numpy as np
 from texloom.pipelines.store.store import Store
 from texloom.stages.analysis.exemplars.tone import Tone
 from texloom.stages.analysis.regularity.lattice_selection import LatticeSelection
+from texloom.stages.common.regularity.lattice_cells import steps_along
 from texloom.stages.common.source_maps.exemplar_use import source_counts
 from texloom.stages.evaluation.metrics import MetricsParams, metrics
 from texloom.stages.evaluation.regularity import RegularityParams, regularity
-from texloom.stages.synthesis.optimisation.lattice_phase import steps_along
 from texloom.stages.synthesis.optimisation.optimise import Optimised
 from texloom.stages.vocabulary.arrays import Correspondence, Image
 

@@ -11,7 +11,7 @@ from jaxtyping import Float32, Float64
 from pydantic import Field
 
 from texloom.stages.analysis.photographs.resampled_surface import resampled
-from texloom.stages.numerics.matrices import inverse_of
+from texloom.stages.common.regularity.lattice_cells import steps_along
 from texloom.stages.vocabulary.arrays import Channels, Image, Vectors
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
@@ -81,29 +81,27 @@ def fitted_cells(
     scale = np.ones(2)
     if params.fit and len(fitted):
         scale = np.array(_scale(fitted.astype(np.float64), params.size, params.tileable))
-    table = {"why": "", "scale": [round(float(one), 4) for one in scale]}
     if np.abs(scale - 1).max() < _LEAST:
-        return FittedCells(image, generators, fixed, table)
-    sides = tuple(round(side * one) for side, one in zip((image.height, image.width), scale.tolist(), strict=True))
-    scale = np.array(sides) / np.array([image.height, image.width])
-    places = np.moveaxis(np.indices(sides, np.float64), 0, -1)
-    inside = np.clip((places + 0.5) / scale - 0.5, 0, np.array([image.height, image.width]) - 1)
-    down, across = scale.tolist()
-    height, width = params.size
+        unchanged = {"why": "", "scale": [round(one, 4) for one in scale.tolist()]}
+        return FittedCells(image, generators, fixed, unchanged)
+    before = np.array([image.height, image.width])
+    sides = np.rint(before * scale).astype(np.int64)
+    scale = sides / before
+    places = np.moveaxis(np.indices(tuple(sides), np.float64), 0, -1)
+    places = np.clip((places + 0.5) / scale - 0.5, 0, before - 1)
+    (down, across), (height, width) = scale.tolist(), params.size
     why = (
         f"scaled to {across:.1%} across and {down:.1%} down, so that whole cells fit {width} x {height} px "
         "(--set fit=false cuts cells instead)"
     )
     _LOG.warning("%s", why)
-    own = np.float32(scale)
-    table = {"why": why, "scale": [round(down, 4), round(across, 4)]}
-    return FittedCells(resampled(image, inside), generators * own, fixed * own, table)
+    own, table = np.float32(scale), {"why": why, "scale": [round(down, 4), round(across, 4)]}
+    return FittedCells(resampled(image, places), generators * own, fixed * own, table)
 
 
 def _scale(generators: Float64[np.ndarray, "_ 2"], size: tuple[int, int], wrap: Wraps) -> tuple[float, float]:
     """Of rows and of columns; 1 along sides that do not wrap, or that no whole cells fit."""
-    steps = inverse_of(generators) if len(generators) == 2 else (generators.T / (generators**2).sum())
-    cells = np.asarray(steps) * np.array(size, np.float64)[:, None]
+    cells = steps_along(generators) * np.array(size, np.float64)[:, None]
     downs, acrosses = (_scales(row) if around else [1.0] for row, around in zip(cells, wrap, strict=True))
 
     def cost(scales: tuple[float, float]) -> float:

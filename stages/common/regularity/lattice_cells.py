@@ -33,6 +33,13 @@ def reduced(generators: np.ndarray) -> np.ndarray:
     return np.array([vector if tuple(np.rint(vector * 1e6)) > (0, 0) else -vector for vector in (a, b)])
 
 
+def steps_along(generators: np.ndarray) -> np.ndarray:
+    """Matrix (2, k) from positions to steps along the k generators."""
+    if len(generators) == 2:
+        return inverse_of(generators)
+    return np.asarray(generators.T / (generators**2).sum())
+
+
 def cell_offsets(generators: np.ndarray) -> Int64[np.ndarray, "m 2"]:
     """The pixels that are nearer to a lattice point than to any other, as offsets from it."""
     a, b = reduced(generators)

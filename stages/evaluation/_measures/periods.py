@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from texloom.stages.common.regularity.lattice_cells import steps_along
 from texloom.stages.evaluation._measures.pictures import UnmeasurableError
 from texloom.stages.evaluation._measures.table import Figures
-from texloom.stages.synthesis.optimisation.lattice_phase import steps_along
 from texloom.stages.vocabulary.arrays import Vectors
 from texloom.stages.vocabulary.facts import Wraps
 

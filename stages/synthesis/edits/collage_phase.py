@@ -3,9 +3,9 @@
 import numpy as np
 from jaxtyping import Int64
 
+from texloom.stages.common.regularity.lattice_cells import steps_along
 from texloom.stages.kernels.core.elementary_functions import complex_product, phase_of, phasor
 from texloom.stages.numerics.matrices import matrix_product
-from texloom.stages.synthesis.optimisation.lattice_phase import steps_along
 from texloom.stages.vocabulary.arrays import Correspondence, Mask, Vectors
 
 _NEAR = 15  # px of a window whose mean phase is that of its middle

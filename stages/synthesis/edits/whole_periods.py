@@ -11,8 +11,8 @@ from jaxtyping import Float32, Float64
 from pydantic import Field
 
 from texloom.stages.analysis.exemplars.plain_margins import inside_margins
+from texloom.stages.common.regularity.lattice_cells import steps_along
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product
-from texloom.stages.synthesis.optimisation.lattice_phase import steps_along
 from texloom.stages.vocabulary.arrays import Channels, Image, Vectors
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.facts import TORUS

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 from jaxtyping import Bool, Complex64, Complex128, Float32, Float64, Int64, UInt32
 
+from texloom.stages.common.regularity.lattice_cells import steps_along
 from texloom.stages.common.regularity.lattice_strain import lattice_strain, visibility
 from texloom.stages.kernels.core.elementary_functions import cos, phase_of, phasor, sin, squared_size
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product, rank
@@ -155,13 +156,6 @@ def min_spacing(generators: Vectors) -> float:
     """The shorter distance between neighbouring lattice lines, or that between courses, px."""
     longest = float(np.hypot(*generators.T).max())
     return longest if len(generators) == 1 else float(abs(determinant(generators)) / np.hypot(*generators.T).max())
-
-
-def steps_along(generators: np.ndarray) -> np.ndarray:
-    """Matrix (2, k) from positions to steps along the k generators."""
-    if len(generators) == 2:
-        return inverse_of(generators)
-    return np.asarray(generators.T / (generators**2).sum())
 
 
 def _circles(
