@@ -106,14 +106,13 @@ def photo_report(
         )
     doubts = [table["doubt"] for table in (surface, foreign or {}) if table.get("doubt")]
     rows[2:2] = [("doubt", doubt, ", ".join([*another, _DECIDE])) for doubt in doubts]
-    if level is not None and level["why"]:
-        rows.insert(
-            -3, ("rows and columns", level["why"].partition(" (--set")[0], "--set level=false to leave them")
-        )
-    if whole is not None and whole["why"]:
-        rows.insert(-3, ("whole periods", whole["why"].partition(" (--set")[0], "--set whole=false to keep all"))
-    if fitted is not None and fitted["why"]:
-        rows.insert(-3, ("scale", fitted["why"].partition(" (--set")[0], "--set fit=false to cut cells instead"))
+    for what, step, change in (
+        ("rows and columns", level, "--set level=false to leave them"),
+        ("whole periods", whole, "--set whole=false to keep all"),
+        ("scale", fitted, "--set fit=false to cut cells instead"),
+    ):
+        if step is not None and step["why"]:
+            rows.insert(-3, (what, step["why"].partition(" (--set")[0], change))
     decisions = [dict(zip(("what", "decided", "change"), row, strict=True)) for row in rows]
     shown = {
         name: page.shown(picture, params.largest, params.quality)

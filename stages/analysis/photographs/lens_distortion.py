@@ -93,9 +93,10 @@ def estimated_distortion(segments: Segments) -> float:
             agreements.setdefault(tried, _agreement(segments, tried))
     best = max(agreements, key=lambda tried: agreements[tried])
     total = float(segments.lengths.sum())
-    others = [plain, *(_agreement(segments, best + apart) for apart in (-_APART, _APART))]
-    clear = agreements[best] > max((1 + _MIN_GAIN) * max(others), _MIN_AGREEMENT * total)
-    return best if clear else 0.0
+    most = agreements[best] / (1 + _MIN_GAIN)  # of the agreement with others
+    if most <= plain or agreements[best] <= _MIN_AGREEMENT * total:
+        return 0.0
+    return best if all(_agreement(segments, best + apart) < most for apart in (-_APART, _APART)) else 0.0
 
 
 def _agreement(segments: Segments, distortion: float) -> float:
