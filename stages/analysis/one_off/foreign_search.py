@@ -198,30 +198,37 @@ def _closed(found: Mask, valid: Mask, reach: float) -> Mask:
 
     if not found.any():
         return found
-    rest = (valid & ~_filled(_grown(found, reach))).astype(np.uint8)
+    rest = (valid & ~_filled(_grown(found, reach), valid)).astype(np.uint8)
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(rest, connectivity=4)
     small = boxes[:, cv2.CC_STAT_AREA] < _PIECE * valid.sum()
     small[0] = True  # what is foreign, or was not known
     return np.asarray(small[labels])
 
 
-def _filled(found: Mask) -> Mask:
+def _filled(found: Mask, valid: Mask) -> Mask:
     """Parts that fill most of their convex hull with all of it: a pane that mirrors the sky between shutters.
 
-    Not parts at the border, such as a street with a door above it.
+    Not parts at the border of what is known, such as a street with a door above it.
     """
     import cv2
 
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(found.astype(np.uint8), connectivity=4)
     filled = found.copy()
     whole = np.arange(count) > 0
-    for edge in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
-        whole[edge] = False
+    whole[labels[~_within(valid)]] = False
     for label in np.flatnonzero(whole):
         hull = convex_hull(labels == label)
         if boxes[label, cv2.CC_STAT_AREA] >= _CONVEX * np.count_nonzero(hull):
             filled |= hull
     return filled
+
+
+def _within(valid: Mask) -> Mask:
+    """What is known and not at the border of that."""
+    import cv2
+
+    known = np.pad(valid.astype(np.uint8), 1)
+    return cv2.erode(known, np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0
 
 
 def _grown(found: Mask, reach: float) -> Mask:
