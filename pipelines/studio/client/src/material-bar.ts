@@ -39,7 +39,7 @@ export class MaterialBar extends Element {
   private rename(input: HTMLInputElement): void {
     const name = input.value.trim();
     this.typed = null;
-    if (name) this.studio.project.rename(name);
+    if (name) this.edit({ name });
     else input.value = this.studio.project.material?.name ?? "";
   }
 

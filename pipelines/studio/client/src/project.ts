@@ -101,13 +101,6 @@ export class Project {
     this.timer = window.setTimeout(() => this.send(), PAUSE);
   }
 
-  /** Rename the material that is open; at once and by itself, as a name that is taken is refused with all that comes with it. */
-  rename(name: string): void {
-    this.send();
-    this.edit({ name });
-    this.send();
-  }
-
   /** Keep what is drawn on layers over a picture; nothing is left of what was drawn over another one. */
   draw(picture: string, change: Partial<Drawing>): void {
     this.drawing = { ...(this.drawing.picture === picture ? this.drawing : UNDRAWN), ...change, picture };
@@ -137,21 +130,15 @@ export class Project {
 
   receive(message: ToPage): void {
     if (message.kind === "project_saved") this.state.problem = message.problem;
-    else if (message.kind === "material_changed" && message.id === this.target.id) this.refreshLater(this.target);
+    else if (message.kind === "material_changed" && message.id === this.target.id) void this.refresh(this.target);
     if (message.kind === "project_saved") this.host.changed();
   }
 
-  /** Take what another page may have changed when the server has all changes of this one. */
-  private refreshLater(target: { id: string }): void {
-    void this.last.then(() => this.refresh(target));
-  }
-
-  /** Take name, tags and results as the server has them; the settings of this page stay. */
+  /** Take what another page may have changed: name, tags and results; the settings of this page stay. */
   private async refresh(target: { id: string }): Promise<void> {
-    const { last } = this;
+    await this.last;
     const { material } = await openMaterial(target.id).catch(() => ({ material: null }));
     if (!material || this.target !== target || !this.material) return;
-    if (last !== this.last) return this.refreshLater(target); // the answer may be without what was sent meanwhile
     this.host.knowRuns(material.variants);
     const { name, is_named, tags, is_favourite, is_deleted, variants } = material;
     const changes = this.waiting as Partial<Material>; // of this page, which the server does not have yet
@@ -169,7 +156,7 @@ export class Project {
       try {
         await editMaterial(target.id, waiting);
       } catch (error) {
-        if (!(error instanceof NoAnswerError)) await this.refresh(target); // such as a name that is taken; before it is told
+        if (!(error instanceof NoAnswerError)) void this.refresh(target); // such as a name that is taken
         throw error;
       }
     });
