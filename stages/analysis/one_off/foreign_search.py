@@ -22,7 +22,7 @@ from texloom.stages.vocabulary.masks import fill_excluded
 from texloom.stages.vocabulary.progress import Progress, report
 
 _SIDE = 480  # px of the longer side, at which it is searched
-_CELL, _FINEST = 24, 1440  # px of a cell, and of the longer side at most, at which the mean cell is taken
+_CELL, _FINEST = 24, 960  # px of a cell, and of the longer side at most, at which the mean cell is taken
 _SCREENED, _SLACK = 240, 0.9  # px of the longer side of a quick look, and share of the threshold there
 _SCREENED_PLACES = 1000  # that are compared in it
 _ODD, _ODD_SHARE = 3.0, 0.004  # times the usual difference of cells, and share of the picture that has it
@@ -36,7 +36,7 @@ _CONVEX = 0.6  # share of its convex hull; two shutters under a lintel have .63
 _PIECE = 0.01  # share of the picture that is left between foreign parts
 _EXPLAINS = 0.5  # median correlation of the cells with their median from which it explains the picture
 _MIN_CELLS = 6.0  # of a lattice, for a mean
-_SMALL = 16  # cells along a side from which these are judged with those around them
+_SMALL = 16  # cells along a side, and px of one, from which these are judged with those around them
 _MARGIN = 2.0  # px at which it is searched, by which masks are wider: borders are soft
 _FINE = 1 / 12  # deviation of the window in a cell, of the shorter generator
 _FINEST_WINDOWS = 160  # the side over that is the least deviation of the window: one of fewer pixels is chance
@@ -97,7 +97,7 @@ def foreign_search(
     Parameters
     ----------
     image : a surface from the front, or an exemplar; searched at 480 px. The mean cell is taken where cells have
-        24 px, at up to 1440 px; from 16 along a side it explains the picture where it explains means of nine.
+        24 px, at up to 960 px; from 16 along a side it explains the picture where it explains means of nine.
     valid : where it counts.
     generators : of its lattice; less than two count as none. What its mean cell explains is not foreign.
     threshold : times as far from what explains it as is usual, from which on a part is foreign.
@@ -142,7 +142,8 @@ def _unlike_cell_of(
 ) -> tuple[Float32[np.ndarray, "H W"], Float32[np.ndarray, "H W 3"]] | None:
     """See `_unlike_cell`: at a size where a cell has enough pixels, and of ``shape`` then."""
     longer, shorter = max(image.height, image.width), float(np.hypot(*generators.astype(np.float64).T).min())
-    side = min(max(_SIDE, math.ceil(_CELL / shorter * longer)), _FINEST)
+    side = max(_SIDE, math.ceil(_CELL / shorter * longer))
+    side = side if side <= _FINEST else _SIDE
     lab, small = as_searched(image, valid, side)
     factor = np.array(lab.shape[:2]) / (image.height, image.width)
     made = _unlike_cell(lab, small, (generators * factor).astype(np.float32))
@@ -165,7 +166,7 @@ def _unlike_cell(
         return None
     cell = mean_cell(lab, generators, valid)
     light = lab[..., 0]
-    if valid.sum() >= _SMALL * _SMALL * area:
+    if valid.sum() >= _SMALL * _SMALL * area and shorter >= _SMALL:  # tinier cells tell no pipe from their tints
         light = _with_cells_around(light, valid, frame)
     if cell.explained(light, valid) < _EXPLAINS:
         return None

@@ -1,4 +1,4 @@
-"""Beside a lattice, what the mean cell explains is not foreign, unless looks are sure. Outlines at rims are kept."""
+"""Beside a lattice, what the mean cell explains is not foreign, unless looks are sure; outlines at rims stay."""
 
 import numpy as np
 import pytest
