@@ -18,6 +18,7 @@ _BLUR = 1.5  # deviation, px, over which steepness is averaged
 _LEAST = 0.1  # share of a part that its pixels must tell apart; the part is kept whole where they do not
 _STAIN = 0.6  # overlap of distributions: stains and drifts had .66 to .90, objects .38 at most
 _LIKELY = 0.6  # mean logarithm of odds of another part: the windows of a wall had .9, its joints like a pipe less
+_LEAF, _CERTAIN = 0.1, 1.2  # share of the least part that a part of such mean odds has: leaves beside a plant
 _PIECE = 0.02  # share of a part below which a piece of it is chance
 
 
@@ -66,7 +67,7 @@ def likewise(planes: Float32[np.ndarray, "h w c"], valid: Mask, found: Mask, lea
     ----------
     planes, valid : see `outlined`.
     found : foreign parts, as they are outlined.
-    least : pixels of a part.
+    least : pixels of a part; a tenth where it is surely like ``found``, as single leaves beside a plant are.
     """
     import cv2
 
@@ -80,7 +81,9 @@ def likewise(planes: Float32[np.ndarray, "h w c"], valid: Mask, found: Mask, lea
     of_part = ((near > 0) & rest).astype(np.uint8)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(of_part, connectivity=4)
     sums = np.bincount(labels.ravel(), near.ravel().astype(np.float64), count)
-    large = (boxes[:, cv2.CC_STAT_AREA] >= least) & (sums >= _LIKELY * boxes[:, cv2.CC_STAT_AREA])
+    area = boxes[:, cv2.CC_STAT_AREA]
+    likely = np.where(area >= least, _LIKELY, np.where(area >= _LEAF * least, _CERTAIN, np.inf))
+    large = sums >= likely * area
     large[0] = False
     return np.asarray(large[labels])
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Iterator
+
 import numpy as np
 from jaxtyping import Bool, Float32
 
@@ -18,6 +22,7 @@ from texloom.stages.vocabulary.masks import fill_excluded
 from texloom.stages.vocabulary.progress import Progress, report
 
 _SIDE = 480  # px of the longer side, at which it is searched
+_CELL, _FINEST = 24, 960  # px of a cell, and of the longer side at most, at which the mean cell is taken
 _SCREENED, _SLACK = 240, 0.9  # px of the longer side of a quick look, and share of the threshold there
 _SCREENED_PLACES = 1000  # that are compared in it
 _ODD, _ODD_SHARE = 3.0, 0.004  # times the usual difference of cells, and share of the picture that has it
@@ -31,10 +36,13 @@ _CONVEX = 0.6  # share of its convex hull; two shutters under a lintel have .63
 _PIECE = 0.01  # share of the picture that is left between foreign parts
 _EXPLAINS = 0.5  # median correlation of the cells with their median from which it explains the picture
 _MIN_CELLS = 6.0  # of a lattice, for a mean
+_SMALL = 16  # cells along a side, and px of one, from which these are judged with those around them
 _MARGIN = 2.0  # px at which it is searched, by which masks are wider: borders are soft
 _FINE = 1 / 12  # deviation of the window in a cell, of the shorter generator
+_FINEST_WINDOWS = 160  # the side over that is the least deviation of the window: one of fewer pixels is chance
 _NOTICED = 1.5  # CIELAB
 _TINT = np.array([25.0, 8.0, 8.0], np.float32)  # CIELAB by which light may change a cell
+_USUAL_TINTS, _LEAST_TINT = 6.0, np.array([6.0, 3.0, 3.0], np.float32)  # times the median of cells, and CIELAB
 
 
 def looks_foreign(image: Image, valid: Mask, generators: Vectors | None, threshold: float) -> bool:
@@ -59,15 +67,10 @@ def _from_cells_around(lab: Float32[np.ndarray, "h w 3"], valid: Mask, frame: np
     deviation = max(1.0, 2 * _FINE * float(np.hypot(*frame.T).min()))
     weight = np.maximum(gaussian_blur(valid.astype(np.float32), deviation), np.float32(1e-6))
     means = gaussian_blur(lab * valid[..., None], deviation) / weight[..., None]
-    rows, columns = np.indices(valid.shape)
     others = []
-    for first, second in ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)):
-        down, across = (int(value) for value in np.rint(first * frame[0] + second * frame[1]))
-        row, column = rows + down, columns + across
-        inside = (row >= 0) & (row < len(rows)) & (column >= 0) & (column < valid.shape[1])
-        row, column = np.clip(row, 0, len(rows) - 1), np.clip(column, 0, valid.shape[1] - 1)
+    for row, column, known in itertools.islice(_cells_around(valid, frame), 1, None):
         differs = np.abs(means - means[row, column]).sum(axis=2)
-        others.append(np.where(inside & valid[row, column], differs, np.float32(np.inf)))
+        others.append(np.where(known, differs, np.float32(np.inf)))
     ordered = np.sort(np.stack(others), axis=0)  # those not known are last
     known = np.isfinite(ordered).sum(axis=0)
     median = np.take_along_axis(ordered, (np.maximum(known - 1, 0) // 2)[None], axis=0)[0]
@@ -93,7 +96,8 @@ def foreign_search(
 
     Parameters
     ----------
-    image : a surface from the front, or an exemplar; searched at 480 px.
+    image : a surface from the front, or an exemplar; searched at 480 px. The mean cell is taken where cells have
+        24 px, at up to 960 px; from 16 along a side it explains the picture where it explains means of nine.
     valid : where it counts.
     generators : of its lattice; less than two count as none. What its mean cell explains is not foreign.
     threshold : times as far from what explains it as is usual, from which on a part is foreign.
@@ -106,8 +110,7 @@ def foreign_search(
     lab, small = as_searched(image, valid)
     cell = None
     if generators is not None and len(generators) == 2:
-        factor = np.array(lab.shape[:2]) / (image.height, image.width)
-        cell = _unlike_cell(lab, small, (generators * factor).astype(np.float32))
+        cell = _unlike_cell_of(image, valid, generators, small.shape)
     side = float(np.sqrt(small.sum()))
     unlike = np.zeros(small.shape, np.float32)
     found = np.zeros(small.shape, np.bool_)
@@ -134,6 +137,22 @@ def with_margin(found: Mask, shape: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
     return np.asarray(resize(wide, *shape, bilinear=True)[..., 0] > 0.5)
 
 
+def _unlike_cell_of(
+    image: Image, valid: Mask, generators: Vectors, shape: tuple[int, int]
+) -> tuple[Float32[np.ndarray, "H W"], Float32[np.ndarray, "H W 3"]] | None:
+    """See `_unlike_cell`: at a size where a cell has enough pixels, and of ``shape`` then."""
+    longer, shorter = max(image.height, image.width), float(np.hypot(*generators.astype(np.float64).T).min())
+    side = max(_SIDE, math.ceil(_CELL / shorter * longer))
+    side = side if side <= _FINEST else _SIDE
+    lab, small = as_searched(image, valid, side)
+    factor = np.array(lab.shape[:2]) / (image.height, image.width)
+    made = _unlike_cell(lab, small, (generators * factor).astype(np.float32))
+    if made is None:
+        return None
+    both = resize(np.concatenate([made[0][..., None], made[1]], axis=2), *shape, bilinear=True)
+    return np.ascontiguousarray(both[..., 0]), np.ascontiguousarray(both[..., 1:])
+
+
 def _unlike_cell(
     lab: Float32[np.ndarray, "h w 3"], valid: Mask, generators: Vectors
 ) -> tuple[ScalarMap, Float32[np.ndarray, "h w 3"]] | None:
@@ -146,19 +165,44 @@ def _unlike_cell(
     if valid.sum() < _MIN_CELLS * area or shorter < 6:
         return None
     cell = mean_cell(lab, generators, valid)
-    tint = np.clip(cell.per_cell(lab - cell.expected, valid), -_TINT, _TINT)
-    if cell.explained(lab[..., 0], valid) < _EXPLAINS:
+    light = lab[..., 0]
+    if valid.sum() >= _SMALL * _SMALL * area and shorter >= _SMALL:  # tinier cells tell no pipe from their tints
+        light = _with_cells_around(light, valid, frame)
+    if cell.explained(light, valid) < _EXPLAINS:
         return None
+    tint = cell.per_cell(lab - cell.expected, valid)
+    most = np.clip(_USUAL_TINTS * np.median(np.abs(tint[valid]), axis=0), _LEAST_TINT, _TINT)
+    tint = np.clip(tint, -most, most)
     toned = lab - tint
     left = toned - np.clip(toned, cell.lowest, cell.highest)
     rest = np.abs(left).mean(axis=2)
     usual = np.nan_to_num(cell.deviation)[cell.phase[..., 0], cell.phase[..., 1]]
-    deviation = max(1.0, _FINE * shorter)
+    deviation = max(1.0, _FINE * shorter, max(valid.shape) / _FINEST_WINDOWS)
     counted = valid.astype(np.float32)
     weight = np.maximum(gaussian_blur(counted, deviation), np.float32(1e-6))
     mean, expected = (gaussian_blur(plane * counted, deviation) / weight for plane in (rest, usual))
     unlike = np.where(valid, 2 * mean / (expected + np.float32(_NOTICED)), 0)
     return np.asarray(unlike, np.float32), np.asarray(left, np.float32)
+
+
+def _with_cells_around(plane: ScalarMap, valid: Mask, frame: np.ndarray) -> ScalarMap:
+    """The mean of each pixel and those a cell away in eight directions, so that what repeats outweighs grain."""
+    total, count = np.zeros((2, *valid.shape), np.float32)
+    for row, column, known in _cells_around(valid, frame):
+        total += np.where(known, plane[row, column], np.float32(0))
+        count += known
+    return np.asarray(total / np.maximum(count, 1), np.float32)
+
+
+def _cells_around(valid: Mask, frame: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, Mask]]:
+    """The places themselves, and those a cell away in eight directions: row, column, and whether it is known."""
+    rows, columns = np.indices(valid.shape)
+    for first, second in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1)):
+        down, across = (int(value) for value in np.rint(first * frame[0] + second * frame[1]))
+        row, column = rows + down, columns + across
+        inside = (row >= 0) & (row < len(rows)) & (column >= 0) & (column < valid.shape[1])
+        row, column = np.clip(row, 0, len(rows) - 1), np.clip(column, 0, valid.shape[1] - 1)
+        yield row, column, inside & valid[row, column]
 
 
 def _beside_lattice(looks: ScalarMap, cell: ScalarMap, valid: Mask, threshold: float) -> ScalarMap:
@@ -198,30 +242,37 @@ def _closed(found: Mask, valid: Mask, reach: float) -> Mask:
 
     if not found.any():
         return found
-    rest = (valid & ~_filled(_grown(found, reach))).astype(np.uint8)
+    rest = (valid & ~_filled(_grown(found, reach), valid)).astype(np.uint8)
     _, labels, boxes, _ = cv2.connectedComponentsWithStats(rest, connectivity=4)
     small = boxes[:, cv2.CC_STAT_AREA] < _PIECE * valid.sum()
     small[0] = True  # what is foreign, or was not known
     return np.asarray(small[labels])
 
 
-def _filled(found: Mask) -> Mask:
+def _filled(found: Mask, valid: Mask) -> Mask:
     """Parts that fill most of their convex hull with all of it: a pane that mirrors the sky between shutters.
 
-    Not parts at the border, such as a street with a door above it.
+    Not parts at the border of what is known, such as a street with a door above it.
     """
     import cv2
 
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(found.astype(np.uint8), connectivity=4)
     filled = found.copy()
     whole = np.arange(count) > 0
-    for edge in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
-        whole[edge] = False
+    whole[labels[~_within(valid)]] = False
     for label in np.flatnonzero(whole):
         hull = convex_hull(labels == label)
         if boxes[label, cv2.CC_STAT_AREA] >= _CONVEX * np.count_nonzero(hull):
             filled |= hull
     return filled
+
+
+def _within(valid: Mask) -> Mask:
+    """What is known and not at the border of that."""
+    import cv2
+
+    known = np.pad(valid.astype(np.uint8), 1)
+    return cv2.erode(known, np.ones((3, 3), np.uint8))[1:-1, 1:-1] > 0
 
 
 def _grown(found: Mask, reach: float) -> Mask:

@@ -60,5 +60,18 @@ def test_another_part_of_the_same_look_is_found_and_smaller_ones_are_not() -> No
     assert (found & second).sum() > 0.8 * second.sum()
     assert not (found & first).any()
     assert (found & ~second).sum() < 0.25 * second.sum()
-    assert not likewise(lab, ALL, first, 900.0).any()
+    assert not likewise(lab, ALL, first, 9000.0).any()
     assert not likewise(lab, ALL, NONE, 1.0).any()
+
+
+def test_a_smaller_part_is_found_where_it_is_surely_alike() -> None:
+    """A leaf beside a plant; but not a stain that has a little of its colour."""
+    first, second = np.zeros((2, 192, 192), np.bool_)
+    first[64:128, 64:128] = second[8:36, 8:36] = True
+    for shift, share in ((30, 0.8), (12, 0.0)):
+        lab = np.random.default_rng(2).normal((50, 0, 0), (6, 2, 2), (192, 192, 3)).astype(np.float32)
+        lab[first] += (0, 30, 0)
+        lab[second] += (0, shift, 0)
+        found = likewise(lab, np.ones_like(first), first, 2000.0)
+        assert found[second].mean() >= share
+        assert found.any() == (share > 0)

@@ -5,7 +5,7 @@ import logging
 import numpy as np
 import pytest
 
-from benchmarks.foreign_parts import PARTS, WALLS, agreement
+from benchmarks.foreign_parts import PARTS, WALLS, agreement, noise
 from texloom.stages.analysis.photographs.foreign_parts import ForeignParts, ForeignPartsParams, foreign_parts
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
@@ -64,6 +64,34 @@ def test_windows_of_a_facade_are_explained_by_its_lattice() -> None:
     assert found[104:188, 64:136].mean() > 0.97
     assert found[:90].mean() < 0.02
     assert made.table["cells"] == pytest.approx((~found).sum() / (32 * 48), abs=0.1)
+
+
+def small_tiles() -> np.ndarray:
+    """Of 32 columns, of coarse grain and their own tones, with a corner of dull ones; joints are one pixel wide."""
+    random = np.random.default_rng(5)
+    tone = np.exp(random.normal(0, 0.12, (32, 32)))
+    tone[:9, :9] *= 0.6
+    rows, columns = np.indices((640, 640))
+    joint = (rows % 20 == 0) | (columns % 20 == 0)
+    grain = 1 + 0.25 * noise(random, (640, 640), 1.5)
+    light = np.where(joint, 0.12, 0.3) * tone[rows // 20, columns // 20] * grain
+    return np.repeat(np.clip(light, 0, 1).astype(np.float32)[..., None], 3, axis=2)
+
+
+def test_plants_before_small_tiles_are_masked_and_dull_tiles_are_not() -> None:
+    """At the size at which is searched a tile has 15 px, too few for a mean cell that explains the picture."""
+    pixels = small_tiles()
+    random = np.random.default_rng(6)
+    leaves = noise(random, (640, 640), 4.0) > -0.8
+    rows, columns = np.indices((640, 640))
+    plant = leaves & (np.hypot(rows - 640, columns - 640) < 200)
+    pixels = np.where(plant[..., None], [0.03, 0.1, 0.02] * np.exp(random.normal(0, 0.4, (640, 640, 1))), pixels)
+    generators = np.array([[20, 0], [0, 20]], np.float32)
+    made = foreign_parts(Image(pixels.astype(np.float32), ("R", "G", "B")), ForeignPartsParams(), generators)
+    found = made.mask.pixels[..., 0] < 0.5
+    assert made.table["by"] == "lattice"
+    assert found[plant].mean() > 0.95
+    assert not found[:400, :400].any()
 
 
 def test_lined_surfaces_that_do_not_repeat_are_doubted(caplog: pytest.LogCaptureFixture) -> None:
