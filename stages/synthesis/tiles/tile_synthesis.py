@@ -25,7 +25,7 @@ from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, Scalar
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params
 from texloom.stages.vocabulary.facts import TORUS
-from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
+from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels, without_usable
 from texloom.stages.vocabulary.progress import part
 
 _STARTS = 4  # of a torus of one material, among which one is chosen
@@ -51,6 +51,12 @@ class Torus:
 
     image: Image
     match: Correspondence
+
+    @classmethod
+    def of_exemplar(cls, image: Image) -> "Torus":
+        """An exemplar as it is, which need not wrap around."""
+        places = np.moveaxis(np.indices((image.height, image.width), np.uint32), 0, 2)
+        return cls(without_usable(image), np.ascontiguousarray(places))
 
     def at(self, rows: np.ndarray, columns: np.ndarray) -> "Torus":
         """The torus of these pixels; rows and columns are broadcast and wrapped."""
