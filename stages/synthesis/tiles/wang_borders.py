@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Float64, Int64
 from pydantic import Field
 
 from texloom.stages.analysis.structure.element_size import element_size
@@ -28,6 +28,7 @@ from texloom.stages.vocabulary.sizes import SIDES
 
 _SIDES = (64, 256)  # px of a tile, where none is asked for
 _NEAR = (0.75, 1.5)  # of that side, among which one that fits the lattice is chosen
+_MOST_MISSED = 1 / 8  # of the shortest step of a lattice, by which a tile may miss whole cells
 _CLOSE = 0.5  # px that the lattice may miss a tile's side by before one less near is preferred
 Repeats: TypeAlias = Annotated[int, Field(ge=1, le=10)]
 Lines: TypeAlias = Int64[np.ndarray, " lines"]  # type: ignore[name-defined]
@@ -122,6 +123,25 @@ def tile_side(wanted: int, generators: Vectors | None) -> tuple[int, float]:
     if generators is None or not len(generators):
         return wanted, 0.0
     sides = np.arange(round(wanted * _NEAR[0]), round(wanted * _NEAR[1]) + 1)
+    missed = _missed(sides, generators)
+    cost = np.maximum(missed, _CLOSE) + 2.0 * np.abs(log(sides / wanted))
+    best = int(np.argmin(cost))
+    return int(sides[best]), float(missed[best])
+
+
+def fitting(generators: Vectors | None, tile: int) -> Vectors | None:
+    """The lattice, or None where tiles of this side do not contain whole cells of it, as where these are larger."""
+    if generators is None or not len(generators):
+        return None
+    shortest = float(np.hypot(*generators.astype(np.float64).T).min())
+    return generators if _missed(np.array([tile]), generators)[0] <= _MOST_MISSED * shortest else None
+
+
+def _missed(
+    sides: Int64[np.ndarray, " sides"],  # type: ignore[name-defined]
+    generators: Vectors,
+) -> Float64[np.ndarray, " sides"]:  # type: ignore[name-defined]
+    """Px between each side of a tile, down and across, and the nearest step of a lattice; the larger of both."""
     own = generators.astype(np.float64)
     missed = np.zeros(len(sides))
     for axis in (0, 1):
@@ -129,9 +149,7 @@ def tile_side(wanted: int, generators: Vectors | None) -> tuple[int, float]:
         vectors[:, axis] = sides
         steps = matrix_product(vectors, pseudo_inverse(own))
         missed = np.maximum(missed, np.hypot(*matrix_product(np.rint(steps) - steps, own).T))
-    cost = np.maximum(missed, _CLOSE) + 2.0 * np.abs(log(sides / wanted))
-    best = int(np.argmin(cost))
-    return int(sides[best]), float(missed[best])
+    return missed
 
 
 def tell_large_elements(image: Image, rectangles: Rectangles | None, tile: int) -> None:
@@ -221,11 +239,14 @@ def wang_borders(
         min(image.height, image.width) if rectangles is None else int(rectangles[:, 2:].min())
     )
     tile, missed = tile_side(wanted, generators)
-    if tile != wanted and params.tile:
+    has_lattice = fitting(generators, tile) is not None
+    if not has_lattice and generators is not None and len(generators):
+        tile, generators = wanted, None
+        _log.warning("no tile near %d px contains whole cells of the lattice, which tiles do not keep", wanted)
+    elif tile != wanted and params.tile:
         _log.warning(
             "tiles of %d px, not %d: these contain whole cells of the lattice, to %.1f px", tile, wanted, missed
         )
-    has_lattice = generators is not None and len(generators) > 0
     if not has_lattice:
         tell_large_elements(image, rectangles, tile)
     border = _border(tile, params)

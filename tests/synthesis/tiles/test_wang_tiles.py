@@ -25,6 +25,7 @@ from texloom.stages.synthesis.tiles.wang_borders import (
     WangBordersParams,
     check_size,
     core,
+    fitting,
     tell_large_elements,
     tile_side,
     to_borders,
@@ -296,6 +297,23 @@ def test_tiles_contain_whole_cells_of_a_lattice() -> None:
     phase = np.exp(2j * np.pi * tiles.match.astype(float) @ np.linalg.inv(generators))
     own = np.exp(2j * np.pi * np.moveaxis(np.indices(tiles.match.shape[:2]), 0, 2) / [38 / 3, 19.0])
     assert (np.abs((phase / own).mean(axis=(0, 1))) > 0.9).all()
+
+
+def test_a_lattice_larger_than_tiles_is_told_and_not_kept(
+    exemplar: Image, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Such as one of the slow tones of wood; tiles were then as small as may be, and grain was cut at borders."""
+    large, small = np.array([[70, 0], [0, 90]], np.float32), np.array([[19, 0], [0, 13]], np.float32)
+    assert fitting(large, TILE) is None
+    assert fitting(small, 38) is small
+    assert fitting(small[:0], 38) is None
+    params = WangBordersParams(**QUICK, colors=1, tile=TILE, border=BORDER)
+    with caplog.at_level(logging.WARNING):
+        told, plain = (
+            wang_borders(exemplar, params, np.random.default_rng(0), generators=g) for g in (large, None)
+        )
+    assert f"no tile near {TILE} px contains whole cells of the lattice, which tiles do not keep" in caplog.text
+    np.testing.assert_array_equal(told.match, plain.match)
 
 
 @pytest.mark.parametrize(
