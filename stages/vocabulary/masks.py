@@ -57,12 +57,16 @@ def tell_holes(log: logging.Logger, made: Image) -> None:
 
 def nearest_valid(valid: Mask) -> Int32[np.ndarray, "2 h w"]:
     """Row and column of the valid pixel nearest to every pixel; at least one is valid."""
+    places = np.indices(valid.shape, np.int32)
     if valid.all():
-        return np.indices(valid.shape, np.int32)
+        return places
     ndimage = loaded("scipy.ndimage")
-    return np.asarray(
-        ndimage.distance_transform_edt(~valid, return_distances=False, return_indices=True), dtype=np.int32
-    )
+    # The nearest to any pixel is in the rectangle around all that are not valid, or beside it.
+    lines = [np.flatnonzero(~valid.all(axis=axis)) for axis in (1, 0)]
+    near = tuple(slice(max(0, int(line[0]) - 1), int(line[-1]) + 2) for line in lines)
+    found = ndimage.distance_transform_edt(~valid[near], return_distances=False, return_indices=True)
+    places[:, *near] = found + np.array([line.start for line in near])[:, None, None]
+    return places
 
 
 def count_excluded(valid: Mask, height: int, width: int) -> Int32[np.ndarray, "p q"]:

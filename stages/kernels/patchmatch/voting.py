@@ -126,49 +126,43 @@ def round_votes(sums, weights_across, weights_down, target, first, last):
 
 
 @compiled
-def voted(row, column, patch_size, pixels):
-    """Set ``pixels``, (h, w) bool, to those of the exemplar patches at ``row`` and ``column``, int32."""
-    height, width = pixels.shape
-    pixels[:] = False
-    for y in range(row.shape[0]):
-        for x in range(row.shape[1]):
-            pixels[row[y, x], column[y, x]] = True
-    left = np.zeros(width, np.int32)  # px that a patch still reaches down, in each column
-    for y in range(height):
-        right = 0
-        for x in range(width):
-            right = patch_size if pixels[y, x] else right - 1
-            left[x] = patch_size if right > 0 else left[x] - 1
-            pixels[y, x] = left[x] > 0
+def weighted_values(exemplar, bins, excess, runs, count, places, patch_size, filled, number, table, first, last):
+    """Fill in rows ``first`` to ``last`` of ``table`` what votes for the pixels add that some rows are made of.
 
-
-@compiled
-def weighted_values(exemplar, bins, excess, used, table, first, last):
-    """Fill rows ``first`` to ``last`` of the exemplar in ``table`` with what a vote for each pixel adds.
-
-    A vote for a colour in bins b_c weighs 1 / (1 + sum over channels of ``excess[c, b_c]``) [Kopf2007]_.
+    A vote for a colour in bins b_c weighs 1 / (1 + sum over channels of ``excess[c, b_c]``) [Kopf2007]_. Only few
+    of the pixels of a large exemplar vote in some rows, so that the runs of these are followed.
 
     Parameters
     ----------
     exemplar : (h, w * channels) int16
     bins : (h, w * channels) uint8, histogram bin of every exemplar value
     excess : (channels, bins) float32, pixels of the target beyond the exemplar's share, 0 where there are too few
-    used : (h, w) bool, pixels that are voted for; the table keeps what it has at others
+    runs, count : see `find_runs`, for all rows
+    places : (n,) int64, the rows
+    filled : (h, w) uint8, set to ``number`` where the table is filled; other numbers are of earlier rows
     table : (h, w * (channels + 1)) float32, output: the weighted values of each pixel, and its weight
     """
-    channels = excess.shape[0]
-    for y in range(first, last):
-        for x in range(exemplar.shape[1] // channels):
-            if not used[y, x]:
-                continue
-            surplus = np.float32(1)
-            for c in range(channels):
-                surplus += excess[c, bins[y, x * channels + c]]
-            weight = np.float32(1) / surplus
-            entry = table[y, x * (channels + 1) : (x + 1) * (channels + 1)]
-            for c in range(channels):
-                entry[c] = weight * exemplar[y, x * channels + c]
-            entry[channels] = weight
+    channels, before = excess.shape[0], patch_size - 1
+    for place in places:
+        for i in range(before + 1):
+            k = place + before - i
+            for j in range(count[k]):
+                run = runs[k, j]
+                y = run[2] + i
+                if y < first or y >= last or (run[5] and i > 0):
+                    continue
+                for x in range(run[3], run[3] + run[1] + before):
+                    if filled[y, x] == number:
+                        continue
+                    filled[y, x] = number
+                    surplus = np.float32(1)
+                    for c in range(channels):
+                        surplus += excess[c, bins[y, x * channels + c]]
+                    weight = np.float32(1) / surplus
+                    entry = table[y, x * (channels + 1) : (x + 1) * (channels + 1)]
+                    for c in range(channels):
+                        entry[c] = weight * exemplar[y, x * channels + c]
+                    entry[channels] = weight
 
 
 @inner(forceinline=True)
@@ -224,7 +218,7 @@ def _add_runs(votes, shares, runs, count, place, line):
 
 @compiled
 def histogram_votes(
-    votes, shares, runs, count, lows, widths, rows, stops, target, counts, wanted, exemplar, bins, used, is_filled
+    votes, shares, runs, count, lows, widths, rows, stops, target, counts, wanted, exemplar, bins, filled, is_filled
 ):
     """Set rows of the target to a weighted mean that avoids colours which the target has too often.
 
@@ -239,16 +233,19 @@ def histogram_votes(
     target : (H, W * channels) int16, changed in place
     counts : (channels, bins) int64, histograms of the target, or anything to which their change is added
     wanted : (channels, bins) float64, what they should be
-    exemplar, bins, used : see `weighted_values`
-    is_filled : the table is; else it is filled by ``counts`` before each chunk
+    exemplar, bins, filled : see `weighted_values`
+    is_filled : the table is; else it is filled by ``counts`` before each chunk, at most 255, as none of it is yet
     """
     channels = lows.size
     sums = np.empty((votes.row.shape[1] + votes.patch_size - 1) * votes.channels, np.float32)
-    start = 0
+    start, number = 0, np.uint8(0)
     for stop in stops:
         if not is_filled:
-            excess = surplus(counts, wanted)
-            weighted_values(exemplar, bins, excess, used, votes.exemplar, np.int64(0), exemplar.shape[0])
+            number += np.uint8(1)
+            weighted_values(
+                exemplar, bins, surplus(counts, wanted), runs, count, rows[start:stop], votes.patch_size, filled,
+                number, votes.exemplar, np.int64(0), exemplar.shape[0],
+            )  # fmt: skip
         for y in rows[start:stop]:
             _add_runs(votes, shares, runs, count, y, sums)
             for x in range(target.shape[1] // channels):

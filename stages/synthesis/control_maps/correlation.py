@@ -62,16 +62,22 @@ def _explained(planes: Float32[np.ndarray, "h w c"], control: Float32[np.ndarray
 
 def median_cells(values: Float32[np.ndarray, "n k"], halvings: int = _HALVINGS) -> Int64[np.ndarray, "n"]:  # type: ignore[name-defined]
     """Cells of a tree that halves the values at the median of their widest channel."""
-    cells = np.zeros(len(values), np.int64)
+    members = [np.arange(len(values))]
+    own = [values]
     for _ in range(halvings):
-        for cell in range(int(cells.max()) + 1):
-            members = np.flatnonzero(cells == cell)
-            if len(members) < 2:
+        for cell in range(len(members)):
+            if len(members[cell]) < 2:
                 continue
-            channel = int(values[members].var(axis=0).argmax())
-            line = values[members, channel]
+            line = own[cell][:, int(own[cell].var(axis=0).argmax())]
             middle = np.median(line)
-            upper = line > middle if (line > middle).any() else line == middle
+            upper = line > middle
+            if not upper.any():
+                upper = line == middle
             if not upper.all():
-                cells[members[upper]] = cells.max() + 1
+                for parts in (members, own):
+                    parts.append(parts[cell][upper])
+                    parts[cell] = parts[cell][~upper]
+    cells = np.empty(len(values), np.int64)
+    for cell, places in enumerate(members):
+        cells[places] = cell
     return cells

@@ -201,11 +201,12 @@ class Search:
 
         occurrence_penalty(self.counts, self.shape.size, self.penalty_per_use, self.penalty)
         if self.expected is not None:
-            np.rint(self.penalty / self.expected, out=self.penalty)
+            np.divide(self.penalty, self.expected, out=self.penalty)
+            np.rint(self.penalty, out=self.penalty)
         if self.balance is not None:
             self.balance.charge(self.penalty, self.unit)
         if self.forbidden is not None:
-            self.penalty[self.forbidden] = _FORBIDDEN
+            np.copyto(self.penalty, _FORBIDDEN, where=self.forbidden)
 
     def _little_used(self) -> tuple[np.ndarray, np.ndarray]:
         """Exemplar patches sampled from the density max(0, 1 - occurrence / even use)."""

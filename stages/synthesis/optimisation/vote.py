@@ -3,7 +3,7 @@
 from typing import Any, TypeAlias
 
 import numpy as np
-from jaxtyping import Float32, Int16, Int32
+from jaxtyping import Float32, Int16, Int32, UInt8
 
 from texloom.stages.common.similarity.neighbourhoods import UNIT
 from texloom.stages.kernels.core.elementary_functions import exp
@@ -226,7 +226,7 @@ class HistogramVote:
         self, match: Patches, target: Int16[np.ndarray, "H Wc"], order: np.random.Generator
     ) -> Int16[np.ndarray, "H Wc"]:
         """The next target, given the current one."""
-        from texloom.stages.kernels.patchmatch.voting import Votes, count_bins, find_runs, histogram_votes, voted
+        from texloom.stages.kernels.patchmatch.voting import Votes, count_bins, find_runs, histogram_votes
 
         height, width = target_sides(match, self.patch_size, self.wrap)
         target = target[:height, : width * self.channels].copy()
@@ -236,8 +236,7 @@ class HistogramVote:
         table = np.empty(
             (self.exemplar.shape[0], self.exemplar.shape[1] // self.channels * (self.channels + 1)), np.float32
         )
-        used = np.empty((table.shape[0], self.exemplar.shape[1] // self.channels), np.bool_)
-        voted(match[0], match[1], self.patch_size, used)
+        filled = np.zeros((table.shape[0], self.exemplar.shape[1] // self.channels), np.uint8)
         votes = Votes(match[0], match[1], table, self.channels + 1, self.patch_size, self.wrap)
         runs = find_runs(*match, self.patch_size, self.wrap, _RUN, 0, height)
         voting = (votes, self.shares, *runs, self.lows, self.widths)
@@ -245,10 +244,10 @@ class HistogramVote:
         chunks = np.array_split(rows, min(_CHUNKS, height))
         if table.size < _TABLE_PIECE and len(chunks[0]) * width < _PIECE:
             stops = np.cumsum([len(chunk) for chunk in chunks])
-            histogram_votes(*voting, rows, stops, target, counts, wanted, self.exemplar, self.bins, used, False)
+            histogram_votes(*voting, rows, stops, target, counts, wanted, self.exemplar, self.bins, filled, False)
         else:
-            for chunk in chunks:
-                self._vote_for(chunk, voting, target, counts, wanted, used)
+            for number, chunk in enumerate(chunks, 1):
+                self._vote_for(chunk, voting, target, counts, wanted, filled, np.uint8(number))
         return pad_torus(target, self.channels, self.patch_size, self.wrap) if self.wrap else target
 
     def _vote_for(
@@ -258,20 +257,24 @@ class HistogramVote:
         target: np.ndarray,
         counts: np.ndarray,
         wanted: np.ndarray,
-        used: Mask,
+        filled: UInt8[np.ndarray, "h w"],
+        number: np.uint8,
     ) -> None:
-        """`histogram_votes` for one chunk, on all threads."""
+        """`histogram_votes` for one chunk, on all threads; ``number`` is its own, from 1."""
         from texloom.stages.kernels.patchmatch.voting import histogram_votes, surplus, weighted_values
 
-        table = voting[0].exemplar
-        filled = (self.exemplar, self.bins, surplus(counts, wanted), used, table)
-        run_spans(weighted_values, filled, len(table), min(4, 1 + table.size // _TABLE_PIECE))
+        votes, _, runs, count, *_ = voting
+        filling = (
+            self.exemplar, self.bins, surplus(counts, wanted), runs, count, chunk, self.patch_size, filled, number,
+            votes.exemplar,
+        )  # fmt: skip
+        run_spans(weighted_values, filling, len(self.exemplar), min(4, 1 + votes.exemplar.size // _TABLE_PIECE))
         parts = spans(len(chunk), min(4, 1 + len(chunk) * target.shape[1] // self.channels // _PIECE))
         changes = np.zeros((len(parts), *counts.shape), np.int64)
         calls = [
             (
                 *voting, chunk[slice(*part)], np.array([part[1] - part[0]]), target, change, wanted,
-                self.exemplar, self.bins, used, True,
+                self.exemplar, self.bins, filled, True,
             )
             for part, change in zip(parts, changes, strict=True)
         ]  # fmt: skip

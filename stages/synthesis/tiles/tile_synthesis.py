@@ -25,12 +25,12 @@ from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, Scalar
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import Params
 from texloom.stages.vocabulary.facts import TORUS
-from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels
+from texloom.stages.vocabulary.masks import fill_excluded, valid_pixels, without_usable
 from texloom.stages.vocabulary.progress import part
 
 _STARTS = 4  # of a torus of one material, among which one is chosen
 _LARGEST_STEP = 0.5  # of tone at a cut, in standard deviations of a colour; larger ones are contours
-_MIN_HALVED = 96  # px, side of tiles and exemplars from which on blocks between materials are laid at half the size
+_MIN_HALVED = 96  # px, side of tiles and exemplars from which on blocks are laid at half the size
 
 
 class WangParams(Params):
@@ -51,6 +51,12 @@ class Torus:
 
     image: Image
     match: Correspondence
+
+    @classmethod
+    def of_exemplar(cls, image: Image) -> "Torus":
+        """An exemplar as it is, which need not wrap around."""
+        places = np.moveaxis(np.indices((image.height, image.width), np.uint32), 0, 2)
+        return cls(without_usable(image), np.ascontiguousarray(places))
 
     def at(self, rows: np.ndarray, columns: np.ndarray) -> "Torus":
         """The torus of these pixels; rows and columns are broadcast and wrapped."""
@@ -112,11 +118,13 @@ class TileSynthesis:
             **self.chosen, occurrence_coarse=self.chosen["occurrence"], coarsest=max(8, math.ceil(coarsest))
         )
         own = guide if materials is None else materials.exemplar
+        has_lattice = generators is not None and len(generators) > 0
         self.revision = Revision(image, guidance, weight, generators, options, own)
         self.halved: Revision | None = None
-        """for the blocks between materials, of which the first scale shows no more"""
-        if materials is not None and min(tile, image.height, image.width) >= _MIN_HALVED:
-            self.halved = Revision(_half_image(image), None, 1.0, None, options, _half(materials.exemplar))
+        """for the blocks, of which the first scale shows no more; a lattice asks for whole pixels"""
+        if not has_lattice and border >= params.patch_size and min(tile, image.height, image.width) >= _MIN_HALVED:
+            half_guide = None if own is None else _half(own)
+            self.halved = Revision(_half_image(image), None, 1.0, None, options, half_guide)
 
     def start(self, count: int, side: int, structure: Mask | None, rng: np.random.Generator) -> Torus:
         """A torus of ``count`` squares side by side, of the materials one after another."""
@@ -161,15 +169,7 @@ class TileSynthesis:
         block = min(self.tile, self.image.height, self.image.width) // 2
         *placing, optimising = rng.spawn(2 if parts is None else _STARTS + 1)
         with part(0.0, 0.2):
-            if self.halved is not None and wanted is not None:
-                starts = [self._halved_start(self.halved, known, keep, filled, block, wanted, placing[0])]
-            else:
-                starts = [
-                    self.revision.start(
-                        known.image, ~keep, known.match, TORUS, random, random, filled, block, parts is None, wanted
-                    )
-                    for random in placing
-                ]
+            starts = [self._start(known, keep, filled, block, parts is None, wanted, random) for random in placing]
         if parts is not None:
             starts.sort(key=lambda start: self._deviation(start, parts))
         with part(0.2, 1.0):
@@ -181,21 +181,25 @@ class TileSynthesis:
         even = gradient_domain(self.image, joined.wrapping(True), match, tones, ~own[..., 0])
         return self._level(even.image, match, shared)
 
-    def _halved_start(
+    def _start(
         self,
-        halved: Revision,
         known: Torus,
         keep: Mask,
         filled: Mask,
         block: int,
-        wanted: Float32[np.ndarray, "H W k"],
+        spread: bool,
+        wanted: Float32[np.ndarray, "H W k"] | None,
         random: np.random.Generator,
     ) -> Correspondence:
-        """As `Revision.start`, with blocks that are laid at half the size."""
+        """As `Revision.start`, with blocks that are laid at half the size where possible."""
+        if self.halved is None:
+            return self.revision.start(
+                known.image, ~keep, known.match, TORUS, random, random, filled, block, spread, wanted
+            )
         every = np.s_[::2, ::2]
-        start = halved.start(
+        start = self.halved.start(
             _half_image(known.image), ~keep[every], known.match[every] // 2, TORUS, random, random, filled[every],
-            block // 2, True, _half(wanted),
+            block // 2, spread, None if wanted is None else _half(wanted),
         )  # fmt: skip
         rows, columns = np.indices(keep.shape)
         doubled = 2 * start[rows // 2, columns // 2] + np.stack([rows % 2, columns % 2], axis=2)

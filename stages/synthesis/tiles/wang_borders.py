@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Int64
+from jaxtyping import Float64, Int64
 from pydantic import Field
 
 from texloom.stages.analysis.structure.element_size import element_size
@@ -16,20 +16,19 @@ from texloom.stages.common.grids.size_checks import check_patch
 from texloom.stages.common.grids.wang import Kind, WangSet
 from texloom.stages.common.similarity.neighbourhoods import Rectangles
 from texloom.stages.kernels.core.elementary_functions import log
-from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.numerics.matrices import matrix_product, pseudo_inverse
 from texloom.stages.synthesis.tiles.border_waves import BorderWaves
+from texloom.stages.synthesis.tiles.tile_corners import plain_places
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, band_points
-from texloom.stages.synthesis.tiles.tile_synthesis import TileSynthesis, WangParams
+from texloom.stages.synthesis.tiles.tile_synthesis import TileSynthesis, Torus, WangParams
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, ScalarMap, Vectors
-from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, stage
-from texloom.stages.vocabulary.masks import fill_excluded
 from texloom.stages.vocabulary.progress import part
 from texloom.stages.vocabulary.sizes import SIDES
 
 _SIDES = (64, 256)  # px of a tile, where none is asked for
 _NEAR = (0.75, 1.5)  # of that side, among which one that fits the lattice is chosen
+_MOST_MISSED = 1 / 8  # of the shortest step of a lattice, by which a tile may miss whole cells
 _CLOSE = 0.5  # px that the lattice may miss a tile's side by before one less near is preferred
 Repeats: TypeAlias = Annotated[int, Field(ge=1, le=10)]
 Lines: TypeAlias = Int64[np.ndarray, " lines"]  # type: ignore[name-defined]
@@ -124,6 +123,25 @@ def tile_side(wanted: int, generators: Vectors | None) -> tuple[int, float]:
     if generators is None or not len(generators):
         return wanted, 0.0
     sides = np.arange(round(wanted * _NEAR[0]), round(wanted * _NEAR[1]) + 1)
+    missed = _missed(sides, generators)
+    cost = np.maximum(missed, _CLOSE) + 2.0 * np.abs(log(sides / wanted))
+    best = int(np.argmin(cost))
+    return int(sides[best]), float(missed[best])
+
+
+def fitting(generators: Vectors | None, tile: int) -> Vectors | None:
+    """The lattice, or None where tiles of this side do not contain whole cells of it, as where these are larger."""
+    if generators is None or not len(generators):
+        return None
+    shortest = float(np.hypot(*generators.astype(np.float64).T).min())
+    return generators if _missed(np.array([tile]), generators)[0] <= _MOST_MISSED * shortest else None
+
+
+def _missed(
+    sides: Int64[np.ndarray, " sides"],  # type: ignore[name-defined]
+    generators: Vectors,
+) -> Float64[np.ndarray, " sides"]:  # type: ignore[name-defined]
+    """Px between each side of a tile, down and across, and the nearest step of a lattice; the larger of both."""
     own = generators.astype(np.float64)
     missed = np.zeros(len(sides))
     for axis in (0, 1):
@@ -131,9 +149,7 @@ def tile_side(wanted: int, generators: Vectors | None) -> tuple[int, float]:
         vectors[:, axis] = sides
         steps = matrix_product(vectors, pseudo_inverse(own))
         missed = np.maximum(missed, np.hypot(*matrix_product(np.rint(steps) - steps, own).T))
-    cost = np.maximum(missed, _CLOSE) + 2.0 * np.abs(log(sides / wanted))
-    best = int(np.argmin(cost))
-    return int(sides[best]), float(missed[best])
+    return missed
 
 
 def tell_large_elements(image: Image, rectangles: Rectangles | None, tile: int) -> None:
@@ -188,11 +204,11 @@ def wang_borders(
 ) -> WangBorders:
     """Synthesise the borders of a complete set of Wang tiles, and lay them out as an atlas.
 
-    A first torus gives a corner of each colour, of one material without a lattice from where it is least special.
-    Two bands, one across and one down, contain each border once,
-    between the corners at its ends, which are fixed while the main method synthesises the rest. The borders are
-    then copied to wherever they occur in the atlas, a torus that contains every tile once, beside tiles that it
-    fits.
+    Corners of each colour are squares of the exemplar as they are, from where it is least special; with a lattice,
+    or where the exemplar has no such square, a first torus gives them. Two bands, one across and one down, contain
+    each border once, between the corners at its ends, which are fixed while the main method synthesises the rest.
+    The borders are then copied to wherever they occur in the atlas, a torus that contains every tile once, beside
+    tiles that it fits.
 
     Parameters
     ----------
@@ -223,17 +239,22 @@ def wang_borders(
         min(image.height, image.width) if rectangles is None else int(rectangles[:, 2:].min())
     )
     tile, missed = tile_side(wanted, generators)
-    if tile != wanted and params.tile:
+    has_lattice = fitting(generators, tile) is not None
+    if not has_lattice and generators is not None and len(generators):
+        tile, generators = wanted, None
+        _log.warning("no tile near %d px contains whole cells of the lattice, which tiles do not keep", wanted)
+    elif tile != wanted and params.tile:
         _log.warning(
             "tiles of %d px, not %d: these contain whole cells of the lattice, to %.1f px", tile, wanted, missed
         )
-    if generators is None or not len(generators):
+    if not has_lattice:
         tell_large_elements(image, rectangles, tile)
     border = _border(tile, params)
     first, *randoms = rng.spawn(3)
     corners, numbers = layout.band
     # Of a band only what is near its line is used. Cells of a lattice and even use need whole tiles.
-    height = tile if materials is None else min(tile, 2 * _reach(tile, border) + 2 * params.patch_size)
+    colors, reach = int(corners.max() + 1), _reach(tile, border)
+    height = tile if materials is None else min(tile, 2 * reach + 2 * params.patch_size)
     synthesis = TileSynthesis(
         image, guidance, weight, generators, tile, border, params, materials,
         kind=layout.kind, pixels=len(numbers) * tile * height,
@@ -244,14 +265,17 @@ def wang_borders(
     if materials is not None:
         table |= {"waves": params.waves, "noise": int(first.integers(2**24))}
     waves = BorderWaves.of(table)
-    with part(0.0, 0.3):
-        start = synthesis.start(int(corners.max() + 1), height, structure, first)
+    shown = None if rectangles is None else rectangles[:colors]
+    places = None if has_lattice else plain_places(image, shown, colors, reach)
+    if places is not None:
+        start = Torus.of_exemplar(image)
+    else:
+        with part(0.0, 0.3):
+            start = synthesis.start(colors, height, structure, first)
+        places = np.array([[0, color * height] for color in range(colors)])
 
     bands = []
     (corner, along), (_, across) = offsets(tile * len(numbers), tile), offsets(height, height)
-    places = np.array([[0, color * height] for color in range(int(corners.max()) + 1)])
-    if materials is None and (generators is None or not len(generators)):
-        places = plain_places(start.image, places, height, 2 * border)
     row_of, column_of = places[corners[corner]].T
     for axis, random in enumerate(randoms):
         if axis == 0:
@@ -259,7 +283,7 @@ def wang_borders(
         else:
             known = start.at((row_of + along)[:, None], column_of[:, None] + across)
         # The bands have the same corners wherever interiors fit to them, so that all borders continue each other.
-        widths = (2 * border - core(border), border, _reach(tile, border))
+        widths = (2 * border - core(border), border, reach)
         lines = (across, along) if axis == 0 else (along, across)
         keep, shared, filled = (_squares(*lines, width) for width in widths)
         near = (across >= -border) & (across < border)
@@ -284,26 +308,8 @@ def wang_borders(
     match = np.where(is_row[..., None], rows.match, columns.match)
     keep = nearer < border
     # Between two borders, at the diagonals, neither is continued.
-    filled = keep | ((nearer < _reach(tile, border)) & (farther > nearer + 1))
+    filled = keep | ((nearer < reach) & (farther > nearer + 1))
     return WangBorders(atlas, match, keep, filled, table)
-
-
-def plain_places(image: Image, places: Int64[np.ndarray, "n 2"], side: int, reach: int) -> Int64[np.ndarray, "n 2"]:
-    """In the square of a torus from each of ``places`` on, where what lies within ``reach`` px is least special.
-
-    This is where its slow colours deviate least from the mean: what corners show returns in every tile.
-    """
-    margin = min(2 * reach, image.height)
-    rows, columns = (np.arange(-margin, length + margin) % length for length in (image.height, image.width))
-    lab = gaussian_blur(lab_from_linear(fill_excluded(image).color)[rows[:, None], columns], reach / 8)
-    deviation = ((lab - lab.mean(axis=(0, 1), dtype=np.float64)) ** 2).sum(axis=2)
-    around = gaussian_blur(deviation, reach / 2)[margin:-margin, margin:-margin]
-    found = []
-    for row, column in places.tolist():
-        own = around[row : row + side, column : column + side]
-        down, across = divmod(int(np.argmin(own)), side)
-        found.append((row + down, column + across))
-    return np.array(found, np.int64)
 
 
 def _squares(

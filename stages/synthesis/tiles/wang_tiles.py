@@ -17,7 +17,7 @@ from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.synthesis.tiles.border_waves import BorderWaves
 from texloom.stages.synthesis.tiles.tile_materials import TileMaterials, edges_shown, material_points
 from texloom.stages.synthesis.tiles.tile_synthesis import TileSynthesis, Torus, WangParams
-from texloom.stages.synthesis.tiles.wang_borders import core, to_borders
+from texloom.stages.synthesis.tiles.wang_borders import core, fitting, to_borders
 from texloom.stages.vocabulary.arrays import Correspondence, Image, Mask, Vectors
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.declare import InputError, Outline, stage
@@ -103,7 +103,7 @@ def wang_tiles(
     proposes tiles for compactions. Variants like the first one are ours.
     """
     tiles, size = WangSet.of(layout), int(layout["size"])
-    border = int(layout["border"])
+    border, generators = int(layout["border"]), fitting(generators, size)
     materials = None if rectangles is None else TileMaterials.of(image, rectangles)
     to_row, to_column = to_borders((borders.height, borders.width), size)
     shared = np.minimum(to_row[:, None], to_column) < core(border)

@@ -12,7 +12,6 @@ from texloom.stages.kernels.patchmatch.voting import (
     find_runs,
     histogram_votes,
     round_votes,
-    voted,
     weighted_values,
 )
 from texloom.stages.synthesis.optimisation.vote import (
@@ -124,16 +123,17 @@ def test_histogram_vote_equals_twin(size: int, channels: int, wrap: Wraps, rng: 
     before = rng.integers(-4000, 4001, (height, width * channels)).astype(np.int16)
     target = before.copy()
     table = np.empty((exemplar.shape[0], exemplar.shape[1] * (channels + 1)), np.float32)
-    used = np.empty(exemplar.shape[:2], bool)
-    voted(*match, size, used)
-    weighted_values(flat(exemplar), flat(bins), excess, used, table, 0, exemplar.shape[0])
+    filled, number = np.ones(exemplar.shape[:2], np.uint8), np.uint8(2)
     votes = Votes(*match, table, channels + 1, size, wrap)
     lows, widths = np.full(channels, -4000, np.float32), np.full(channels, 800, np.float32)
     change, shares = np.zeros((channels, 10), np.int64), run_shares(window(size), channels + 1)
     runs = find_runs(*match, size, wrap, len(shares), 0, height)
+    weighted_values(
+        flat(exemplar), flat(bins), excess, *runs, rows, size, filled, number, table, 0, exemplar.shape[0]
+    )
     histogram_votes(
         votes, shares, *runs, lows, widths, rows, np.array([len(rows)]), target, change, np.zeros(change.shape),
-        flat(exemplar), flat(bins), used, True,
+        flat(exemplar), flat(bins), filled, True,
     )  # fmt: skip
     for c in range(channels):
         counts = [np.histogram(t[:, c::channels], 10, (-4000, 4000))[0] for t in (before, target)]
@@ -148,14 +148,26 @@ def test_histogram_vote_equals_twin(size: int, channels: int, wrap: Wraps, rng: 
 
 
 @pytest.mark.parametrize("size", [1, 3, 4])
-def test_pixels_that_patches_vote_for(size: int) -> None:
+def test_values_are_weighted_of_pixels_that_patches_vote_for(size: int) -> None:
     match, exemplar = random_vote(size, 3, np.random.default_rng(size))
     expected = np.zeros(exemplar.shape[:2], bool)
     for row, column in match.reshape(2, -1).T:
         expected[row : row + size, column : column + size] = True
-    pixels = np.ones(expected.shape, bool)
-    voted(*match, size, pixels)
-    np.testing.assert_array_equal(pixels, expected)
+    height = match.shape[1] + size - 1
+    runs = find_runs(*match, size, NOWHERE, 4, 0, height)
+    filled, table = np.zeros(expected.shape, np.uint8), np.full(flat(np.zeros((*expected.shape, 4))).shape, np.nan)
+    table, excess = table.astype(np.float32), np.zeros((3, 10), np.float32)
+    bins, middle = np.zeros(flat(exemplar).shape, np.uint8), exemplar.shape[0] // 2
+    for first, last in ((0, middle), (middle, exemplar.shape[0])):  # as two threads do
+        weighted_values(
+            flat(exemplar), bins, excess, *runs, np.arange(height), size, filled, np.uint8(1), table, first, last
+        )
+    np.testing.assert_array_equal(filled == 1, expected)
+    table = table.reshape(*expected.shape, 4)
+    np.testing.assert_array_equal(
+        table[expected], np.pad(exemplar, [(0, 0), (0, 0), (0, 1)], constant_values=1)[expected]
+    )
+    assert np.isnan(table[~expected]).all()
 
 
 @pytest.mark.parametrize("wrap", WRAPS)

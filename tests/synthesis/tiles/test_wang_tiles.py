@@ -19,12 +19,13 @@ from tests.synthetic import blobs, masked, picture, smooth_noise, stamped
 from texloom.stages.common.grids.wang import CORNERS, SIDES, WangSet, laid
 from texloom.stages.evaluation.wang_tiling import WangTilingParams, wang_tiling
 from texloom.stages.numerics.filters import gaussian_blur
+from texloom.stages.synthesis.tiles.tile_corners import plain_places
 from texloom.stages.synthesis.tiles.wang_borders import (
     WangBorders,
     WangBordersParams,
     check_size,
     core,
-    plain_places,
+    fitting,
     tell_large_elements,
     tile_side,
     to_borders,
@@ -34,6 +35,7 @@ from texloom.stages.synthesis.tiles.wang_shaders import WangShaders, WangShaders
 from texloom.stages.synthesis.tiles.wang_tiles import WangTiles, WangTilesParams, wang_tiles
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
+from texloom.stages.vocabulary.masks import with_usable
 
 TILE, BORDER = 40, 6
 QUICK = {"preset": "fast", "patch_size": 6}
@@ -119,7 +121,7 @@ def test_borders_do_not_show_in_a_random_tiling(result: tuple[WangBorders, WangT
 def test_variants_differ_as_much_as_is_asked_for() -> None:
     """From the first one's slow colours with other details, to new ones; the first and the borders stay."""
     alike, details = np.zeros((3, 2)), np.zeros((3, 2))
-    for number, seed in enumerate((3, 5)):  # new pieces are alike by chance, so there are two exemplars
+    for number, seed in enumerate((3, 7)):  # new pieces are alike by chance, so there are two exemplars
         exemplar, firsts = picture(blobs((128, 128), np.random.default_rng(seed))), []
         for row, strength in enumerate((0.0, 0.5, 1.0)):
             borders, tiles = made(exemplar, colors=1, variants=(2, 2), strength=strength)
@@ -176,14 +178,37 @@ def test_smooth_tones_have_no_straight_steps_where_borders_end(monkeypatch: pyte
 
 def test_corners_lie_where_the_texture_is_least_special() -> None:
     pixels = 0.3 + 0.02 * np.random.default_rng(0).random((40, 80, 3))
-    pixels[:12, :12] = pixels[-6:, 70:] = 0.9  # around the first pixel of the torus, as far as 10 px across it
+    pixels[:12, :12] = pixels[-6:, 70:] = 0.9
     pixels[20:, 45:60] = 0.05
-    found = plain_places(picture(pixels.astype(np.float32)), np.array([[0, 0], [0, 40]]), 40, 8)
-    for number, (row, column) in enumerate(found.tolist()):
-        assert 40 * number <= column < 40 * (number + 1)
-        rows, columns = (np.arange(at - 8, at + 8) % side for at, side in ((row, 40), (column, 80)))
-        shown = pixels[rows[:, None], columns]
+    image, halves = picture(pixels.astype(np.float32)), np.array([[0, 0, 40, 40], [0, 40, 40, 40]], np.int32)
+    of_each, of_one = plain_places(image, halves, 2, 8), plain_places(image, None, 3, 8)
+    assert of_each is not None
+    assert of_one is not None
+    assert (of_each[:, 1] // 40).tolist() == [0, 1]
+    for row, column in [*of_each.tolist(), *of_one.tolist()]:
+        shown = pixels[row - 8 : row + 8, column - 8 : column + 8]
+        assert shown.shape == (16, 16, 3)
         assert np.abs(shown - 0.31).max() < 0.05, (row, column)
+    apart = np.abs(of_one[:, None] - of_one).max(axis=2)[~np.eye(3, dtype=bool)]
+    assert apart.min() >= 16, "corners of one exemplar overlap"
+    usable = np.ones((40, 80), bool)
+    usable[::12] = False
+    assert plain_places(with_usable(image, usable), None, 1, 8) is None
+    assert plain_places(image, None, 1, 21) is None
+
+
+def test_corners_between_materials_show_the_exemplars_as_they_are() -> None:
+    """A first torus, small beside a large exemplar, had the other material at the corners of one."""
+    pixels = np.random.default_rng(0).random((160, 96, 3)).astype(np.float32) * 0.1
+    pixels[:96] += 0.7
+    pixels[96:104] = 0.5
+    rectangles = np.array([[0, 0, 96, 96], [104, 0, 56, 96]], np.int32)
+    params = WangBordersParams(**QUICK, kind="corners", tile=TILE, border=BORDER)
+    made = wang_borders(picture(pixels), params, np.random.default_rng(0), rectangles=rectangles)
+    for row, column in np.ndindex(4, 4):
+        color = int(WangSet(2, "corners").corners[row, column])
+        near = [np.arange(at * TILE - 2, at * TILE + 2) % (4 * TILE) for at in (row, column)]
+        assert (made.match[near[0][:, None], near[1], 0] >= 104).all() == (color == 1), (row, column)
 
 
 def test_elements_that_are_too_large_for_tiles_are_told(caplog: pytest.LogCaptureFixture) -> None:
@@ -272,6 +297,23 @@ def test_tiles_contain_whole_cells_of_a_lattice() -> None:
     phase = np.exp(2j * np.pi * tiles.match.astype(float) @ np.linalg.inv(generators))
     own = np.exp(2j * np.pi * np.moveaxis(np.indices(tiles.match.shape[:2]), 0, 2) / [38 / 3, 19.0])
     assert (np.abs((phase / own).mean(axis=(0, 1))) > 0.9).all()
+
+
+def test_a_lattice_larger_than_tiles_is_told_and_not_kept(
+    exemplar: Image, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Such as one of the slow tones of wood; tiles were then as small as may be, and grain was cut at borders."""
+    large, small = np.array([[70, 0], [0, 90]], np.float32), np.array([[19, 0], [0, 13]], np.float32)
+    assert fitting(large, TILE) is None
+    assert fitting(small, 38) is small
+    assert fitting(small[:0], 38) is None
+    params = WangBordersParams(**QUICK, colors=1, tile=TILE, border=BORDER)
+    with caplog.at_level(logging.WARNING):
+        told, plain = (
+            wang_borders(exemplar, params, np.random.default_rng(0), generators=g) for g in (large, None)
+        )
+    assert f"no tile near {TILE} px contains whole cells of the lattice, which tiles do not keep" in caplog.text
+    np.testing.assert_array_equal(told.match, plain.match)
 
 
 @pytest.mark.parametrize(
