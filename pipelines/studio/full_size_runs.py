@@ -19,7 +19,7 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 
 _MAPS, _PICTURE, _EXR = "maps", "texture.png", "texture.exr"
-_MADE_OF = ("estimated", "exemplar.exr")  # of what the result is made, where that is not the picture as it was
+_MADE_OF = ("exemplar.exr", "estimated")  # of what the result is made, where that is not the picture as it was
 _INTERVAL = 0.2  # seconds between reports of one step
 _PICTURES = 1.0  # seconds between pictures
 _LARGEST = 640  # px of a picture of a run that goes on
