@@ -191,7 +191,11 @@ def _with_one_size(methods: Sequence[_ComparedFlow], overrides: Overrides) -> Ov
 def _sizes(flow: Flow) -> dict[str, tuple[int, int]]:
     """``STEP.PARAM`` to the size there, of those that the flow's size stands for."""
     targets = [target.partition(".") for target in flow.params.get(_SIZE, ())]
-    sizes = {f"{step}.{param}": getattr(flow.steps[step].params, param) for step, _, param in targets}
+    sizes = {
+        f"{step}.{param}": getattr(flow.steps[step].params, param)
+        for step, _, param in targets
+        if step in flow.steps
+    }
     return {target: size for target, size in sizes.items() if size is not None}
 
 

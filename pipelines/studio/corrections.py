@@ -32,7 +32,8 @@ _MARGIN = 24  # px around a region, of the picture that is shown
 def insight(work: InsightWork, places: Places, send: Callable[..., None]) -> None:
     """Send the worst places of a result, and row and column of the exemplar's pixel of each pixel, 16-bit integers.
 
-    Whatever the result does not tell is left out, and places in several exemplars are.
+    They are those of the exemplar before it was scaled. Whatever the result does not tell is left out, and so are
+    places in several exemplars.
     """
     run = open_recipe(work.recipe, library_of(places), Store(Path(places.store)))
     run.plan()
@@ -46,7 +47,9 @@ def insight(work: InsightWork, places: Places, send: Callable[..., None]) -> Non
     is_straightened = offer is not None and bool(offer.surface)  # what is shown of a photograph lies otherwise
     is_one = not run.items and not is_straightened
     is_known = match is not None and is_one and match.shape[0] * match.shape[1] <= _MOST_PIXELS
-    payload = b"" if not is_known else np.minimum(match, 65535).astype("<u2").tobytes()
+    scaled = _output(run, "scaled", "table")
+    scale = np.array([1.0, 1.0] if scaled is None else scaled["scale"])
+    payload = b"" if not is_known else np.minimum(match / scale, 65535).astype("<u2").tobytes()
     send(Insight(height=size[0], width=size[1], places=tuple(found)), payload)
 
 

@@ -19,7 +19,7 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 
 _MAPS, _PICTURE, _EXR = "maps", "texture.png", "texture.exr"
-_ESTIMATED = "estimated"  # the maps of a picture, of which those of the result are made
+_MADE_OF = ("exemplar.exr", "estimated")  # of what the result is made, where that is not the picture as it was
 _INTERVAL = 0.2  # seconds between reports of one step
 _PICTURES = 1.0  # seconds between pictures
 _LARGEST = 640  # px of a picture of a run that goes on
@@ -72,7 +72,8 @@ def run(work: RunWork, places: Places, check: Callable[[], None], send: Callable
     folder = opened.out_folder(out)
     made = next((name for name in (_MAPS, _EXR) if (folder / name).exists()), None)
     texture = f"run:{folder.name}/{made}" if made else ""
-    exemplar = f"run:{folder.name}/{_ESTIMATED}" if (folder / _ESTIMATED).is_dir() else ""
+    of = next((name for name in _MADE_OF if (folder / name).exists()), None)
+    exemplar = f"run:{folder.name}/{of}" if of else ""
     scores, maps = main_scores(opened), maps_of(folder)
     send(Ran(out=str(folder), files=tuple(exports), scores=scores, texture=texture, exemplar=exemplar, maps=maps))
 

@@ -62,6 +62,18 @@ def with_unit_normals(
     return normalised
 
 
+def stretched(
+    pixels: Float32[np.ndarray, "h w c"], channels: tuple[str, ...], down: float, across: float
+) -> Float32[np.ndarray, "h w c"]:
+    """``pixels`` with the normals of a surface that is stretched by these factors, while its heights stay."""
+    if not set(NORMAL) <= set(channels):
+        return pixels
+    pixels = pixels.copy()
+    planes = [channels.index(name) for name in NORMAL]
+    pixels[..., planes] = unit(pixels[..., planes] / np.array([across, down, 1], np.float32))
+    return pixels
+
+
 def turned(
     pixels: Float32[np.ndarray, "H W c"], channels: tuple[str, ...], jacobian: Jacobian
 ) -> Float32[np.ndarray, "H W c"]:

@@ -20,6 +20,7 @@ from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import Params
 from texloom.stages.vocabulary.facts import TORUS, UNKNOWN, Facts, MapFacts, Wraps
 from texloom.stages.vocabulary.normals import NORMAL
+from texloom.stages.vocabulary.voted_patches import VotedPatches
 
 SETS = {
     "synthesis.adaptive", "synthesis.bidirectional", "synthesis.coarse_target",
@@ -40,6 +41,7 @@ KEEPS = {
     "synthesis.graded_statistics",
     "synthesis.inpaint", "synthesis.propagate_edit", "synthesis.refine", "synthesis.restore_tone",
     "synthesis.revise", "synthesis.whole_parts",
+    "analysis.fitted_cells", "synthesis.scaled_maps",  # scaled pictures are sampled around their borders
 }  # fmt: skip
 """stages whose result wraps where the picture that they change did"""
 DROPS = {
@@ -48,7 +50,7 @@ DROPS = {
     "analysis.patch_atlas",
     "analysis.lens_distortion", "analysis.photometric_stereo",
     "analysis.delight", "analysis.tone",  # unless it changes nothing: drift ends differently on opposite sides
-    "analysis.between_joints", "analysis.fitted_cells", "analysis.level_surface",
+    "analysis.between_joints", "analysis.level_surface",
     "analysis.control_direction", "analysis.deformed_lattice", "analysis.dog_mask", "analysis.feature_distance",
     "analysis.gaussian_stack", "analysis.jacobian_field", "analysis.orientation_field", "analysis.plane_proposal",
     "analysis.growth_guide", "analysis.progression",
@@ -82,6 +84,11 @@ def torus(side: int = 64) -> Image:
     return picture(smooth_noise((side, side), 2, np.random.default_rng(5)) * 0.1 + 0.5).wrapping(True)
 
 
+def voted(exemplar: tuple[int, int]) -> VotedPatches:
+    """A result of one pixel, of an exemplar of this size."""
+    return VotedPatches(np.zeros((1, 1, 2), np.uint32), exemplar, 1, None, False, False, TORUS)
+
+
 def edited(stage: str, image: Image) -> Image:
     """What a stage of `KEEPS` makes of a picture."""
     hole = np.zeros((image.height, image.width), bool)
@@ -98,6 +105,7 @@ def edited(stage: str, image: Image) -> Image:
         "analysis.normal_from_height": {"image": relief},
         "analysis.roughness_from_colour": {"image": image},
         "analysis.exclusion_mask": {"image": image, "mask": picture(hole.astype(np.float32))},
+        "analysis.fitted_cells": {"image": image, "generators": np.float32([[15, 0], [0, 15]])},
         "analysis.foreign_parts": {"image": image, "mask": picture(hole.astype(np.float32))},
         "analysis.one_off_parts": {"image": image},
         "evaluation.choice": {"first": image, "second": image, "first_scores": known, "second_scores": known},
@@ -112,6 +120,7 @@ def edited(stage: str, image: Image) -> Image:
         "synthesis.inpaint": {"image": image, "keep": ~hole},
         "synthesis.refine": {"image": image, "match": own, "exemplar": image, "rng": random},
         "synthesis.restore_tone": {"image": image, "control": image},
+        "synthesis.scaled_maps": {"image": image, "votes": voted((60, 66))},
         "synthesis.whole_parts": {"exemplar": image, "image": image, "match": own, "kept": hole},
         "synthesis.graded_statistics": {
             "image": image,
@@ -125,13 +134,16 @@ def edited(stage: str, image: Image) -> Image:
     }
     options: dict[str, Any] = {
         "evaluation.choice": {"labels": ["a", "b"]},
+        "analysis.fitted_cells": {"size": 64, "tileable": True},
         "synthesis.inpaint": {"block": 16},
         "synthesis.refine": {"rounds": 0, "preset": "fast"},
         "synthesis.revise": {"preset": "fast", "margin": 16},
         "synthesis.gradient_domain": {"maps": ["albedo"]},
     }
     declared = find_stage(stage)
-    params = {"params": declared.params(**options.get(stage, {}))} if declared.params.model_fields else {}
+    params = (
+        {"params": declared.params.model_validate(options.get(stage, {}))} if declared.params.model_fields else {}
+    )
     made: Image = declared.function(**calls[stage], **params).image
     return made
 

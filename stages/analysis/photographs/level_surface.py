@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float64
 from pydantic import Field
 
-from texloom.stages.analysis.photographs.resampled_surface import resampled
 from texloom.stages.analysis.regularity.deformed_lattice import DeformedLattice, lattice_through
 from texloom.stages.analysis.regularity.lattice_tracking import track_lattice
 from texloom.stages.analysis.regularity.straighten import straightening
+from texloom.stages.common.grids.resampled import resampled
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.numerics.matrices import inverse_of, matrix_product
 from texloom.stages.vocabulary.arrays import Image, Vectors

@@ -1,4 +1,4 @@
-"""A surface scaled so that whole cells of its lattice fit the sides of a tileable result."""
+"""An exemplar scaled so that whole cells of its lattice fit the sides of a tileable result."""
 
 import dataclasses
 import itertools
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 from pydantic import Field
 
-from texloom.stages.analysis.photographs.resampled_surface import resampled
+from texloom.stages.common.grids.resampled import scaled_to
 from texloom.stages.common.regularity.lattice_cells import steps_along
 from texloom.stages.vocabulary.arrays import Channels, Image, Vectors
 from texloom.stages.vocabulary.declare import Params, stage
@@ -20,8 +20,8 @@ from texloom.stages.vocabulary.tileable import Tileable
 
 _LOG = logging.getLogger(__name__)
 
-_MOST = math.log(1.2)  # of a scale: more is another texture
-_LEAST = 0.005  # of a scale: less is not worth a resampling
+MOST_SCALED = 1.2
+"""of a scale: more is another texture"""
 _SHAPE = 4.0  # weight of a change of the cells' shape against that of their size
 _TOGETHER = 0.1  # cells by which one generator's number may miss a whole one where the other's is
 _NONE = 0.05  # cells along a side that count as none: a generator that runs along the other
@@ -34,7 +34,9 @@ class FittedCellsParams(Params):
     """The result that cells are to fit."""
 
     fit: bool = Field(True)
-    """scale the surface so that whole cells fit a tileable result, instead of cutting cells to fit"""
+    """scale the exemplar so that whole cells fit a tileable result, instead of cutting cells to fit"""
+    least: float = Field(0.02, ge=0, le=0.2)
+    """smallest change of a side, as a share, that is worth a resampling; less hides by itself"""
     size: Size = Field((1024, 1024), validate_default=True)
     """of the result, px"""
     tileable: Tileable = NOWHERE
@@ -43,10 +45,12 @@ class FittedCellsParams(Params):
 
 @dataclasses.dataclass(frozen=True)
 class FittedCells:
-    """A surface whose cells fit a result."""
+    """An exemplar whose cells fit a result."""
 
     image: Image
     """scaled along each side; as it was where nothing is"""
+    scaled: Image | None
+    """the same, for exports; None where nothing is scaled"""
     generators: Vectors
     """of its lattice, px"""
     known: Others
@@ -55,20 +59,20 @@ class FittedCells:
     """``why``: a sentence, empty where nothing is scaled; ``scale``: of rows and of columns"""
 
 
-@stage(version=1)
+@stage(version=2)
 def fitted_cells(
     image: Image, generators: Vectors, params: FittedCellsParams, known: Others | None = None
 ) -> FittedCells:
-    """Scale a surface so that whole cells of its lattice fit the sides along which a result is tileable.
+    """Scale an exemplar so that whole cells of its lattice fit the sides along which a result is tileable.
 
     A result of 7.5 cells has to show seven or eight, and cells that are cut to that show joints twice, or stones
     that are fused. Scaling hides the difference. Of the numbers of cells next to those that the sides hold, those
-    are taken that change size and shape of the cells least, by up to a fifth.
+    are taken that change size and shape of the cells least, by up to a fifth. Normals lean with the cells.
 
     Parameters
     ----------
-    image : the surface from the front.
-    generators : of its lattice, as from `level_surface`; a surface without one is left as it is.
+    image : the exemplar.
+    generators : its lattice, or one across its courses; an exemplar without any is left as it is.
     known : other generators of it, as from `between_joints`, which are scaled too and fitted instead where there
         are any rows.
 
@@ -81,22 +85,20 @@ def fitted_cells(
     scale = np.ones(2)
     if params.fit and len(fitted):
         scale = np.array(_scale(fitted.astype(np.float64), params.size, params.tileable))
-    if np.abs(scale - 1).max() < _LEAST:
+    if np.abs(scale - 1).max() < params.least:
         unchanged = {"why": "", "scale": [round(one, 4) for one in scale.tolist()]}
-        return FittedCells(image, generators, fixed, unchanged)
+        return FittedCells(image, None, generators, fixed, unchanged)
     before = np.array([image.height, image.width])
-    sides = np.rint(before * scale).astype(np.int64)
-    scale = sides / before
-    places = np.moveaxis(np.indices(tuple(sides), np.float64), 0, -1)
-    places = np.clip((places + 0.5) / scale - 0.5, 0, before - 1)
+    rows, columns = np.rint(before * scale).astype(np.int64).tolist()
+    made, scale = scaled_to(image, (rows, columns)), np.array([rows, columns]) / before
     (down, across), (height, width) = scale.tolist(), params.size
     why = (
         f"scaled to {across:.1%} across and {down:.1%} down, so that whole cells fit {width} x {height} px "
-        "(--set fit=false cuts cells instead)"
+        f"(--set fit=false cuts cells instead)"
     )
     _LOG.warning("%s", why)
     own, table = np.float32(scale), {"why": why, "scale": [round(down, 4), round(across, 4)]}
-    return FittedCells(resampled(image, places), generators * own, fixed * own, table)
+    return FittedCells(made, made, generators * own, fixed * own, table)
 
 
 def _scale(generators: Float64[np.ndarray, "_ 2"], size: tuple[int, int], wrap: Wraps) -> tuple[float, float]:
@@ -119,6 +121,6 @@ def _scales(cells: np.ndarray) -> list[float]:
         for whole in range(max(1, math.floor(count) - 1), math.ceil(count) + 2):
             scale = count / whole
             numbers = along / scale
-            if abs(math.log(scale)) <= _MOST and np.abs(numbers - np.rint(numbers)).max() <= _TOGETHER:
+            if 1 / MOST_SCALED <= scale <= MOST_SCALED and np.abs(numbers - np.rint(numbers)).max() <= _TOGETHER:
                 found.append(scale)
     return found or [1.0]

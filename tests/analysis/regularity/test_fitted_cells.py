@@ -7,7 +7,7 @@ import logging
 import numpy as np
 import pytest
 
-from texloom.stages.analysis.photographs.fitted_cells import FittedCells, FittedCellsParams, fitted_cells
+from texloom.stages.analysis.regularity.fitted_cells import FittedCells, FittedCellsParams, fitted_cells
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.masks import valid_pixels, with_usable
 
