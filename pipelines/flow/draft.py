@@ -215,11 +215,11 @@ def upstream(steps: Mapping[str, DraftStep], names: Iterable[str]) -> set[str]:
 
 
 def keep(draft: Draft, names: set[str]) -> None:
-    """Drop all other steps, and the targets of params in them."""
+    """Drop all other steps, the targets of params in them, and params whose first target is in one of them."""
     dropped = set(draft.steps) - names
     draft.steps = {name: step for name, step in draft.steps.items() if name in names}
     for name, entry in list(draft.params.items()):
         targets = [target for target in entry.value if step_of(target) not in dropped]
         draft.params[name] = dataclasses.replace(entry, value=targets)
-        if not targets:
+        if targets[:1] != entry.value[:1]:  # it is about that step; the others follow it
             del draft.params[name]

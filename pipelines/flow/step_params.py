@@ -142,7 +142,8 @@ class StepParams:
         own = " and ".join(
             words for words in (", ".join(draft.params), "those of its steps, as STEP.PARAM") if words
         )
-        of_steps = [f"{one}.{name}" for one, stage in self.stages.items() if name in stage.params.model_fields]
+        always = [one for one, step in draft.steps.items() if step.only is None and one in self.stages]
+        of_steps = [f"{one}.{name}" for one in always if name in self.stages[one].params.model_fields]
         near = closest(name, draft.params) or f"; it has {own}"
         near = f"; did you mean '{of_steps[0]}'?" if of_steps else near
         return f"{draft.name} has no such param{near}"

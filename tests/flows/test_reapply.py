@@ -90,7 +90,7 @@ def test_whole_cells_fit_and_later_maps_are_scaled_alike(
     again = ran(tmp_path / "again", "reapply", {"result": first["texture.exr"], "material": tiles})
     np.testing.assert_array_equal(again["texture.png"], first["texture.png"])
     np.testing.assert_array_equal(saved_at(again, "tiles_height.png"), saved_at(first, "tiles_height.png"))
-    cut = ran(tmp_path / "cut", "materials", {"exemplar": tiles}, **options, fit="false")
+    cut = ran(tmp_path / "cut", "materials", {"exemplar": tiles}, **options, **{"scaled.fit": "false"})
     assert "exemplar.exr" not in cut
 
 

@@ -15,6 +15,7 @@ from texloom.stages.common.regularity.lattice_cells import steps_along
 from texloom.stages.vocabulary.arrays import Channels, Image, Vectors
 from texloom.stages.vocabulary.declare import Params, stage
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
+from texloom.stages.vocabulary.messages import OWN_STEP
 from texloom.stages.vocabulary.sizes import Size
 from texloom.stages.vocabulary.tileable import Tileable
 
@@ -92,11 +93,8 @@ def fitted_cells(
     rows, columns = np.rint(before * scale).astype(np.int64).tolist()
     made, scale = scaled_to(image, (rows, columns)), np.array([rows, columns]) / before
     (down, across), (height, width) = scale.tolist(), params.size
-    why = (
-        f"scaled to {across:.1%} across and {down:.1%} down, so that whole cells fit {width} x {height} px "
-        f"(--set fit=false cuts cells instead)"
-    )
-    _LOG.warning("%s", why)
+    why = f"scaled to {across:.1%} across and {down:.1%} down, so that whole cells fit {width} x {height} px"
+    _LOG.warning("%s (--set %s.fit=false cuts cells instead)", why, OWN_STEP)
     own, table = np.float32(scale), {"why": why, "scale": [round(down, 4), round(across, 4)]}
     return FittedCells(made, made, generators * own, fixed * own, table)
 

@@ -35,7 +35,7 @@ def test_whole_cells_fit_and_keep_their_shape(
 ) -> None:
     with caplog.at_level(logging.WARNING):
         made = fitted(generators)
-    assert "so that whole cells fit 64 x 64 px (--set fit=false" in caplog.text
+    assert "so that whole cells fit 64 x 64 px (--set STEP.fit=false" in caplog.text
     own = made.generators.astype(np.float64)
     steps = np.linalg.inv(own) if len(own) == 2 else own.T / (own**2).sum()
     cells = steps * 64
