@@ -87,8 +87,7 @@ def fitted_cells(
     if params.fit and len(fitted):
         scale = np.array(_scale(fitted.astype(np.float64), params.size, params.tileable))
     if np.abs(scale - 1).max() < params.least:
-        unchanged = {"why": "", "scale": [round(one, 4) for one in scale.tolist()]}
-        return FittedCells(image, None, generators, fixed, unchanged)
+        return FittedCells(image, None, generators, fixed, {"why": "", "scale": [1.0, 1.0]})
     before = np.array([image.height, image.width])
     rows, columns = np.rint(before * scale).astype(np.int64).tolist()
     made, scale = scaled_to(image, (rows, columns)), np.array([rows, columns]) / before

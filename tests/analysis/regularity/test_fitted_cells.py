@@ -55,6 +55,7 @@ def test_whole_cells_fit_and_keep_their_shape(
         ([[10.0, 0.0], [0.0, 13.0]], {"fit": False}),
         ([[10.0, 0.0], [0.0, 13.0]], {"tileable": "off"}),
         ([[16.0, 0.0], [0.0, 12.8]], {}),  # four and five
+        ([[16.0, 0.0], [0.0, 12.64]], {}),  # 1.3 % off, which hides
         ([[100.0, 0.0], [0.0, 100.0]], {}),  # larger than the result
     ],
 )
