@@ -181,6 +181,15 @@ def wall(shape: tuple[int, int], period: float, degrees: float, rng: np.random.G
     return picture(np.clip(tone + 0.1 * smooth_noise(shape, 1.5, rng), 0, 1))
 
 
+def tiles(rng: np.random.Generator) -> np.ndarray:
+    """Six by six square tiles of 20 px with dark joints, as a picture of a file has them."""
+    y, x = np.indices((120, 120))
+    joint = ((y % 20) < 3) | ((x % 20) < 3)
+    tones = 0.6 + 0.1 * rng.random((6, 6))[y // 20, x // 20] + 0.05 * blobs((120, 120), rng)
+    shown = np.clip(np.where(joint, 0.15, tones), 0, 1)
+    return np.asarray(np.rint(shown[..., None] * (255, 230, 200)), np.uint8)
+
+
 def soiled_wall(rng: np.random.Generator) -> tuple[Image, Image, np.ndarray]:
     """Bricks under smooth dirt, put together of two crops that are out of step; the dirt; where pixels come from.
 

@@ -12,7 +12,7 @@ import pytest
 
 from tests.pipelines.media.test_material_export import saved
 from tests.pipelines.media.test_material_set import save
-from tests.synthetic import blobs
+from tests.synthetic import blobs, tiles
 from texloom.pipelines.engine.run import Run
 from texloom.pipelines.media.locate import decode, inspect
 from texloom.pipelines.store.store import Store
@@ -62,24 +62,21 @@ def test_a_map_that_comes_later_is_in_register(
 
 
 @pytest.fixture
-def tiles(tmp_path: Path, rng: np.random.Generator) -> Path:
-    """Tiles of 20 px with joints, of which 3.6 fit a result of 72 px, and their heights."""
-    y, x = np.indices((120, 120))
-    joint = ((y % 20) < 3) | ((x % 20) < 3)
-    tones = 0.6 + 0.1 * rng.random((6, 6)).astype(np.float32)[y // 20, x // 20] + 0.05 * blobs((120, 120), rng)
-    colors = np.rint(np.clip(np.where(joint, 0.15, tones), 0, 1)[..., None] * (255, 230, 200)).astype(np.uint8)
-    folder = tmp_path / "tiles"
+def walls(tmp_path: Path, rng: np.random.Generator) -> Path:
+    """Tiles of which 3.6 fit a result of 72 px, and their heights."""
+    colors = tiles(rng)
+    folder = tmp_path / "walls"
     folder.mkdir()
-    save(folder / "tiles_albedo.png", colors)
-    save(folder / "tiles_height.png", colors[..., 0].astype(np.uint16) * 256)
+    save(folder / "walls_albedo.png", colors)
+    save(folder / "walls_height.png", colors[..., 0].astype(np.uint16) * 256)
     return folder
 
 
 def test_whole_cells_fit_and_later_maps_are_scaled_alike(
-    ran: Callable[..., dict[str, Any]], tiles: Path, tmp_path: Path
+    ran: Callable[..., dict[str, Any]], walls: Path, tmp_path: Path
 ) -> None:
     options = {**QUICK, "size": "72x72"}
-    first = ran(tmp_path / "fitted", "materials", {"exemplar": tiles}, **options)
+    first = ran(tmp_path / "fitted", "materials", {"exemplar": walls}, **options)
     path = str(first["exemplar.exr"])
     made = decode(path, inspect(path).digest)
     assert (made.height, made.width) == (108, 108)  # four cells of 18 px
@@ -87,10 +84,10 @@ def test_whole_cells_fit_and_later_maps_are_scaled_alike(
     for dark in (np.flatnonzero(mean < mean.mean() - 20) for mean in means):
         assert len(dark) in (8, 9, 10, 11, 12)
         assert set(np.diff(dark)) <= {1, *range(14, 18)}  # four joints, evenly apart
-    again = ran(tmp_path / "again", "reapply", {"result": first["texture.exr"], "material": tiles})
+    again = ran(tmp_path / "again", "reapply", {"result": first["texture.exr"], "material": walls})
     np.testing.assert_array_equal(again["texture.png"], first["texture.png"])
-    np.testing.assert_array_equal(saved_at(again, "tiles_height.png"), saved_at(first, "tiles_height.png"))
-    cut = ran(tmp_path / "cut", "materials", {"exemplar": tiles}, **options, **{"scaled.fit": "false"})
+    np.testing.assert_array_equal(saved_at(again, "walls_height.png"), saved_at(first, "walls_height.png"))
+    cut = ran(tmp_path / "cut", "materials", {"exemplar": walls}, **options, **{"scaled.fit": "false"})
     assert "exemplar.exr" not in cut
 
 
