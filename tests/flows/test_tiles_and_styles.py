@@ -58,7 +58,7 @@ def test_tiles_between_materials_are_sheets_with_the_files_of_engines(
         assert f'"{sheet}.png"' in (out / f"{sheet}.tsx").read_text()
         assert f'"res://{sheet}.png"' in (out / f"{sheet}.tres").read_text()
     is_sand = blob[..., 0] > blob[..., 2]
-    assert (is_sand == (height > 34500)).mean() > 0.98
+    assert (is_sand == (height > 34500)).mean() > 0.97  # but where both are mixed
     for table in ("borders.json", "edges_borders.json"):
         assert json.loads((out / table).read_text())["albedo"]["ratio"] < 1.1
 
