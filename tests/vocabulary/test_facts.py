@@ -134,7 +134,7 @@ def edited(stage: str, image: Image) -> Image:
     }
     options: dict[str, Any] = {
         "evaluation.choice": {"labels": ["a", "b"]},
-        "analysis.fitted_cells": {"size": 64, "tileable": True},
+        "analysis.fitted_cells": {"result": 64, "tileable": True},
         "synthesis.inpaint": {"block": 16},
         "synthesis.refine": {"rounds": 0, "preset": "fast"},
         "synthesis.revise": {"preset": "fast", "margin": 16},

@@ -4,6 +4,7 @@ import dataclasses
 import itertools
 import logging
 import math
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from pydantic import Field
 from texloom.stages.common.grids.resampled import scaled_to
 from texloom.stages.common.regularity.lattice_cells import steps_along
 from texloom.stages.vocabulary.arrays import Channels, Image, Vectors
-from texloom.stages.vocabulary.declare import Params, stage
+from texloom.stages.vocabulary.declare import Outline, Params, stage
 from texloom.stages.vocabulary.facts import NOWHERE, Wraps
 from texloom.stages.vocabulary.messages import OWN_STEP
 from texloom.stages.vocabulary.sizes import Size
@@ -38,10 +39,10 @@ class FittedCellsParams(Params):
     """scale the exemplar so that whole cells fit a tileable result, instead of cutting cells to fit"""
     least: float = Field(0.02, ge=0, le=0.2)
     """smallest change of a side, as a share, that is worth a resampling; less hides by itself"""
-    size: Size = Field((1024, 1024), validate_default=True)
-    """of the result, px"""
+    result: Size = Field((1024, 1024), validate_default=True)
+    """size of the result, px"""
     tileable: Tileable = NOWHERE
-    """axes along which it continues across its borders"""
+    """axes along which the result continues across its borders"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,7 +61,13 @@ class FittedCells:
     """``why``: a sentence, empty where nothing is scaled; ``scale``: of rows and of columns"""
 
 
-@stage(version=2)
+def outlines(params: FittedCellsParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
+    """The image keeps its maps, and its size to a fifth."""
+    image = known.get("image")
+    return {} if image is None else {"image": Outline(image.height, image.width, image.channels)}
+
+
+@stage(version=2, outlines=outlines)
 def fitted_cells(
     image: Image, generators: Vectors, params: FittedCellsParams, known: Others | None = None
 ) -> FittedCells:
@@ -85,13 +92,13 @@ def fitted_cells(
     fitted = fixed if len(fixed) else generators
     scale = np.ones(2)
     if params.fit and len(fitted):
-        scale = np.array(_scale(fitted.astype(np.float64), params.size, params.tileable))
+        scale = np.array(_scale(fitted.astype(np.float64), params.result, params.tileable))
     if np.abs(scale - 1).max() < params.least:
         return FittedCells(image, None, generators, fixed, {"why": "", "scale": [1.0, 1.0]})
     before = np.array([image.height, image.width])
     rows, columns = np.rint(before * scale).astype(np.int64).tolist()
     made, scale = scaled_to(image, (rows, columns)), np.array([rows, columns]) / before
-    (down, across), (height, width) = scale.tolist(), params.size
+    (down, across), (height, width) = scale.tolist(), params.result
     why = f"scaled to {across:.1%} across and {down:.1%} down, so that whole cells fit {width} x {height} px"
     _LOG.warning("%s (--set %s.fit=false cuts cells instead)", why, OWN_STEP)
     own, table = np.float32(scale), {"why": why, "scale": [round(down, 4), round(across, 4)]}

@@ -17,7 +17,7 @@ SHAPE = (90, 120)
 def fitted(generators: list[list[float]], tileable: str = "both", **params: object) -> FittedCells:
     y, x = np.indices(SHAPE)
     image = Image(np.stack([y / 90, x / 120, 0 * x], axis=2).astype(np.float32), ("R", "G", "B"))
-    chosen = FittedCellsParams.model_validate({"size": 64, "tileable": tileable, **params})
+    chosen = FittedCellsParams.model_validate({"result": 64, "tileable": tileable, **params})
     return fitted_cells(image, np.array(generators, np.float32), chosen)
 
 
@@ -78,7 +78,7 @@ def test_excluded_pixels_stay_excluded() -> None:
     y, x = np.indices(SHAPE)
     usable = np.hypot(y - 40, x - 50) > 15
     image = with_usable(Image(np.repeat(usable[..., None], 3, axis=2).astype(np.float32), ("R", "G", "B")), usable)
-    params = FittedCellsParams.model_validate({"size": 64, "tileable": "both"})
+    params = FittedCellsParams.model_validate({"result": 64, "tileable": "both"})
     made = fitted_cells(image, np.array([[10, 0], [0, 13]], np.float32), params)
     valid = valid_pixels(made.image)
     assert valid is not None
