@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float32
@@ -44,6 +45,9 @@ _NOTICED = 1.5  # CIELAB
 _TINT = np.array([25.0, 8.0, 8.0], np.float32)  # CIELAB by which light may change a cell
 _USUAL_TINTS, _LEAST_TINT = 6.0, np.array([6.0, 3.0, 3.0], np.float32)  # times the median of cells, and CIELAB
 
+Searched: TypeAlias = tuple[Float32[np.ndarray, "H W 3"], Bool[np.ndarray, "H W"]]
+"""a picture as it is searched: CIELAB, and where it counts"""
+
 
 def looks_foreign(image: Image, valid: Mask, generators: Vectors | None, threshold: float) -> bool:
     """Whether a search may find parts at ``threshold``; a quick look at half the size.
@@ -77,9 +81,7 @@ def _from_cells_around(lab: Float32[np.ndarray, "h w 3"], valid: Mask, frame: np
     return np.asarray(np.where(valid & (known > 0), median, 0), np.float32)
 
 
-def as_searched(
-    image: Image, valid: Mask, side: int = _SIDE
-) -> tuple[Float32[np.ndarray, "H W 3"], Bool[np.ndarray, "H W"]]:
+def as_searched(image: Image, valid: Mask, side: int = _SIDE) -> Searched:
     """CIELAB at which is searched, and where it counts."""
     return lab_from_linear(reduced(np.ascontiguousarray(fill_excluded(image).color), side)), counted(valid, side)
 
@@ -110,7 +112,7 @@ def foreign_search(
     lab, small = as_searched(image, valid)
     cell = None
     if generators is not None and len(generators) == 2:
-        cell = _unlike_cell_of(image, valid, generators, small.shape)
+        cell = _unlike_cell_of(image, valid, generators, (lab, small))
     side = float(np.sqrt(small.sum()))
     unlike = np.zeros(small.shape, np.float32)
     found = np.zeros(small.shape, np.bool_)
@@ -138,18 +140,19 @@ def with_margin(found: Mask, shape: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
 
 
 def _unlike_cell_of(
-    image: Image, valid: Mask, generators: Vectors, shape: tuple[int, int]
+    image: Image, valid: Mask, generators: Vectors, searched: Searched
 ) -> tuple[Float32[np.ndarray, "H W"], Float32[np.ndarray, "H W 3"]] | None:
-    """See `_unlike_cell`: at a size where a cell has enough pixels, and of ``shape`` then."""
+    """See `_unlike_cell`: at a size where a cell has enough pixels, and of that of ``searched`` then."""
     longer, shorter = max(image.height, image.width), float(np.hypot(*generators.astype(np.float64).T).min())
     side = max(_SIDE, math.ceil(_CELL / shorter * longer))
-    side = side if side <= _FINEST else _SIDE
-    lab, small = as_searched(image, valid, side)
+    is_finer = _SIDE < side <= _FINEST
+    lab, small = as_searched(image, valid, side) if is_finer else searched
     factor = np.array(lab.shape[:2]) / (image.height, image.width)
     made = _unlike_cell(lab, small, (generators * factor).astype(np.float32))
-    if made is None:
-        return None
-    both = resize(np.concatenate([made[0][..., None], made[1]], axis=2), *shape, bilinear=True)
+    if made is None or not is_finer:
+        return made
+    height, width = searched[1].shape
+    both = resize(np.concatenate([made[0][..., None], made[1]], axis=2), height, width, bilinear=True)
     return np.ascontiguousarray(both[..., 0]), np.ascontiguousarray(both[..., 1:])
 
 

@@ -27,12 +27,14 @@ def resampled(image: Image, positions: Float64[np.ndarray, "h w 2"]) -> Image:
 
 def scaled_to(image: Image, sides: tuple[int, int]) -> Image:
     """The image with other sides, px, which continues across its borders where it did; normals lean with it."""
-    before = np.array([image.height, image.width])
-    scale = np.array(sides) / before
-    (down, across), around = scale.tolist(), image.wraps
-    reach = np.array(around.where_closed(_REACH))
+    before, around = (image.height, image.width), image.wraps
+    reach = around.where_closed(_REACH)
+    down, across = (after / side for after, side in zip(sides, before, strict=True))
     beyond = [np.arange(-more, side + more) % side for more, side in zip(reach, before, strict=True)]
     wider = image.elsewhere(np.ascontiguousarray(image.pixels[np.ix_(*beyond)]))
-    places = (np.moveaxis(np.indices(sides, np.float64), 0, -1) + 0.5) / scale - 0.5 + reach
-    made = resampled(wider, np.clip(places, 0, before + 2 * reach - 1))
+    lines = [
+        np.clip((np.arange(after) + 0.5) / (after / side) - 0.5 + more, 0, side + 2 * more - 1)
+        for after, side, more in zip(sides, before, reach, strict=True)
+    ]
+    made = resampled(wider, np.stack(np.meshgrid(*lines, indexing="ij"), axis=2))
     return made.with_pixels(stretched(made.pixels, made.channels, down, across)).wrapping(around)
