@@ -47,9 +47,12 @@ def insight(work: InsightWork, places: Places, send: Callable[..., None]) -> Non
     is_straightened = offer is not None and bool(offer.surface)  # what is shown of a photograph lies otherwise
     is_one = not run.items and not is_straightened
     is_known = match is not None and is_one and match.shape[0] * match.shape[1] <= _MOST_PIXELS
-    scaled = _output(run, "scaled", "table")
-    scale = np.array([1.0, 1.0] if scaled is None else scaled["scale"])
-    payload = b"" if not is_known else np.minimum(match / scale, 65535).astype("<u2").tobytes()
+    payload = b""
+    if is_known:
+        scaled = _output(run, "scaled", "table")
+        is_scaled = scaled is not None and bool(scaled["why"])
+        origins = match / np.array(scaled["scale"]) if is_scaled else match
+        payload = np.minimum(origins, 65535).astype("<u2").tobytes()
     send(Insight(height=size[0], width=size[1], places=tuple(found)), payload)
 
 

@@ -29,8 +29,14 @@ def check_exemplar(_: NoParams, known: Mapping[str, Any]) -> None:
     """The maps have the size of the exemplar."""
     image, votes = known.get("image"), known.get("votes")
     if image is not None and isinstance(votes, VotedPatches) and (image.height, image.width) != votes.exemplar:
-        wanted = format_size(votes.exemplar)
-        raise InputError(f"image: has {format_size(image)}, but the exemplar of that result had {wanted}")
+        raise other_size((image.height, image.width), votes.exemplar)
+
+
+def other_size(sides: tuple[int, int], exemplar: tuple[int, int]) -> InputError:
+    """Why maps of this height and width are refused, px."""
+    return InputError(
+        f"image: has {format_size(sides)}, but the exemplar of that result had {format_size(exemplar)}"
+    )
 
 
 @stage(version=2, check=check_exemplar, in_bands=True)

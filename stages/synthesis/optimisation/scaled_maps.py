@@ -7,8 +7,9 @@ from typing import Any
 
 from texloom.stages.analysis.regularity.fitted_cells import MOST_SCALED
 from texloom.stages.common.grids.resampled import scaled_to
+from texloom.stages.synthesis.optimisation.reapply import other_size
 from texloom.stages.vocabulary.arrays import Image
-from texloom.stages.vocabulary.declare import InputError, NoParams, Outline, stage
+from texloom.stages.vocabulary.declare import NoParams, Outline, stage
 from texloom.stages.vocabulary.sizes import format_size
 from texloom.stages.vocabulary.voted_patches import VotedPatches
 
@@ -30,8 +31,7 @@ def check_sides(_: NoParams, known: Mapping[str, Any]) -> None:
         return
     scales = [after / before for after, before in zip(votes.exemplar, (image.height, image.width), strict=True)]
     if not all(1 / MOST_SCALED <= one <= MOST_SCALED for one in scales):
-        wanted = format_size(votes.exemplar)
-        raise InputError(f"image: has {format_size(image)}, but the exemplar of that result had {wanted}")
+        raise other_size((image.height, image.width), votes.exemplar)
 
 
 def outlines(_: NoParams, known: Mapping[str, Any]) -> dict[str, Outline]:
