@@ -2,11 +2,12 @@
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float32, Float64
 
+from texloom.stages.analysis.photographs import bezier
 from texloom.stages.analysis.photographs.vanishing import pointing_to
 from texloom.stages.common.features.line_segments import Frame, Segments
 from texloom.stages.common.grids.growing import convex_hull
@@ -24,6 +25,9 @@ _MIN_SINE = 0.25  # of the angle between both directions in the middle of a plan
 _MAX_DEPTH = 4.0  # of a point on a plane, relative to its middle; what is farther is left out
 _BORDER = 0.02  # share of the length of the segments along a border that is beyond it
 _SLACK = 0.04  # of a plane beyond its lines of one direction, as a share of their extent
+_STEPS = 24  # along each side of a rectangle, at which is asked what the photograph shows of it
+_LEAST_SHOWN = 0.5  # share of a rectangle that it shows, else a part is taken
+_COST = 1.5  # of a place of the part that is not shown, in those that are
 
 
 @dataclass(frozen=True)
@@ -134,7 +138,8 @@ def _around(
     first, second = (family[near[cells.of(family.middles)]] for family in families)
     if np.count_nonzero(area) < _MIN_CELLS or not (len(first.ends) and len(second.ends)):
         return None
-    return _plane(points, (first, second), area, float(shared[area].sum()))
+    plane = _plane(points, (first, second), area, float(shared[area].sum()))
+    return None if plane is None else replace(plane, corners=_shown_part(plane.corners, cells))
 
 
 def _is_thin(plane: PlaneCandidate, cells: Cells) -> bool:
@@ -168,6 +173,41 @@ def _plane(
     if not ((high > low).all() and (corners[:, 2] > 0).all()):
         return None
     return PlaneCandidate(corners[:, :2] / corners[:, 2:], area, support, ordered)
+
+
+def _shown_part(corners: Float64[np.ndarray, "4 2"], cells: Cells) -> Float64[np.ndarray, "4 2"]:
+    """The rectangle, or the part of it that shows most where the photograph shows less than half.
+
+    Of a wall in steep perspective the photograph shows a wedge.
+    """
+    steps = (np.arange(_STEPS) + 0.5) / _STEPS
+    matrix = bezier.homography(corners)
+    places = cells.pixels(_on_plane(steps, steps, matrix))
+    shown = ((places >= 0) & (places <= np.array(cells.size) - 1)).all(axis=2)
+    if shown.mean() >= _LEAST_SHOWN or not shown.any():
+        return corners
+    sums = np.cumsum(np.pad(np.where(shown, 1, -_COST), ((1, 0), (0, 0))), axis=0)
+    best, part = 0.0, (0, _STEPS, 0, _STEPS)
+    for first, last in itertools.combinations(range(_STEPS + 1), 2):
+        along = np.append(0, np.cumsum(sums[last] - sums[first]))
+        gain = along - np.minimum.accumulate(along)
+        end = int(gain.argmax())
+        if gain[end] > best:
+            best, part = float(gain[end]), (first, last, int(along[: end + 1].argmin()), end)
+    top, bottom, left, right = (edge / _STEPS for edge in part)
+    ends = _on_plane(np.array([top, bottom]), np.array([left, right]), matrix)
+    return np.array([ends[0, 0], ends[0, 1], ends[1, 1], ends[1, 0]])
+
+
+def _on_plane(
+    down: Float64[np.ndarray, "m"],  # type: ignore[name-defined]
+    across: Float64[np.ndarray, "n"],  # type: ignore[name-defined]
+    matrix: Float64[np.ndarray, "3 3"],
+) -> Float64[np.ndarray, "m n 2"]:
+    """Places at shares of the sides of a rectangle."""
+    square = np.stack([*np.meshgrid(down, across, indexing="ij"), np.ones((len(down), len(across)))], axis=2)
+    flat = matrix_product(square, matrix.T)
+    return flat[..., :2] / flat[..., 2:]
 
 
 def _borders(lines: Segments, others: Segments, back: np.ndarray, axis: int) -> tuple[float, float]:

@@ -14,14 +14,14 @@ from tests.photographs import unit_square
 from tests.synthetic import picture, smooth_noise
 from texloom.stages.analysis.photographs import plane_proposal as module
 from texloom.stages.analysis.photographs.depth_cues import DepthCues
-from texloom.stages.analysis.photographs.plane_candidates import PlaneCandidate
+from texloom.stages.analysis.photographs.plane_candidates import Cells, PlaneCandidate, plane_candidates
 from texloom.stages.analysis.photographs.plane_proposal import (
     PlaneProposalParams,
     find_planes,
     plane_proposal,
 )
 from texloom.stages.analysis.photographs.plane_ranking import RankedPlane
-from texloom.stages.common.features.line_segments import Frame
+from texloom.stages.common.features.line_segments import Frame, Segments
 from texloom.stages.vocabulary.arrays import Image
 from texloom.stages.vocabulary.declare import InputError
 
@@ -120,6 +120,18 @@ def test_a_plane_is_extended_that_is_less_even_then_but_repeats(
 
     monkeypatch.setattr(module, "measured", less_even)
     assert (plane_proposal(photo, PlaneProposalParams()).table["extended"] > 1.3) == goes_on
+
+
+def test_a_plane_beyond_the_photograph_is_cut_to_what_is_shown() -> None:
+    cells = Cells(SHAPE)
+    rows, columns = np.arange(-540.0, 360.0, 45), np.arange(-480.0, 960.0, 48)  # a sixth of it is shown
+    corners = np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=2).reshape(-1, 2)
+    down, across = ([corners, corners + step] for step in ((45, 0), (0, 48)))
+    ends = cells.places(np.concatenate([np.stack(each, axis=1) for each in (down, across)]))
+    points = [np.array([1.0, 0, 0]), np.array([0, 1.0, 0])]
+    (candidate,) = plane_candidates(Segments(ends), points, cells)
+    found = cells.pixels(candidate.corners)
+    assert corner_error(np.array([[0, 0], [0, 479], [359, 479], [359, 0]], float), found) < 0.15
 
 
 def test_both_walls_of_a_corner(rng: np.random.Generator) -> None:
