@@ -11,6 +11,7 @@ from texloom.stages.numerics.matrices import eigenvectors, row_product, square_s
 from texloom.stages.vocabulary.arrays import Mask, ScalarMap
 
 _PLACES = 2400
+_FEW = 16  # places; fewer tell nothing
 _MIN_SHOWN = 0.7  # share of a window that the picture shows; others look like the nearest that does
 _CORE = 0.5  # share of places whose spread is that of the surface
 _PASSES = 6
@@ -49,21 +50,15 @@ def unlikeness(
     [RousseeuwDriessen1999]_ the determinant of least covariance, here from one start; [Ramaswamy2000]_ distance to
     the k-th neighbour. The looks, and units of the core, are ours.
     """
-    looks, shown = _looks(lab, valid, deviation)
-    every = max(1, round(deviation))
-    while (lab.shape[0] // every) * (lab.shape[1] // every) > places:
-        every += 1
-    grid = slice(every // 2, None, every), slice(every // 2, None, every)
-    known = valid[grid] & (shown[grid] >= _MIN_SHOWN)
-    compared = np.argwhere(known) * every
-    if len(compared) < 16:
+    rows, known, every = _compared(lab, valid, deviation, places)
+    if len(rows) < _FEW:
         return np.zeros(lab.shape[:2], np.float32)
-    rows = looks[grid][known].astype(np.float64)
-    units, core = _in_units_of_core(rows)
-    down, across = (np.abs(one[:, None] - one) > _APART * deviation for one in compared.astype(np.int32).T)
-    explains = (down | across) & (True if foreign is None else ~foreign[grid][known])
+    units, core = _in_units_of_core(rows, _CORE)
+    compared = np.argwhere(known).astype(np.int32) * every
+    down, across = (np.abs(one[:, None] - one) > _APART * deviation for one in compared.T)
+    explains = (down | across) & (True if foreign is None else ~_on_grid(foreign, every)[known])
     distance = np.where(explains, np.sqrt(_squared_distances(units)), np.inf)
-    explaining = max(0, round(_EXPLAINED_BY * len(compared)) - 1)
+    explaining = max(0, round(_EXPLAINED_BY * len(rows)) - 1)
     distance.partition(explaining, axis=1)
     last = distance[:, explaining]
     usual = float(np.median(last[core]))
@@ -73,6 +68,42 @@ def unlikeness(
     values = np.zeros(known.shape, np.float32)
     values[known] = last / max(usual, _LEAST_USUAL)
     return np.where(valid, _between(values, known, every, lab.shape[:2]), np.float32(0))
+
+
+def unlike_core(
+    lab: Float32[np.ndarray, "h w 3"], valid: Mask, deviation: float, share: float, places: int = _PLACES
+) -> ScalarMap:
+    """How far the look around each pixel is from those of the core, in the spread of which 1 is usual.
+
+    As `unlikeness`, but the core is only a ``share`` of the places, and no others explain any: where a picture
+    shows several surfaces, only the one that most places look alike on is near.
+    """
+    rows, known, every = _compared(lab, valid, deviation, places)
+    if len(rows) < _FEW:
+        return np.zeros(lab.shape[:2], np.float32)
+    units, core = _in_units_of_core(rows, share)
+    distance = np.sqrt(_squared_distances(units)[:, core])
+    distance.partition(len(core) // 4, axis=1)
+    last = distance[:, len(core) // 4]
+    values = np.zeros(known.shape, np.float32)
+    values[known] = last / max(float(np.median(last[core])), _LEAST_USUAL)
+    return np.where(valid, _between(values, known, every, lab.shape[:2]), np.float32(0))
+
+
+def _compared(
+    lab: Float32[np.ndarray, "h w 3"], valid: Mask, deviation: float, places: int
+) -> tuple[Float64[np.ndarray, "n k"], Bool[np.ndarray, "p q"], int]:
+    """The looks at places on a grid, which of its places are known, and the px from one to the next."""
+    looks, shown = _looks(lab, valid, deviation)
+    every = max(1, round(deviation))
+    while (lab.shape[0] // every) * (lab.shape[1] // every) > places:
+        every += 1
+    known = _on_grid(valid, every) & (_on_grid(shown, every) >= _MIN_SHOWN)
+    return _on_grid(looks, every)[known].astype(np.float64), known, every
+
+
+def _on_grid(plane: np.ndarray, every: int) -> np.ndarray:
+    return plane[every // 2 :: every, every // 2 :: every]
 
 
 def _looks(
@@ -88,9 +119,11 @@ def _looks(
     return means, shown
 
 
-def _in_units_of_core(rows: Float64[np.ndarray, "n k"]) -> tuple[Float64[np.ndarray, "n k"], np.ndarray]:
+def _in_units_of_core(
+    rows: Float64[np.ndarray, "n k"], share: float
+) -> tuple[Float64[np.ndarray, "n k"], np.ndarray]:
     """The places along the principal axes of the core, in its deviations, and which are the core."""
-    size = max(2, round(_CORE * len(rows)))
+    size = max(2, round(share * len(rows)))
     squared = _squared_distances(rows)
     start = int(np.partition(squared, size - 1, axis=1)[:, size - 1].argmin())
     core = np.argsort(squared[start], kind="stable")[:size]

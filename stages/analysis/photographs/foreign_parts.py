@@ -16,6 +16,7 @@ from texloom.stages.analysis.photographs.blemishes import blemishes
 from texloom.stages.analysis.photographs.evenness import picture_evenness
 from texloom.stages.analysis.photographs.flatness import Flatness, flatness
 from texloom.stages.analysis.photographs.long_lines import long_lines
+from texloom.stages.analysis.photographs.main_surface import main_surface
 from texloom.stages.analysis.photographs.one_off_bands import one_off_bands
 from texloom.stages.analysis.photographs.other_plane import other_plane
 from texloom.stages.common.grids.size_checks import check_same_size
@@ -42,10 +43,15 @@ _BANDED = (
     "a band across the surface that does not repeat is masked; it may be the border of another surface: look at "
     "foreign.png; {another}give another mask (--source mask=foreign.png)"
 )
+_MAIN = (
+    "the picture shows several surfaces: the one that most of it looks like is taken, {:.0%} of it; look at "
+    "foreign.png; {another}crop it to another (--crop), or give a mask of that (--source mask=foreign.png)"
+)
 _SEVERAL = (
     "no plane is evident, and {:.0%} of the photograph differ from the rest, so that it may show several surfaces: "
     "look at foreign.png, give another mask (--source mask=foreign.png), or crop it to one surface (--crop)"
 )
+_MAIN_SHARE, _BETTER = 0.1, 0.2  # of the photograph, of a surface taken of several, and evenness that it adds
 _SHADE = np.array([0.6, 0.0, 0.25], np.float32)
 
 
@@ -94,8 +100,9 @@ def foreign_parts(
     rest. Where a lattice has a mean cell that explains the
     picture, only what differs from this too is foreign: windows of a facade are not. Holes in what is foreign are
     filled, and small parts of either kind are given to the other. Where what is left is not even, but is without
-    bands across it that do not repeat (`one_off_bands`), such as a cornice, these are foreign too; so is what
-    stands out on a plain surface (`blemishes`).
+    bands across it that do not repeat (`one_off_bands`), such as a cornice, these are foreign too. Where it still
+    is not, and nothing repeats, all but the `main_surface` is foreign, if that is clearly more even and a tenth of
+    the photograph. So is what stands out on a plain surface (`blemishes`).
 
     Parameters
     ----------
@@ -138,6 +145,14 @@ def foreign_parts(
         after = picture_evenness(image, rest)
         if after >= _HARDLY_EVEN and 0 < rest.sum() < usable.sum():
             usable, even, by, banded = rest, after, "looks", True
+    repeats = generators is not None and len(generators) > 0
+    main = False
+    if judged and not repeats and even < _HARDLY_EVEN:
+        rest, after = main_surface(image, before, params.unlike)
+        better = after >= max(_HARDLY_EVEN, even + _BETTER)
+        main = better and rest.sum() >= _MAIN_SHARE / _share(plane) * before.sum()
+        if main:
+            usable, even, by = rest, after, "looks"
     if judged and min(before.shape) >= _MIN_SIDE:
         marked = _blemished(image, before, usable)
         if marked.any():
@@ -150,7 +165,7 @@ def foreign_parts(
         cells = float(usable.sum()) / abs(float(determinant(generators.astype(np.float64))))
     why = _why(by, masked, left, cells, banded)
     if by in ("lattice", "looks"):
-        if left < _DOUBT * float(before.mean()) or 0 < cells < 2:
+        if not main and (left < _DOUBT * float(before.mean()) or 0 < cells < 2):
             raise InputError(
                 f"image: {why}: no surface stands out; keep all (--set unlike=1000), crop, or give a mask "
                 "of exemplar.png (--source mask=my.png)"
@@ -158,8 +173,8 @@ def foreign_parts(
         _LOG.warning("%s", why)
     another = f"take another plane ({option}, by planes.png), or " if (option := other_plane(plane)) else ""
     doubt = _BANDED.format(another=another) if banded else ""
+    doubt = _MAIN.format(1 - masked, another=another) if main else doubt
     frontal = plane is not None and bool(plane["unasked"])
-    repeats = generators is not None and len(generators) > 0
     if doubted:
         flat = flatness(image, usable)
         if judged and even < _HARDLY_EVEN:
@@ -192,6 +207,13 @@ def foreign_parts(
         unlike=unlike,
         table=table,
     )
+
+
+def _share(plane: Mapping[str, Any] | None) -> float:
+    """Of the photograph, that is on the plane that is taken."""
+    if plane is None or not plane["taken"]:
+        return 1.0
+    return min(1.0, float(plane["planes"][plane["taken"] - 1]["area"]) * float(plane["extended"]))
 
 
 def _not_flat(flat: Flatness, another: str) -> str:

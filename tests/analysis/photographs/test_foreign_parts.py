@@ -108,6 +108,26 @@ def test_lined_surfaces_that_do_not_repeat_are_doubted(caplog: pytest.LogCapture
     assert not foreign_parts(image, ForeignPartsParams(), generators).table["doubt"]
 
 
+def test_of_several_surfaces_the_main_one_is_taken() -> None:
+    random = np.random.default_rng(3)
+    pixels, other, third = (WALLS[name](random, 192) for name in ("pebbles", "bricks", "plaster"))
+    main = np.ones((192, 192), np.bool_)
+    pixels[:96] = other[:96]
+    pixels[:100, 120:] = third[:100, 120:]
+    for row, column in ((20, 15), (20, 70), (20, 140)):
+        pixels[row : row + 50, column : column + 32] = np.linspace(0.02, 0.3, 32)[None, :, None]
+    main[:96], main[:100, 120:] = False, False
+    made = searched(pixels)
+    taken = made.mask.pixels[..., 0] > 0.5
+    assert "the picture shows several surfaces" in made.table["doubt"]
+    assert taken[main].mean() > 0.85
+    assert taken[~main].mean() < 0.01
+    # of a plane that is little of the photograph, it is too little
+    plane = {"taken": 1, "unasked": False, "extended": 1.0, "planes": [{"area": 0.15}]}
+    with pytest.raises(InputError, match="several surfaces do"):
+        foreign_parts(Image(pixels, ("R", "G", "B")), ForeignPartsParams(), plane=plane)
+
+
 def test_what_shutters_surround_is_masked_with_them() -> None:
     """A pane that mirrors what the wall looks like; but not the wall between a door and the street."""
     pixels = wall("plaster").copy()
