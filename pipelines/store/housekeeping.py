@@ -14,6 +14,7 @@ import operator
 import os
 import re
 import time
+from collections import defaultdict
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -60,15 +61,15 @@ class StoreEntry(NamedTuple):
 def entries(store: Store, measured: bool = False) -> list[StoreEntry]:
     """All results, by stage, the least recently used first; see `results` for ``measured``."""
     unfinished = set(_keys(store, "checkpoints"))
-    used = usage.times(store.records)
-    found: dict[str, list[StoreEntry]] = {}
+    used, root = usage.times(store.records), str(store.root)
+    found: dict[str, list[StoreEntry]] = defaultdict(list)
     for stage, key, of_result in results(store, measured):
         is_unfinished = bool(unfinished) and (stage, key) in unfinished
-        size = of_result + (usage.size_of(store.root / "checkpoints" / stage / key) if is_unfinished else 0)
-        when = used.get(record_name(stage, key))
+        size = of_result + (usage.size_of(f"{root}/checkpoints/{stage}/{key}") if is_unfinished else 0)
+        when = used.pop(record_name(stage, key), None)
         if when is None:
             when = store.used(store.location(stage, key))
-        found.setdefault(stage, []).append(StoreEntry(stage, key, f"{store.root}/cache/{stage}/{key}", size, when))
+        found[stage].append(StoreEntry(stage, key, f"{root}/cache/{stage}/{key}", size, when))
     for listed in found.values():
         listed.sort(key=_USED)
     return [entry for _, listed in sorted(found.items()) for entry in listed]

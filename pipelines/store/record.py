@@ -32,7 +32,7 @@ def decode_record(content: bytes) -> dict[str, Any]:
     ValueError, KeyError, TypeError, AttributeError, RecursionError
         it is not a record.
     """
-    document = json.loads(content)
+    document = json.loads(content.decode())
     serializer = document["metadata"]["serializer"]
     if document.keys() != {"metadata", "result"} or serializer != {"type": SERIALIZER}:
         raise ForeignRecordError("its record is not one that texloom wrote")

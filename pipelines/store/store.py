@@ -40,7 +40,7 @@ from texloom.pipelines.errors import UnreachableError, is_unreachable, refused
 from texloom.pipelines.memory import memory_limit
 from texloom.pipelines.store import ownership, removal, usage
 from texloom.pipelines.store.atomic import check_folder, free_space, probe_folder
-from texloom.pipelines.store.folders import Folder, LinkError
+from texloom.pipelines.store.folders import CAN_LOCK, Folder, LinkError
 from texloom.pipelines.store.lease import Lease
 from texloom.pipelines.store.record import ForeignRecordError, decode_record, record_name
 from texloom.pipelines.store.result_files import (
@@ -121,6 +121,7 @@ class Store:
         self.exports = self.root / "exports"
         self.running = self.root / "running"
         self._cache = f"{self.root}/cache"
+        self._records = f"{self.root}/records"
         self._lease: Lease | None = None
         self._is_claimed = False
         self._was_there = False
@@ -142,7 +143,7 @@ class Store:
 
     def record(self, artifact: Artifact) -> str:
         """The file of its record."""
-        return f"{self.records}/{record_name(artifact.stage, artifact.key)}"
+        return f"{self._records}/{record_name(artifact.stage, artifact.key)}"
 
     def inside(self, *names: str, create: bool = False) -> Folder:
         """A folder of the store, reached without following a link; errors as of `Folder.at` and `check_there`."""
@@ -300,7 +301,7 @@ class Store:
     def read_record(self, name: str) -> dict[str, Any] | None:
         """The record called ``name``, if there is one; `BrokenArtifactError` if it cannot be read."""
         try:
-            return decode_record(small_file(f"{self.records}/{name}"))
+            return decode_record(small_file(f"{self._records}/{name}"))
         except (FileNotFoundError, NotADirectoryError):
             return None
         except ForeignRecordError as error:
@@ -434,12 +435,14 @@ class Store:
     @contextlib.contextmanager
     def try_lock(self, stage: str, key: str) -> Iterator[bool]:
         """Lock ``key`` for the ``with`` block unless another process holds it; whether it is locked now."""
-        import filelock
-
+        name, is_locked = record_name(stage, key), True
         with contextlib.ExitStack() as stack:
             try:
-                stack.enter_context(self.lock(record_name(stage, key), timeout=0))
-            except (filelock.Timeout, OSError):
-                yield False
-            else:
-                yield True
+                if CAN_LOCK:
+                    folder = stack.enter_context(self.inside("locks", create=True))
+                    is_locked = stack.enter_context(folder.locked(f"{name}.lock"))
+                else:
+                    stack.enter_context(self.lock(name, timeout=0))
+            except OSError:  # also `filelock.Timeout`
+                is_locked = False
+            yield is_locked

@@ -98,8 +98,10 @@ def times(folder: str | Path) -> dict[str, float]:
     found: dict[str, float] = {}
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
-            with contextlib.suppress(OSError):
+            try:
                 found[entry.name] = entry.stat(follow_symlinks=False).st_mtime
+            except OSError:  # as in `size_of`
+                pass
     return found
 
 
