@@ -159,6 +159,15 @@ def new_result(parent: Folder, name: str, is_durable: bool = True) -> Iterator[t
             raise
 
 
+def keep_manifest(parent: Folder, name: str, outputs: Mapping[str, str]) -> None:
+    """Remove the files of a result but its manifest, which is in another folder then, as after every change."""
+    with parent.child(name) as folder:
+        manifest = folder.read(MANIFEST, MAX_JSON_SIZE)
+    with new_result(parent, name, is_durable=False) as (place, digests):
+        digests.update(outputs)
+        write_atomically(place / MANIFEST, manifest, durable=False)
+
+
 def _make_room(parent: Folder, name: str, outputs: Collection[str]) -> None:
     """Remove what is in place of a result: it is broken, or it would not be computed again."""
     status = parent.status(name)
