@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 import time
 from collections import defaultdict
@@ -329,7 +330,8 @@ def _existing(folder: Path) -> Store:
 
 def _entry(entry: StoreEntry) -> dict[str, Any]:
     return {
-        "stage": entry.stage, "key": entry.key, "folder": str(entry.folder), "size": entry.size, "used": entry.used,
+        "stage": entry.stage, "key": entry.key, "folder": entry.place.replace("/", os.sep), "size": entry.size,
+        "used": entry.used,
     }  # fmt: skip
 
 
