@@ -195,7 +195,8 @@ class Attempt:
                 self._leave_out(scope_run)
             self._tell_left_out()
         finally:
-            run.remember(self.history, self.exporter.states)
+            if not isinstance(self.broken, LeftOutError):  # else the next attempt needs the history of the last run
+                run.remember(self.history, self.exporter.states)
         return run.in_order(self.written)
 
     def _items(self) -> Iterator[ScopeRun]:

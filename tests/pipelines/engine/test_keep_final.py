@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import multiprocessing
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -254,3 +255,79 @@ def test_the_history_has_what_was_left_out(folder: Path) -> None:
     found = known.find("strength", {})
     assert found is not None
     assert found.left_out > 0
+
+
+def test_a_large_set_finds_them_by_its_history(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("texloom.pipelines.engine.run._MANY", 2)
+    run(opened(folder, "set.yaml"))
+    assert set(run(opened(folder, "set.yaml"))[0].values()) == {"cached"}
+    third = opened(folder, "set.yaml")
+    with monkeypatch.context() as patched:
+        patched.setattr(Store, "read_record", None)  # not called
+        assert set(run(third)[0].values()) == {"cached"}
+
+
+def test_workers_compute_what_is_taken_again(folder: Path) -> None:
+    run(opened(folder, "set.yaml"))
+    changed = {"params": {"structure.min_extent": "0.2"}, "runner": {"name": "processes", "workers": 2}}
+    states, _ = run(opened(folder, "set.yaml", **changed))
+    assert sorted(states.values()) == ["ran"] * 9
+
+
+def test_items_that_share_results_share_what_is_left_out(folder: Path) -> None:
+    shutil.copy(folder / "pictures" / "a.png", folder / "pictures" / "d.png")
+    states, _ = run(opened(folder, "set.yaml"))
+    assert len(states) == 12
+    assert "failed" not in states.values()
+    assert set(run(opened(folder, "set.yaml"))[0].values()) == {"cached"}
+
+
+def remove_again_and_again(root: str, ready: multiprocessing.synchronize.Event) -> None:
+    """Another process that prunes, limits, lists and verifies a store until it is killed."""
+    store = Store(Path(root))
+    ready.set()
+    while True:
+        housekeeping.prune(store, 0)
+        housekeeping.entries(store)
+        for _ in housekeeping.verify(store):
+            pass
+
+
+def test_runs_beside_prune_have_their_results(folder: Path) -> None:
+    expected = opened(folder, keep="all")
+    expected.store = Store(folder / "other")
+    run(expected)
+    opened(folder).store.create()
+    context = multiprocessing.get_context("spawn")
+    ready = context.Event()
+    process = context.Process(target=remove_again_and_again, args=(str(folder / "store"), ready))
+    process.start()
+    try:
+        assert ready.wait(60)
+        for _ in range(10):
+            one = opened(folder)
+            run(one)
+            assert one.shared.artifacts.keys() == expected.shared.artifacts.keys()
+            for name, found in one.shared.artifacts.items():
+                assert found.outputs == expected.shared.artifacts[name].outputs
+    finally:
+        process.kill()
+        process.join()
+    run(opened(folder))
+    assert {problem for _, problem in housekeeping.verify(opened(folder).store)} == {None}
+
+
+def test_a_kill_between_record_and_files_loses_nothing(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    one = opened(folder, keep="all")
+    run(one)
+
+    def killed(*_: object) -> None:
+        raise OSError(5, "killed")
+
+    monkeypatch.setattr("texloom.pipelines.store.store.keep_manifest", killed)
+    assert run(opened(folder))[0]["distance"] == "cached"
+    monkeypatch.undo()
+    assert set(run(opened(folder))[0].values()) == {"cached"}
+    assert {problem for _, problem in housekeeping.verify(one.store)} == {None}
+    asked = {"strength.exr": "strength.strength"}
+    assert run(opened(folder, exports=asked))[0] == {"strength": "ran", "structure": "cached", "distance": "cached"}
