@@ -154,6 +154,7 @@ def run(
     remote: str | None = None,
     out: str | os.PathLike[str] | None = None,
     force: bool = False,
+    keep: str | None = None,
     runner: str | None = None,
     workers: int | None = None,
     address: str | None = None,
@@ -185,6 +186,7 @@ def run(
     out : folder of the exports, or a picture, as ``result.png``, for the main result alone; the default is the
         folder PICTURE_FLOW in the working folder, named after the first source, or of a set after its folder.
     force : whether files there that texloom did not write, or that were changed since, may be replaced.
+    keep : ``"final"`` leaves intermediate results out of the store, see ``texloom run --help``.
     runner, workers, address : what computes the steps, see ``texloom run --help``.
     layout, texel_size, color_space, udim, material : how exports are written, see ``texloom run --help``.
     progress : true shows progress on standard error; a function receives every `Event`.
@@ -214,8 +216,8 @@ def run(
             flow, references, params, size=size, seed=seed, seeds=seeds, tileable=tileable, preset=preset,
             exports=exports or {}, item=item, crop=crop, reduce=_text(reduce), store=store, remote=remote,
             out=None if out is None else Path(out).expanduser(),
-            force=force, runner=runner, workers=workers, address=address, layout=layout, texel_size=texel_size,
-            color_space=color_space, udim=udim, material=material,
+            force=force, keep=keep, runner=runner, workers=workers, address=address, layout=layout,
+            texel_size=texel_size, color_space=color_space, udim=udim, material=material,
         )  # fmt: skip
         opened, folder = open_request(asked)
         return _run(opened, folder, progress, _masked_notes(sources or {}, opened.flow), force)

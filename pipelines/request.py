@@ -38,6 +38,7 @@ class RunRequest(pydantic.BaseModel):
     remote: str | None = None
     out: Path | None = None
     force: bool = False
+    keep: Literal["all", "final"] | None = None
     runner: str | None = None
     workers: int | None = None
     address: str | None = None
@@ -69,7 +70,7 @@ class RunRequest(pydantic.BaseModel):
         runner = {name.replace("runner", "name"): value for name, value in self._given(RUNNER).items()}
         return Overrides(
             self.sources, self._params(), self.seed, self.seeds, runner, self.pictures, self.exports,
-            self._given(DELIVERY), self._given(PART), self.item,
+            self._given(DELIVERY), self._given(PART), self.item, self.keep,
         )  # fmt: skip
 
     def _given(self, names: tuple[str, ...]) -> dict[str, Any]:

@@ -99,6 +99,11 @@ OPTIONS = {
         flags=("--out", "-o"),
     ),
     "force": Option("Replace files in --out that texloom did not write, or that were changed since.", kind=bool),
+    "keep": Option(
+        "all: every step's result stays in the store; final: only those that are exported, gathered or that no "
+        "step takes, and of the others what is needed to find them cached.  [default: as the flow says, else all]",
+        metavar="all|final",
+    ),
     "runner": Option(
         "What computes the steps. local: this process, one item after the other; the default. threads, processes: "
         "several steps at a time on this machine. dask: the workers of a cluster. With PREFECT_API_URL set, the "

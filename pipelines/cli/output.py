@@ -23,8 +23,11 @@ def say(text: str | Path, as_json: bool = False) -> None:
 
 
 def print_json(value: Any) -> int:
-    """Print a report; returns exit code 0."""
-    click.echo(json.dumps(value, indent=2))
+    """Print a report, a list with a line an entry, of which there may be a million; returns exit code 0."""
+    if isinstance(value, list) and value:
+        click.echo("[\n  " + ",\n  ".join(map(json.dumps, value)) + "\n]")
+    else:
+        click.echo(json.dumps(value, indent=2))
     return 0
 
 

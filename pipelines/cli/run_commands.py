@@ -215,6 +215,7 @@ def execute(opened: Run, folder: Path, as_json: bool, began: float, force: bool)
                 **({"items": recorder.items(len(opened.items))} if opened.items else {}),
                 "exports": {name: str(path) for name, path in exports.items()},
                 **({"choices": choices} if choices else {}),
+                **({"left_out": _left_out(opened)} if opened.flow.intermediate else {}),
                 "warnings": recorder.warnings,
                 **({"shared": {"remote": opened.store.remote, **recorder.shared}} if opened.store.remote else {}),
                 "seconds": time.perf_counter() - began,
@@ -233,6 +234,10 @@ def _what(opened: Run) -> dict[str, Any]:
         "store": str(opened.store.root),
         "notes": opened.notes,
     }
+
+
+def _left_out(opened: Run) -> dict[str, int]:
+    return {"results": len(opened.left_out), "bytes": sum(opened.left_out.values())}
 
 
 def _step(entry: StepReport | StepPlan) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 import re
 import time
 from collections import defaultdict
@@ -152,7 +153,9 @@ def push(store_folder: Path, as_json: bool, remote: str | None) -> int:
     if as_json:
         print_json({"remote": opened.remote, **dataclasses.asdict(pushed)})
     else:
-        say(f"{opened.remote}: {pushed.uploaded} uploaded, {pushed.present} there before, {pushed.broken} broken")
+        left_out = f", {pushed.left_out} without files" if pushed.left_out else ""
+        counts = f"{pushed.uploaded} uploaded, {pushed.present} there before, {pushed.broken} broken{left_out}"
+        say(f"{opened.remote}: {counts}")
     if pushed.outage:
         complain(f"texloom: {pushed.outage}; push again to go on")
     return 1 if pushed.broken or pushed.outage else 0
@@ -327,7 +330,8 @@ def _existing(folder: Path) -> Store:
 
 def _entry(entry: StoreEntry) -> dict[str, Any]:
     return {
-        "stage": entry.stage, "key": entry.key, "folder": str(entry.folder), "size": entry.size, "used": entry.used,
+        "stage": entry.stage, "key": entry.key, "folder": entry.place.replace("/", os.sep), "size": entry.size,
+        "used": entry.used,
     }  # fmt: skip
 
 

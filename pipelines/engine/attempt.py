@@ -18,6 +18,7 @@ from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import TypeVar
 
+from texloom.pipelines.byte_size import format_byte_size
 from texloom.pipelines.engine.chosen_steps import may_refuse
 from texloom.pipelines.engine.events import Event, ItemReport, Listener, Note, Shared, State, StepReport, warning_of
 from texloom.pipelines.engine.executors.executor import Executor, Outcome, StepTask
@@ -81,7 +82,10 @@ def compute(
                         _tidy(run.store, listener)
                 at_once = False
                 return exports
+            except LeftOutError:
+                run.plan()  # tells which are
             except BrokenArtifactError as error:
+                run.wanted = None
                 restarts[error.key] += 1
                 run.store.distrusted.add(error.key)
                 if restarts[error.key] > MAX_RESTARTS:
@@ -127,6 +131,10 @@ def _tidy(store: Store, listener: Listener) -> None:
             listener(Note(problem))
 
 
+class LeftOutError(Exception):
+    """A result has no files any more, and it is not known yet whether it is to be computed again."""
+
+
 @dataclasses.dataclass
 class InFlight(StepTask):
     """A task that is being computed, and the steps that wait for its key."""
@@ -160,8 +168,8 @@ class Attempt:
         """tasks that have lost a worker"""
         self.alone: list[InFlight] = []
         """tasks that have lost several"""
-        self.broken: BrokenArtifactError | OSError | None = None
-        """why it ends: a result turns out to be broken, or the store does not answer"""
+        self.broken: BrokenArtifactError | LeftOutError | OSError | None = None
+        """why it ends: a result turns out to be broken or left out, or the store does not answer"""
         self.thread = threading.get_ident()
         self.messages: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self.ended_items = 0
@@ -183,8 +191,12 @@ class Attempt:
             self._complete(iter([final]))
             for scope_run in (shared, final):
                 self._export(run.shared, scope_run)
+            for scope_run in (shared, final):
+                self._leave_out(scope_run)
+            self._tell_left_out()
         finally:
-            run.remember(self.history, self.exporter.states)
+            if not isinstance(self.broken, LeftOutError):  # else the next attempt needs the history of the last run
+                run.remember(self.history, self.exporter.states)
         return run.in_order(self.written)
 
     def _items(self) -> Iterator[ScopeRun]:
@@ -236,7 +248,7 @@ class Attempt:
 
     def _next(self, active: list[ScopeRun], scope_runs: Iterator[ScopeRun]) -> InFlight | None:
         """The first task of the scopes that have begun, or of the next ones."""
-        while True:
+        while self.broken is None:
             for scope_run in list(active):
                 while (step := scope_run.next()) is not None:
                     task = self._look_up(scope_run, step)
@@ -249,6 +261,7 @@ class Attempt:
             if begun is None:
                 return None
             active.append(begun)
+        return None
 
     def _look_up(self, scope_run: ScopeRun, step: Step) -> InFlight | None:
         """A task for a step whose result is neither in the store nor being computed."""
@@ -265,6 +278,12 @@ class Attempt:
         except UnreachableError as error:
             self.broken = error
             return None
+        if artifact is not None and artifact.left_out:
+            if run.wanted is None:
+                self.broken = LeftOutError()
+                return None
+            if parts.key in run.wanted:
+                artifact = None
         if artifact is not None:
             self._warn_again(scope.label(step), artifact)
             self._end_step(scope_run, step, parts, artifact, "cached", 0.0)
@@ -402,6 +421,7 @@ class Attempt:
                 raise
             return
         scope.forget_values()
+        self._leave_out(scope_run)
         self._end_item(scope.name, scope.problem)
 
     def _export_named(self, problem: Exception, scope_run: ScopeRun) -> None:
@@ -423,6 +443,25 @@ class Attempt:
         for note in self.exporter.told:
             self.listener(Note(note, is_warning=True))
         self.exporter.told.clear()
+
+    def _leave_out(self, scope_run: ScopeRun) -> None:
+        """Remove from the store the intermediate results of a scope that is done, if they are not to be kept."""
+        scope, run = scope_run.scope, self.run
+        for name in run.flow.intermediate:
+            artifact, step = scope.artifacts.get(name), run.flow.steps[name]
+            if step.scope != scope_run.kind or artifact is None or artifact.left_out:
+                continue
+            left = run.store.leave_out(artifact, self.history.now)
+            if left is not None:
+                scope.artifacts[name] = left
+                self.history.replace(scope.label(step), left)
+                run.left_out[left.key] = left.left_out
+
+    def _tell_left_out(self) -> None:
+        if self.run.left_out:
+            count, size = len(self.run.left_out), format_byte_size(sum(self.run.left_out.values()))
+            results = f"{count} intermediate result{'s' * (count > 1)}"
+            self.listener(Note(f"keep: final: {results} left out of the store, {size}"))
 
     def _end_item(self, name: str, problem: str | None) -> None:
         self.ended_items += 1

@@ -62,6 +62,8 @@ class PlanSummary:
     """what large pictures take of memory and disk"""
     fetched: int = 0
     """bytes that come from the shared store"""
+    left_out: int = 0
+    """bytes of the results that are not kept, as they are intermediate"""
 
     @property
     def is_refused(self) -> bool:
@@ -78,6 +80,8 @@ class PlanSummary:
         if pending:
             memory, disk = format_byte_size(self.memory), format_byte_size(self.disk)
             lines.append(f"takes about {describe_seconds(self.seconds)}, {memory} of memory and {disk} of disk")
+            if self.left_out:
+                lines[-1] += f", of which {format_byte_size(self.left_out)} is left out at the end (keep: final)"
             some = "" if self.measured == pending else f" of {self.measured} steps"
             measured = f"time and disk{some} as their last results took, else estimated"
             lines.append(measured if self.measured else "roughly estimated")
@@ -97,6 +101,8 @@ def summary(run: Run, steps: Sequence[StepPlan]) -> PlanSummary:
     counts = Counter(step.name for step in pending if step.name in earlier)
     seconds = sum(count * earlier[name].seconds for name, count in counts.items())
     disk = sum(count * earlier[name].disk for name, count in counts.items())
+    passing = run.flow.intermediate
+    left_out = sum(count * earlier[name].disk for name, count in counts.items() if name in passing)
     memory = 0
     pending_of: dict[str | None, set[str]] = {}
     for step in pending:
@@ -107,13 +113,16 @@ def summary(run: Run, steps: Sequence[StepPlan]) -> PlanSummary:
         unknown = [step for step in own if step.name not in earlier]
         seconds += seconds_of(unknown, run.flow.steps, scope)
         disk += disk_of(unknown, run.flow.steps, scope) + disk_of_exports(run.flow, own, scope)
+        left_out += disk_of([step for step in unknown if step.name in passing], run.flow.steps, scope)
         memory = max(memory, memory_of(own, run.flow.steps, scope))
     if run.flow.runner.name == "processes":
         memory *= min(len(pending), run.flow.runner.workers or worker_count(run))
     large = run.footprint()
     if large is not None:
         memory, disk = large.all_memory, max(disk, large.disk)
-    return PlanSummary(len(run.items), states, seconds, memory, int(disk), counts.total(), large, fetched)
+    return PlanSummary(
+        len(run.items), states, seconds, memory, int(disk), counts.total(), large, fetched, int(left_out)
+    )
 
 
 def _earlier(run: Run) -> dict[str, Taken]:

@@ -113,6 +113,10 @@ class Run:
         """item to where its steps find what they take; none if its files are refused"""
         self.shows_scales = False
         """whether what steps report comes with a picture of each scale"""
+        self.wanted: dict[str, str] | None = None
+        """key of each result that was left out and is to be computed again to what takes it, by the last plan"""
+        self.left_out: dict[str, int] = {}
+        """keys of the results whose files this run has left out of the store, and their bytes"""
         self.lacks_shared_store = False
         """whether the shared store has not answered, which is told once"""
         self.outage = ""
@@ -210,7 +214,38 @@ class Run:
 
         for planned in self._for_each_item(of_item):
             plans += planned
-        return plans + self._plan_scope(self.shared, "final", earlier)
+        plans += self._plan_scope(self.shared, "final", earlier)
+        self.wanted = self._wanted_again()
+        return [
+            dataclasses.replace(plan, state="run", reasons=(f"was left out, and {self.wanted[plan.key]} takes it",))
+            if plan.key in self.wanted and plan.state == "cached"
+            else plan
+            for plan in plans
+        ]
+
+    def _wanted_again(self) -> dict[str, str]:
+        """See `wanted`; the steps are gone through from the last one to the first."""
+        wanted: dict[str, str] = {}
+
+        def ask(name: str, taker: str, scope: Scope) -> None:
+            of_items = self.flow.steps[name].scope == "item" and scope.item is None
+            for place in self.known_scopes[1:] if of_items else [scope]:
+                artifact = place.artifact(name)
+                if artifact is not None and artifact.left_out:
+                    wanted.setdefault(artifact.key, taker)
+
+        for kind in ("final", "item", "shared"):
+            for scope in self.known_scopes[1:] if kind == "item" else [self.shared]:
+                for file, reference in self.exports_of(kind).items():
+                    if reference.output is not None:
+                        ask(reference.name, file, scope)
+                for name, step in reversed(list(self.flow.steps.items())):
+                    artifact = scope.artifacts.get(name)
+                    is_cached = artifact is not None and artifact.key not in wanted
+                    if step.scope == kind and not is_cached and scope.why_passed_over(name) is None:
+                        for needed in step.needs:
+                            ask(needed, name, scope)
+        return wanted
 
     def _for_each_item(self, plan: Callable[[Item], T]) -> Iterable[T]:
         """What a function returns for each item, for several at a time where each waits for the shared store."""

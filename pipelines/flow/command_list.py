@@ -64,6 +64,7 @@ def _run(flow: Flow) -> list[str]:
         words += param_words(name, _located(flow, name, text))
     words += [word for file, taken in overrides.exports.items() for word in ("--export", f"{file}={taken}")]
     words += option_words({**overrides.part, **overrides.delivery})
+    words += [] if overrides.keep is None else ["--keep", overrides.keep]
     if overrides.seed is not None or overrides.seeds is not None:
         first, last = flow.seeds[0], flow.seeds[-1]
         words += ["--seed", str(first)] if first == last else ["--seeds", f"{first}-{last}"]
@@ -82,4 +83,5 @@ def only_item(flow: Flow, name: str) -> Flow:
     """The flow for one item of its set, without the steps that gather."""
     steps = {step.name: step for step in flow.steps.values() if step.scope != "final"}
     exports = {file: taken for file, taken in flow.exports.items() if taken.output is None or taken.name in steps}
-    return dataclasses.replace(flow, steps=steps, exports=exports, item=name)
+    own = frozenset(one for one in flow.intermediate if flow.steps[one].scope == "item")  # others take the rest
+    return dataclasses.replace(flow, steps=steps, exports=exports, item=name, intermediate=own)

@@ -247,6 +247,7 @@ class _Composer:
         part = self.part
         own = Draft(part.flow or self.path.stem, self.path, tuple(part.seed) if part.seed else None)
         own.runner = None if part.runner is None else self.entry(part.runner, "runner")
+        own.keep = part.keep
         own.delivery, own.part = self.options(part.delivery, "delivery"), self.options(part.part, "part")
         fields: dict[str, Any] = {}
         where = ""
@@ -268,6 +269,7 @@ class _Composer:
         _bind(base, bound, first)
         base.name, base.path = own.name, own.path
         base.seed, base.runner = own.seed or base.seed, own.runner or base.runner
+        base.keep = own.keep or base.keep
         base.delivery |= own.delivery
         base.part |= own.part
         chosen = None

@@ -155,6 +155,8 @@ class Draft:
     """the params that some variants lack, as ``params``"""
     included: list[Path] = dataclasses.field(default_factory=list)
     """the other files that it was read from"""
+    keep: str | None = None
+    """which results stay in the store"""
 
 
 def step_of(text: Any) -> str:

@@ -14,7 +14,7 @@ from texloom.pipelines.flow.conditions import conditions, is_condition
 from texloom.pipelines.flow.connections import Connections
 from texloom.pipelines.flow.draft import Draft, Entry, keep, texts_of
 from texloom.pipelines.flow.finding import find_flow
-from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Skipped, Step
+from texloom.pipelines.flow.model import Each, Flow, Overrides, Reference, Skipped, Step, intermediate_steps
 from texloom.pipelines.flow.presence import Presence
 from texloom.pipelines.flow.runner import choose_runner
 from texloom.pipelines.flow.schema import (
@@ -200,11 +200,14 @@ class _Checker:
             for name, entry in draft.sources.items()
             if is_optional(entry.value)
         }
+        is_final = (self.overrides.keep or draft.keep) == "final"
+        written = [*exports.values(), *surfaces.values()]
         overrides = dataclasses.replace(self.overrides, params=step_params.texts(self.overrides.params))
         return Flow(
             draft.name, self.path, seeds, self.sources, steps, exports, runner, likes, surfaces, connections.kinds,
             of_maps, if_made, own, tuple(draft.included), flow_params, missing, left_out, overrides,
             delivery=delivery, skipped=skipped, unwritten=unwritten, optional=optional,
+            intermediate=intermediate_steps(steps, written) if is_final else frozenset(),
         )  # fmt: skip
 
     def _check_sources(self) -> None:

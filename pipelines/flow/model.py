@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -135,6 +135,8 @@ class Overrides:
     """options of `texloom.pipelines.media.part.parse_part`"""
     item: str | None = None
     """the only item of a set that is wanted"""
+    keep: str | None = None
+    """which results stay in the store: ``all`` or ``final``; None as the file says"""
 
     @property
     def texts(self) -> dict[str, str]:
@@ -190,6 +192,8 @@ class Flow:
     """what is taken of the first source and, where they have its size, of those that belong to it"""
     item: str | None = None
     """the only item that runs"""
+    intermediate: frozenset[str] = frozenset()
+    """the steps whose results are not kept once they are not needed any more, see `intermediate_steps`"""
     picture: str | None = None
     """the only file that it exports, where the caller names one"""
     skipped: Mapping[str, Skipped] = dataclasses.field(default_factory=dict)
@@ -239,3 +243,12 @@ def flat(gather: Mapping[str, Reference | Mapping[str, Reference]]) -> list[Refe
     """All gathered references."""
     nested = [[values] if isinstance(values, Reference) else list(values.values()) for values in gather.values()]
     return [reference for references in nested for reference in references]
+
+
+def intermediate_steps(steps: Mapping[str, Step], written: Iterable[Reference]) -> frozenset[str]:
+    """The steps that only others take: nothing of them is ``written`` or gathered, and none is a choice."""
+    taken = {name for step in steps.values() for name in step.needs}
+    gathered = [reference for step in steps.values() for reference in flat(step.gather)]
+    choices = [step.chosen for step in steps.values() if step.chosen is not None]
+    final = {reference.name for reference in (*written, *gathered, *choices)}
+    return frozenset(taken & steps.keys() - final)

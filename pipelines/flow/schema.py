@@ -74,6 +74,16 @@ def _seeds(value: Any) -> list[int]:
     return seeds
 
 
+KEEP = ("all", "final")
+"""which results a run leaves in the store"""
+
+
+def _keep(value: Any) -> str:
+    if value not in KEEP:
+        _fail(f"must be {' or '.join(KEEP)}")
+    return str(value)
+
+
 def _format(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or value < 1:
         _fail(f"must be the number of a format, up to {FORMAT}")
@@ -272,14 +282,15 @@ class FlowPart(VariantPart):
         Annotated[DeliveryPart, _mapping_of("'layout', 'texel_size', 'color_space', 'udim' and 'material'")] | None
     ) = None
     part: Annotated[TakenPart, _mapping_of("'crop' and 'reduce'")] | None = None
+    keep: Annotated[str, BeforeValidator(_keep)] | None = None
     params: Annotated[dict[_Name, _Targets], _optional] = {}
     for_: Annotated[dict[_Name, _Variants], _optional] = Field({}, alias="for")
     repeat: Annotated[int, BeforeValidator(_rounds)] | None = None
 
 
 _FIELDS = (
-    "format", "flow", "group", "listed", "seed", "runner", "delivery", "part", "include", "with", "for", "repeat",
-    "sources", "steps", "params", "exports",
+    "format", "flow", "group", "listed", "seed", "runner", "delivery", "part", "keep", "include", "with", "for",
+    "repeat", "sources", "steps", "params", "exports",
 )  # fmt: skip
 _VARIANT_FIELDS = ("include", "with", "sources", "steps", "exports")
 _PARTS: dict[str, tuple[str, ...]] = {

@@ -60,7 +60,14 @@ class _Merger:
     def draft(self) -> Draft:
         first = self.drafts[self.labels[0]]
         whole = Draft(
-            first.name, first.path, first.seed, first.runner, first.delivery, first.part, lacking=self.lacking
+            first.name,
+            first.path,
+            first.seed,
+            first.runner,
+            first.delivery,
+            first.part,
+            lacking=self.lacking,
+            keep=first.keep,
         )
         for label, draft in self.drafts.items():
             whole.included += [path for path in draft.included if path not in whole.included]

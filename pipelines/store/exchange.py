@@ -21,6 +21,7 @@ from typing import Any, BinaryIO
 
 from texloom.pipelines.store import housekeeping
 from texloom.pipelines.store.codec import TABLES
+from texloom.pipelines.store.record import left_out_of, record_name
 from texloom.pipelines.store.remote import RemoteError, RestingError, remote_at
 from texloom.pipelines.store.result_files import (
     MANIFEST,
@@ -159,6 +160,8 @@ class Pushed:
     uploaded: int = 0
     present: int = 0
     broken: int = 0
+    left_out: int = 0
+    """of which the store has only the manifests"""
     outage: str = ""
     """why it ended before the last one"""
 
@@ -177,6 +180,9 @@ def push(store: Store) -> Pushed:
             break
         if housekeeping.problem_of(store, entry) is not None:
             pushed.broken += 1
+            continue
+        if left_out_of(store.read_record(record_name(str(entry.stage), str(entry.key))) or {}):
+            pushed.left_out += 1
             continue
         exchange.upload(store)
         pushed.uploaded += exchange.uploaded

@@ -19,9 +19,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-_CAN_LOCK = importlib.util.find_spec("fcntl") is not None
+CAN_LOCK = importlib.util.find_spec("fcntl") is not None
 """not on Windows, which moreover cannot rename an open file: there, its age tells that a file is abandoned"""
-if _CAN_LOCK:
+if CAN_LOCK:
     import fcntl
 
 _HAS_HANDLES = (
@@ -36,6 +36,7 @@ _FOLDER = os.O_RDONLY | getattr(os, "O_DIRECTORY", 0)
 _FILE = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | _BINARY | _NO_LINK
 """to open a pipe without O_NONBLOCK would wait for its writer"""
 _NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL | _BINARY | _NO_LINK
+_LOCK = os.O_RDWR | os.O_CREAT | getattr(os, "O_NONBLOCK", 0) | _NO_LINK
 _TEMPORARY = re.compile(r"\.new-[0-9a-f]{8}-.+")
 _MAX_AGE = 7 * 86400  # seconds, of a temporary file where files are not locked
 _TAIL = 32  # characters of a file's name that its temporary file has too, as programs look at the suffix
@@ -160,14 +161,14 @@ class Folder:
             yield name, handle
         finally:
             self.unlink(name)
-            if _CAN_LOCK:
+            if CAN_LOCK:
                 os.close(handle)
 
     def _owned(self, tail: str, mode: int) -> tuple[str, int]:
         while True:
             name = f".new-{secrets.token_hex(4)}-{tail[-_TAIL:]}"
             handle = os.open(self._at(name), _NEW, mode, dir_fd=self._handle)
-            if not _CAN_LOCK:
+            if not CAN_LOCK:
                 os.close(handle)
                 return name, -1
             with contextlib.suppress(OSError):  # a file system without locks: then others cannot remove it either
@@ -175,6 +176,26 @@ class Folder:
             if os.fstat(handle).st_nlink:
                 return name, handle
             os.close(handle)  # it was taken for abandoned before it was locked
+
+    @contextlib.contextmanager
+    def locked(self, name: str) -> Iterator[bool]:
+        """Hold the lock that `filelock.FileLock` takes of a file, unless somebody has it; whether it is held.
+
+        Only where `CAN_LOCK`. It takes a fifth of the time, which counts where a million results are removed.
+        """
+        handle = os.open(self._at(name), _LOCK, 0o644, dir_fd=self._handle)
+        try:
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                yield False
+                return
+            try:
+                yield os.fstat(handle).st_nlink > 0  # else its holder has just removed it
+            finally:
+                fcntl.flock(handle, fcntl.LOCK_UN)  # a process that was forked meanwhile has the handle too
+        finally:
+            os.close(handle)
 
     def write(self, name: str, content: bytes, durable: bool = False, beside: Folder | None = None) -> None:
         """Write a file, complete or not at all; if it is ``durable``, also after a power failure.
@@ -203,7 +224,7 @@ class Folder:
 
     def fill(self, name: str, handle: int, content: bytes, durable: bool) -> None:
         """Write a file that `owned` has made."""
-        handle = os.dup(handle) if _CAN_LOCK else os.open(self._at(name), os.O_RDWR | _BINARY | _NO_LINK)
+        handle = os.dup(handle) if CAN_LOCK else os.open(self._at(name), os.O_RDWR | _BINARY | _NO_LINK)
         with os.fdopen(handle, "wb") as file:
             file.write(content)
             file.flush()
@@ -282,7 +303,7 @@ class Folder:
         return held
 
     def _remove_if_abandoned(self, name: str) -> bool:
-        if not _CAN_LOCK:
+        if not CAN_LOCK:
             old = time.time() - self.time(name) > _MAX_AGE
             if old:
                 self.unlink(name)

@@ -17,10 +17,12 @@ from pathlib import Path
 from typing import Any
 
 from texloom.pipelines.store import checked_json
+from texloom.pipelines.store.record import left_out_of
 from texloom.pipelines.store.store import Artifact, Store
 
 State = list[int]
 _KEY = re.compile(r"[0-9a-f]{64}")
+_OF_RESULT = {"key", "outputs", "manifest", "warnings", "left_out", "folder"}
 _MOST_STEPS = 200_000  # beyond them those that the last run did not use are forgotten; 120 MB
 
 
@@ -56,7 +58,10 @@ class History:
             return None
         self.used[step] = artifact.key
         warnings = tuple(known.get("warnings", ()))
-        return Artifact(artifact.stage, artifact.key, artifact.place, known["outputs"], known["manifest"], warnings)
+        return Artifact(
+            artifact.stage, artifact.key, artifact.place, known["outputs"], known["manifest"], warnings,
+            left_out=left_out_of(known),
+        )  # fmt: skip
 
     def add(self, step: str, parts: Mapping[str, Any], artifact: Artifact, is_new: bool) -> None:
         """Note that this run uses a result; one that is not new may be in use by a run that began later."""
@@ -64,9 +69,22 @@ class History:
             self._store.touch(artifact, self.now)
         if step in self.used:
             return
+        self._note(step, parts, artifact)
+
+    def replace(self, step: str, artifact: Artifact) -> None:
+        """Note that the files of a result that this run uses were left out."""
+        known = self.steps[step]
+        self._note(step, {name: known[name] for name in known.keys() - _OF_RESULT}, artifact)
+
+    def _note(self, step: str, parts: Mapping[str, Any], artifact: Artifact) -> None:
         self.used[step] = artifact.key
-        result = {"key": artifact.key, "outputs": dict(artifact.outputs), "manifest": artifact.manifest}
+        result: dict[str, Any] = {
+            "key": artifact.key,
+            "outputs": dict(artifact.outputs),
+            "manifest": artifact.manifest,
+        }
         result |= {"warnings": list(artifact.warnings)} if artifact.warnings else {}
+        result |= {"left_out": artifact.left_out} if artifact.left_out else {}
         known = {**parts, **result, "folder": file_state(artifact.place)}
         if known != self.steps.get(step):
             self.steps[step], self._is_new = known, True

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import contextlib
 import hmac
+import itertools
 import json
 import operator
 import os
 import re
 import time
+from collections import defaultdict
 from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -60,18 +62,20 @@ class StoreEntry(NamedTuple):
 def entries(store: Store, measured: bool = False) -> list[StoreEntry]:
     """All results, by stage, the least recently used first; see `results` for ``measured``."""
     unfinished = set(_keys(store, "checkpoints"))
-    used = usage.times(store.records)
-    found: dict[str, list[StoreEntry]] = {}
-    for stage, key, of_result in results(store, measured):
-        is_unfinished = bool(unfinished) and (stage, key) in unfinished
-        size = of_result + (usage.size_of(store.root / "checkpoints" / stage / key) if is_unfinished else 0)
-        when = used.get(record_name(stage, key))
-        if when is None:
-            when = store.used(store.location(stage, key))
-        found.setdefault(stage, []).append(StoreEntry(stage, key, f"{store.root}/cache/{stage}/{key}", size, when))
-    for listed in found.values():
-        listed.sort(key=_USED)
-    return [entry for _, listed in sorted(found.items()) for entry in listed]
+    used, root = usage.times(store.records), str(store.root)
+    sizes: dict[str, dict[str, int]] = defaultdict(dict)
+    for stage, key, size in results(store, measured):
+        sizes[stage][key] = size
+    for stage, key in unfinished:
+        if key in sizes[stage]:
+            sizes[stage][key] += usage.size_of(f"{root}/checkpoints/{stage}/{key}")
+    found: list[StoreEntry] = []
+    for stage, known in sorted(sizes.items()):
+        place, record = f"{root}/cache/{stage}/", record_name(stage, "")
+        times = [used.get(record + key) or store.used(store.location(stage, key)) for key in known]
+        listed = map(StoreEntry, itertools.repeat(stage), known, map(place.__add__, known), known.values(), times)
+        found += sorted(listed, key=_USED)
+    return found
 
 
 def results(store: Store, measured: bool = False) -> Iterator[tuple[str, str, int]]:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from texloom.pipelines.store.exchange import Exchange
-from texloom.pipelines.store.record import encode_record, record_name
+from texloom.pipelines.store.record import encode_record, left_out_of, record_name
 from texloom.pipelines.store.result_files import BrokenArtifactError
 from texloom.pipelines.store.store import Store
 
@@ -27,7 +27,7 @@ def keep_record(
     with store.lock(name):
         with contextlib.suppress(BrokenArtifactError):
             record = store.read_record(name)
-            if record is not None:
+            if record is not None and not left_out_of(record):  # else somebody needs it whole
                 return store.check_record(record, stage, key).record, False
         shared = None if exchange is None else exchange.fetch(store)
         record = work() if shared is None else shared.record

@@ -7,6 +7,7 @@ That is the form of Prefect, which kept them once. One that names another serial
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 SERIALIZER = "texloom-artifact"
@@ -32,11 +33,17 @@ def decode_record(content: bytes) -> dict[str, Any]:
     ValueError, KeyError, TypeError, AttributeError, RecursionError
         it is not a record.
     """
-    document = json.loads(content)
+    document = json.loads(content.decode())
     serializer = document["metadata"]["serializer"]
     if document.keys() != {"metadata", "result"} or serializer != {"type": SERIALIZER}:
         raise ForeignRecordError("its record is not one that texloom wrote")
     return dict(json.loads(document["result"]))
+
+
+def left_out_of(record: Mapping[str, Any]) -> int:
+    """Bytes of the files that were left out of a result; 0 where they are there."""
+    size = record.get("left_out", 0)
+    return size if type(size) is int and size > 0 else 0
 
 
 def encode_record(record: dict[str, Any], name: str) -> bytes:

@@ -27,6 +27,7 @@ MANIFEST = removal.MANIFEST
 MAX_JSON_SIZE = 1 << 24
 """bytes"""
 _DIGEST = re.compile(r"[0-9a-f]{64}")
+_NAME = re.compile(r"[^/\\\0]+")
 _MOST = 1 << 62  # bytes, and ns since 1970
 _SMALL = 2**16  # bytes of a file that is read at once
 _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
@@ -158,6 +159,15 @@ def new_result(parent: Folder, name: str, is_durable: bool = True) -> Iterator[t
             raise
 
 
+def keep_manifest(parent: Folder, name: str, outputs: Mapping[str, str]) -> None:
+    """Remove the files of a result but its manifest, which is in another folder then, as after every change."""
+    with parent.child(name) as folder:
+        manifest = folder.read(MANIFEST, MAX_JSON_SIZE)
+    with new_result(parent, name, is_durable=False) as (place, digests):
+        digests.update(outputs)
+        write_atomically(place / MANIFEST, manifest, durable=False)
+
+
 def _make_room(parent: Folder, name: str, outputs: Collection[str]) -> None:
     """Remove what is in place of a result: it is broken, or it would not be computed again."""
     status = parent.status(name)
@@ -207,7 +217,7 @@ def read_manifest(folder: str | Path) -> tuple[dict[str, Any], str]:
     except NOT_AS_EXPECTED:
         raise BrokenArtifactError(f"{MANIFEST} cannot be read") from None
     try:
-        manifest = json.loads(content)
+        manifest = json.loads(content.decode())
         if not all(isinstance(entry, dict) for entry in manifest["files"].values()):
             raise TypeError
     except NOT_AS_EXPECTED:
@@ -219,7 +229,7 @@ def check_files(folder: str | Path, files: Mapping[str, Mapping[str, Any]], thor
     """`BrokenArtifactError` unless the files of a manifest are there; ``thorough``: and hold what was written."""
     for name, entry in files.items():
         try:
-            if os.path.basename(name) != name:  # noqa: PTH119 (paths as text, as there are thousands)
+            if not _NAME.fullmatch(name):
                 raise ValueError(name)
             path, size, digest = f"{folder}/{name}", entry.get("bytes"), entry.get("sha256")
             if thorough and _holds(path, size, digest):
@@ -236,11 +246,11 @@ def check_files(folder: str | Path, files: Mapping[str, Mapping[str, Any]], thor
 
 def _holds(path: str, size: Any, digest: Any) -> bool:
     """Whether a small file has this size and digest, at a third of what `os.stat` and `file_digest` take."""
-    if type(size) is not int or size >= _SMALL:
+    if type(size) is not int or not 0 <= size < _SMALL:
         return False
     handle = os.open(path, _AT_ONCE & ~_NO_LINK)
     try:
-        content = os.read(handle, _SMALL)
+        content = os.read(handle, size + 1)
     finally:
         os.close(handle)
     return len(content) == size and hashlib.sha256(content).hexdigest() == digest

@@ -40,9 +40,15 @@ from texloom.pipelines.errors import UnreachableError, is_unreachable, refused
 from texloom.pipelines.memory import memory_limit
 from texloom.pipelines.store import ownership, removal, usage
 from texloom.pipelines.store.atomic import check_folder, free_space, probe_folder
-from texloom.pipelines.store.folders import Folder, LinkError
+from texloom.pipelines.store.folders import CAN_LOCK, Folder, LinkError
 from texloom.pipelines.store.lease import Lease
-from texloom.pipelines.store.record import ForeignRecordError, decode_record, record_name
+from texloom.pipelines.store.record import (
+    ForeignRecordError,
+    decode_record,
+    encode_record,
+    left_out_of,
+    record_name,
+)
 from texloom.pipelines.store.result_files import (
     MANIFEST,
     NOT_AS_EXPECTED,
@@ -50,6 +56,7 @@ from texloom.pipelines.store.result_files import (
     Download,
     check_files,
     checked_entries,
+    keep_manifest,
     read_manifest,
     read_result,
     receive_result,
@@ -90,6 +97,8 @@ class Artifact:
     """what its stage warned of when it was computed"""
     tables: Mapping[str, Any] | None = None
     """its tables, where it is not in this store but in a shared one"""
+    left_out: int = 0
+    """bytes of its files, where only the manifest is kept of them, see `Store.leave_out`"""
 
     @property
     def folder(self) -> Path:
@@ -99,7 +108,8 @@ class Artifact:
     @property
     def record(self) -> dict[str, Any]:
         """Its record."""
-        return {"stage": self.stage, "key": self.key, "outputs": dict(self.outputs), "manifest": self.manifest}
+        record = {"stage": self.stage, "key": self.key, "outputs": dict(self.outputs), "manifest": self.manifest}
+        return record | ({"left_out": self.left_out} if self.left_out else {})
 
 
 class Store:
@@ -121,6 +131,7 @@ class Store:
         self.exports = self.root / "exports"
         self.running = self.root / "running"
         self._cache = f"{self.root}/cache"
+        self._records = f"{self.root}/records"
         self._lease: Lease | None = None
         self._is_claimed = False
         self._was_there = False
@@ -142,7 +153,7 @@ class Store:
 
     def record(self, artifact: Artifact) -> str:
         """The file of its record."""
-        return f"{self.records}/{record_name(artifact.stage, artifact.key)}"
+        return f"{self._records}/{record_name(artifact.stage, artifact.key)}"
 
     def inside(self, *names: str, create: bool = False) -> Folder:
         """A folder of the store, reached without following a link; errors as of `Folder.at` and `check_there`."""
@@ -300,7 +311,7 @@ class Store:
     def read_record(self, name: str) -> dict[str, Any] | None:
         """The record called ``name``, if there is one; `BrokenArtifactError` if it cannot be read."""
         try:
-            return decode_record(small_file(f"{self.records}/{name}"))
+            return decode_record(small_file(f"{self._records}/{name}"))
         except (FileNotFoundError, NotADirectoryError):
             return None
         except ForeignRecordError as error:
@@ -318,7 +329,8 @@ class Store:
     def check_record(self, record: Mapping[str, Any], stage: str, key: str, thorough: bool = False) -> Artifact:
         """The artifact of ``key`` by its record; `BrokenArtifactError` if it is another's or not complete.
 
-        Files are compared by digest, those whose size and time match the manifest only if ``thorough``.
+        Files are compared by digest, those whose size and time match the manifest only if ``thorough``. What was
+        left out is whole by its manifest.
         """
         try:
             if (record["stage"], record["key"]) != (stage, key):
@@ -332,8 +344,11 @@ class Store:
                 raise BrokenArtifactError("its record has been altered")
         except NOT_AS_EXPECTED:
             raise BrokenArtifactError("its record cannot be read") from None
-        check_files(place, manifest["files"], thorough)
-        return Artifact(stage, key, place, outputs, digest, tuple(map(str, manifest.get("warnings", ()))))
+        left_out = left_out_of(record)
+        if not left_out:
+            check_files(place, manifest["files"], thorough)
+        warnings = tuple(map(str, manifest.get("warnings", ())))
+        return Artifact(stage, key, place, outputs, digest, warnings, left_out=left_out)
 
     def save(
         self, stage: Stage, key: str, result: Any, provenance: Mapping[str, Any], seconds: float = 0.0
@@ -415,6 +430,38 @@ class Store:
         self.drop_checkpoints(stage, key)
         return is_gone
 
+    def leave_out(self, artifact: Artifact, now: int) -> Artifact | None:
+        """Remove the files of a result but its manifest, so that those made of it are still found by their keys.
+
+        Parameters
+        ----------
+        now : when the run began that used it, in ns since 1970.
+
+        Returns
+        -------
+        what is left of it; None where all stays, as a later run uses it, or files are there that nobody knows.
+        """
+        with self.try_lock(artifact.stage, artifact.key) as is_locked:
+            if not is_locked or self.used(artifact) * 1e9 > now + 1000:  # a float has steps of 240 ns
+                return None
+            with (
+                contextlib.suppress(BrokenArtifactError, *NOT_AS_EXPECTED),
+                self.inside("cache", artifact.stage) as parent,
+            ):
+                files = read_manifest(artifact.place)[0]["files"]
+                with parent.child(artifact.key) as folder:
+                    if not set(folder.names()) <= {*files, MANIFEST}:
+                        return None
+                size = sum(int(entry["bytes"]) for entry in files.values())
+                left = dataclasses.replace(artifact, left_out=max(size, 1))
+                name = record_name(artifact.stage, artifact.key)
+                self.write_record(name, encode_record(left.record, name))  # first: what is there still is no harm
+                keep_manifest(parent, artifact.key, artifact.outputs)
+                self.touch(left, now)
+                usage.change(self, -size)
+                return left
+        return None
+
     def touch(self, artifact: Artifact, now: int) -> None:
         """Mark the artifact as used now, in ns since 1970, by the time of its record."""
         with contextlib.suppress(OSError):
@@ -434,12 +481,14 @@ class Store:
     @contextlib.contextmanager
     def try_lock(self, stage: str, key: str) -> Iterator[bool]:
         """Lock ``key`` for the ``with`` block unless another process holds it; whether it is locked now."""
-        import filelock
-
+        name, is_locked = record_name(stage, key), True
         with contextlib.ExitStack() as stack:
             try:
-                stack.enter_context(self.lock(record_name(stage, key), timeout=0))
-            except (filelock.Timeout, OSError):
-                yield False
-            else:
-                yield True
+                if CAN_LOCK:
+                    folder = stack.enter_context(self.inside("locks", create=True))
+                    is_locked = stack.enter_context(folder.locked(f"{name}.lock"))
+                else:
+                    stack.enter_context(self.lock(name, timeout=0))
+            except OSError:  # also `filelock.Timeout`
+                is_locked = False
+            yield is_locked

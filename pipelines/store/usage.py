@@ -42,12 +42,17 @@ def measured(store: Store, size: int) -> None:
 
 def add(store: Store, path: Path) -> None:
     """Count a result or an export that has just been written, if there is a total."""
+    if (store.root / _NAME).exists():
+        change(store, size_of(path) + _BESIDE)
+
+
+def change(store: Store, size: int) -> None:
+    """Count so many bytes more, if there is a total."""
     if not (store.root / _NAME).exists():
         return
-    written = size_of(path) + _BESIDE
     with contextlib.suppress(OSError, ValueError, KeyError, TypeError), store.lock("size"):
         content = _read(store)
-        _write(store, {**content, "bytes": content["bytes"] + written})
+        _write(store, {**content, "bytes": max(0, content["bytes"] + size)})
 
 
 def forget(store: Store) -> None:
@@ -98,8 +103,10 @@ def times(folder: str | Path) -> dict[str, float]:
     found: dict[str, float] = {}
     with contextlib.suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
-            with contextlib.suppress(OSError):
+            try:  # noqa: SIM105 (as in `size_of`)
                 found[entry.name] = entry.stat(follow_symlinks=False).st_mtime
+            except OSError:
+                pass
     return found
 
 

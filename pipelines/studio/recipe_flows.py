@@ -61,7 +61,7 @@ def overrides_of(recipe: Recipe, library: Library) -> Overrides:
         for name, value in _params(recipe, library)
         if name not in _SHARED
     }
-    return request(**given, sources=sources, params=params).overrides
+    return request(**given, sources=sources, params=params, keep="all").overrides  # the next change takes them
 
 
 def _several(name: str, pictures: tuple[str, ...], library: Library) -> tuple[str, ...]:

@@ -38,7 +38,8 @@ NOT_OF = {
     "texloom.plan": {
         "pictures": "sources name them",
         **dict.fromkeys(
-            ("exports", "out", "force", "layout", "texel_size", "color_space", "udim", "material"), "writes nothing"
+            ("exports", "out", "force", "keep", "layout", "texel_size", "color_space", "udim", "material"),
+            "writes nothing",
         ),
         **dict.fromkeys(("runner", "workers", "address"), "computes nothing"),
     },
@@ -46,14 +47,17 @@ NOT_OF = {
         "flow": "is called method",
         **dict.fromkeys(("pictures", "sources", "seeds", "item"), ONE_PICTURE),
         **dict.fromkeys(
-            ("exports", "out", "force", "layout", "texel_size", "color_space", "udim", "material"), ONE_PICTURE
+            ("exports", "out", "force", "keep", "layout", "texel_size", "color_space", "udim", "material"),
+            ONE_PICTURE,
         ),
         **dict.fromkeys(("runner", "workers", "address"), IN_ONE_PROCESS),
     },
     "Prefect": {"pictures": "source names them"},
     "studio": {
         **dict.fromkeys(("pictures", "seeds", "item"), "the page makes one result at a time"),
-        **dict.fromkeys(("store", "remote", "out", "force", "exports"), "the page keeps its results in its store"),
+        **dict.fromkeys(
+            ("store", "remote", "out", "force", "exports", "keep"), "the page keeps its results in its store"
+        ),
         **dict.fromkeys(
             ("crop", "reduce", "texel_size", "color_space"), "the page has no such form; the flow file has"
         ),

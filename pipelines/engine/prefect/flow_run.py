@@ -107,6 +107,7 @@ def parameters_of(run: Run, out: Path) -> dict[str, Any]:
         "export": dict(run.flow.overrides.exports),
         "seeds": list(run.flow.seeds),
         "item": run.flow.item,
+        "keep": "final" if run.flow.intermediate else None,
         "store": str(run.store.root),
         "remote": run.store.remote or None,
         "out": str((out / (run.flow.picture or "")).absolute()),

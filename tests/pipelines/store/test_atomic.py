@@ -45,7 +45,7 @@ def test_what_is_being_written_stays(tmp_path: Path) -> None:
 
 def test_where_files_cannot_be_locked_old_ones_are_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As on Windows."""
-    monkeypatch.setattr(folders, "_CAN_LOCK", False)
+    monkeypatch.setattr(folders, "CAN_LOCK", False)
     (tmp_path / ".new-01234567-old").touch()
     os.utime(tmp_path / ".new-01234567-old", (0, 0))
     with atomic_path(tmp_path / "a.bin") as temporary:

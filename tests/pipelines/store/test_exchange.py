@@ -544,7 +544,7 @@ def test_push(tmp_path: Path, url: str) -> None:
     assert (result.code, result.out) == (1, f"{url}: 2 uploaded, 0 there before, 1 broken\n")
     run(tmp_path, "first", "")
     report = json.loads(texloom(*words, "--remote", url, "--json").out)
-    assert report == {"remote": url, "uploaded": 1, "present": 2, "broken": 0, "outage": ""}
+    assert report == {"remote": url, "uploaded": 1, "present": 2, "broken": 0, "left_out": 0, "outage": ""}
     assert run(tmp_path, "second", url).states == {"cached"}
     Flaky.answers[:] = ["", "deny"]
     result = texloom(*words, "--remote", url)

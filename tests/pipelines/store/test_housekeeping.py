@@ -150,6 +150,25 @@ def test_a_lock_that_is_held_stays(store: Store) -> None:
     assert not path.exists()
 
 
+def test_the_lock_that_removals_take_is_the_one_that_runs_wait_for(store: Store) -> None:
+    lock = store.lock(record_name(STAGE.name, KEY), timeout=0)
+    with store.try_lock(STAGE.name, KEY) as is_locked:
+        assert is_locked
+        with pytest.raises(filelock.Timeout):
+            lock.acquire()
+    with lock, store.try_lock(STAGE.name, KEY) as is_locked:
+        assert not is_locked
+    with lock:
+        pass
+
+
+def test_a_link_in_place_of_a_lock_is_not_followed(store: Store, tmp_path: Path) -> None:
+    (store.locks / f"{record_name(STAGE.name, KEY)}.lock").symlink_to(tmp_path / "other")
+    with store.try_lock(STAGE.name, KEY) as is_locked:
+        assert not is_locked
+    assert not (tmp_path / "other").exists()
+
+
 # -- runs that are going on
 
 
