@@ -1,7 +1,8 @@
 """Checks of annotations in all calls of stages: those of `jaxtyping.jaxtyped`, in a fraction of its time.
 
 That one makes two checks of every function: of the parameters before a call, and of these and the result after it.
-It also binds arguments to signatures, for its messages, and keeps sizes of axes for functions without any.
+It also binds arguments to signatures, for its messages, and keeps sizes of axes for functions without any. And it
+makes the check of a function inside another one anew whenever that one runs, which takes longer than many a call.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ import jaxtyping
 from beartype import beartype
 
 _hooked = jaxtyping.jaxtyped
+_FUNCTION = "__beartype_func"  # the default by which a check knows its function
+_made: dict[int, tuple[Callable[..., Any], bool]] = {}  # by identity of code: equal code may have other annotations
 
 
 def check_annotations() -> None:
@@ -45,15 +48,29 @@ def checked(subject: Any) -> Any:
     def call(*args: Any, **kwargs: Any) -> Any:
         nonlocal check, axes
         if check is None:  # at the first call: many functions have none, and all names are defined by then
-            function = _annotated(subject)
-            axes = any(map(_is_array, function.__annotations__.values()))
-            check = beartype(function)
+            check, axes = _check(subject)
         if not axes:
             return check(*args, **kwargs)
         with _hooked("context"):  # names of axes stand for the same sizes in all parameters and the result
             return check(*args, **kwargs)
 
     return call
+
+
+def _check(function: Any) -> tuple[Callable[..., Any], bool]:
+    """A function with its checks, and whether these know axes; of a function inside another, a copy."""
+    made = _made.get(id(function.__code__))
+    if made is None:
+        annotated = _annotated(function)
+        made = beartype(annotated), any(map(_is_array, annotated.__annotations__.values()))
+        _made[id(function.__code__)] = made
+        return made
+    check, axes = made
+    if _FUNCTION not in (check.__kwdefaults__ or {}):  # nothing is annotated
+        return function, axes
+    copy = types.FunctionType(check.__code__, check.__globals__, check.__name__)
+    copy.__kwdefaults__ = {**check.__kwdefaults__, _FUNCTION: function}
+    return copy, axes
 
 
 def _annotated(function: Any) -> types.FunctionType:

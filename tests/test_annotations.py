@@ -1,6 +1,6 @@
 """What is annotated is checked in calls of stages and their helpers."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,6 +48,14 @@ def known_to_type_checkers(plane: Plane, other: Plane, name: "Unknown") -> Plane
     return plane
 
 
+def beside(known: Plane) -> Callable[..., Any]:
+    @checked
+    def shape(other: Plane, times: int = 1) -> tuple[int, int]:
+        return known.shape if times else other.size
+
+    return shape
+
+
 @checked
 def counted(last: int) -> Iterator[int]:
     yield from range(last)
@@ -80,6 +88,16 @@ def test_what_matches_passes() -> None:
 def test_what_does_not_is_refused(call: Any) -> None:
     with pytest.raises(BeartypeCallHintViolation):
         call()
+
+
+def test_functions_inside_others_are_checked_each_by_itself() -> None:
+    first, second = beside(PLANE), beside(OTHER)
+    for _ in range(2):
+        assert (first(OTHER), second(PLANE)) == (PLANE.shape, OTHER.shape)
+    for one in (first, second, beside(PLANE)):
+        for wrong in ((PLANE[0],), (PLANE, "1"), (PLANE, 0)):
+            with pytest.raises(BeartypeCallHintViolation):
+                one(*wrong)
 
 
 def test_functions_of_stages_are_checked() -> None:
