@@ -169,18 +169,23 @@ def push(store_folder: Path, as_json: bool, remote: str | None) -> int:
 def verify(store_folder: Path, as_json: bool) -> int:
     """Compare every byte with the digests; exit code 1 if a result is broken. `run` computes those again.
 
-    Results that a run is computing are left out.
+    Results that a run is computing are passed over. Of those whose files were left out, by `run --keep final`, only
+    the manifest can be compared; they are counted.
     """
     from texloom.pipelines.store import housekeeping
 
     results = list(housekeeping.verify(_existing(store_folder)))
     broken = [(entry, problem) for entry, problem in results if problem is not None]
     if as_json:
-        print_json([{**_entry(entry), "problem": problem} for entry, problem in results])
+        print_json(
+            [{**_entry(entry), "problem": problem, "left_out": entry.left_out} for entry, problem in results]
+        )
     else:
         for entry, problem in broken:
             say(f"{entry.folder}: {problem}")
-        say(f"{_count(len(results), 'result')}, {len(broken)} broken")
+        without = sum(entry.left_out > 0 for entry, _ in results)
+        told = f", {without} without files" if without else ""
+        say(f"{_count(len(results), 'result')}, {len(broken)} broken{told}")
     return 1 if broken else 0
 
 

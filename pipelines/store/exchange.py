@@ -21,7 +21,6 @@ from typing import Any, BinaryIO
 
 from texloom.pipelines.store import housekeeping
 from texloom.pipelines.store.codec import TABLES
-from texloom.pipelines.store.record import left_out_of, record_name
 from texloom.pipelines.store.remote import RemoteError, RestingError, remote_at
 from texloom.pipelines.store.result_files import (
     MANIFEST,
@@ -178,11 +177,10 @@ def push(store: Store) -> Pushed:
         except RemoteError as error:
             pushed.outage = str(error)
             break
-        if housekeeping.problem_of(store, entry) is not None:
-            pushed.broken += 1
-            continue
-        if left_out_of(store.read_record(record_name(str(entry.stage), str(entry.key))) or {}):
-            pushed.left_out += 1
+        problem, left_out = housekeeping.checked(store, entry)
+        if problem is not None or left_out:
+            pushed.broken += problem is not None
+            pushed.left_out += left_out > 0
             continue
         exchange.upload(store)
         pushed.uploaded += exchange.uploaded

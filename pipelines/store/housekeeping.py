@@ -52,6 +52,8 @@ class StoreEntry(NamedTuple):
     """bytes, with its record and checkpoints"""
     used: float
     """seconds since 1970"""
+    left_out: int = 0
+    """bytes of its files that are not kept, as `verify` finds"""
 
     @property
     def folder(self) -> Path:
@@ -129,26 +131,26 @@ def other_entries(store: Store) -> list[StoreEntry]:
 
 
 def verify(store: Store) -> Iterator[tuple[StoreEntry, str | None]]:
-    """Every result and its problem, if any; every byte is compared. What is being computed is left out."""
+    """Every result and its problem, if any; every byte is compared. What is being computed is passed over."""
     for entry in entries(store):
-        problem = problem_of(store, entry)
+        problem, left_out = checked(store, entry)
         if problem is not None:
             with store.try_lock(str(entry.stage), str(entry.key)) as is_locked:
                 if is_locked:
-                    problem = problem_of(store, entry) if entry.folder.exists() else None
+                    problem, left_out = checked(store, entry) if entry.folder.exists() else (None, 0)
                 elif store.locks.is_dir() and os.access(store.locks, os.W_OK):
                     continue  # a run is writing it
         if problem is None or entry.folder.exists():
-            yield entry, problem
+            yield entry._replace(left_out=left_out), problem
 
 
-def problem_of(store: Store, entry: StoreEntry) -> str | None:
-    """What is wrong with a result; every byte is compared."""
+def checked(store: Store, entry: StoreEntry) -> tuple[str | None, int]:
+    """What is wrong with a result, and bytes of its files that were left out; every byte is compared."""
     try:
         found = store.find(str(entry.stage), str(entry.key), thorough=True)
     except BrokenArtifactError as error:
-        return str(error)
-    return "it has no record" if found is None else None
+        return str(error), 0
+    return ("it has no record", 0) if found is None else (None, found.left_out)
 
 
 # -- removing

@@ -907,6 +907,8 @@ def test_the_store_is_beside_the_flow_only_in_a_project(
     assert {path.name for path in folder.iterdir()} <= before | {"cache", "wall_contours"}
     assert {step["state"] for step in texloom("plan", "flow.yaml", "--json").report["steps"]} == {"cached"}
     assert texloom("store", "verify").out == "3 results, 0 broken\n"
+    texloom("run", "flow.yaml", "--keep", "final")
+    assert texloom("store", "verify").out == "3 results, 0 broken, 1 without files\n"
 
 
 def test_a_wrong_source_that_no_step_takes_leaves_no_folder(folder: Path) -> None:

@@ -104,7 +104,9 @@ def test_only_final_results_are_left_and_all_is_cached(folder: Path) -> None:
     states, notes = run(opened(folder))
     assert set(states.values()) == {"cached"}
     assert notes == []
-    assert [problem for _, problem in housekeeping.verify(first.store)] == [None] * 3
+    verified = list(housekeeping.verify(first.store))
+    assert [problem for _, problem in verified] == [None] * 3
+    assert {entry.key: entry.left_out for entry, _ in verified if entry.left_out} == first.left_out
 
 
 def test_what_a_change_takes_is_computed_again(folder: Path) -> None:
