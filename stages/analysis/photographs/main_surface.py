@@ -13,6 +13,7 @@ _WINDOWS = 24, 36, 36  # deviation of the window of a look: the side over these,
 _ENOUGH = 0.75  # evenness at which no further pass is made
 _FAR = 2.5  # times as far from the core as is usual, from which on a place is on another surface
 _LEAST = 0.05  # share of what is known, of a part
+_AS_LARGE = 0.9  # of the surface, of another one: neither is the main one
 _TORN = 0.5  # share of the surface that its largest part has; a wall without its joints has less
 
 
@@ -22,7 +23,8 @@ def main_surface(image: Image, valid: Mask, threshold: float) -> tuple[Mask, flo
     The third of the places that look most alike is the core; what looks like these is the surface, in parts that
     are not small. What the rest of that does not explain, such as windows within it, is searched as in
     `foreign_search`. Where what is left is not even, this is done again within it. A surface that falls into parts
-    would be bricks without their joints, and does not count; nothing and 0 where there is no other.
+    would be bricks without their joints, and does not count; nothing and 0 where there is no other, or another even
+    one is as large.
 
     Parameters
     ----------
@@ -33,6 +35,15 @@ def main_surface(image: Image, valid: Mask, threshold: float) -> tuple[Mask, flo
     ----------
     Ours; see `unlike_core`.
     """
+    surface, even = _found(image, valid, threshold)
+    if surface.any():
+        other, other_even = _found(image, valid & ~surface, threshold)
+        if other_even >= _ENOUGH and other.sum() >= _AS_LARGE * surface.sum():
+            return np.zeros(valid.shape, np.bool_), 0.0
+    return surface, even
+
+
+def _found(image: Image, valid: Mask, threshold: float) -> tuple[Mask, float]:
     best, surface, most = np.zeros(valid.shape, np.bool_), valid, 0.0
     for windows in _WINDOWS:
         surface = _alike(image, surface, windows)

@@ -44,13 +44,15 @@ def test_slight_drifts_of_a_plain_surface_do_not_count() -> None:
 
 def test_several_surfaces_are_refused_and_taken_when_asked(rng: np.random.Generator) -> None:
     image = picture(patches((0.1, 0.4, 0.15, 0.6), rng))
+    little = {"area": 0.2}  # of the photograph, so that none of the strips is a tenth of it
+    table = {"taken": 1, "unasked": False, "extended": 1.0, "planes": [little]}
     with pytest.raises(
         InputError, match=r"as several surfaces do .evenness 0\.\d\d.*geometry.*unlike=1000"
     ) as known:
-        foreign_parts(image, ForeignPartsParams())
+        foreign_parts(image, ForeignPartsParams(), plane=table)
     assert "plane=" not in str(known.value)
     for taken, other in ((1, 2), (2, 1)):
-        table = {"taken": taken, "unasked": False, "planes": [{}, {}]}
+        table |= {"taken": taken, "planes": [little, little]}
         with pytest.raises(InputError, match=rf"another plane .--set plane={other}, by planes\.png"):
             foreign_parts(image, ForeignPartsParams(), plane=table)
     assert foreign_parts(image, ForeignPartsParams(unlike=1000)).table["doubt"] == ""
