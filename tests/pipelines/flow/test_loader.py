@@ -308,8 +308,8 @@ WRONG = {  # change of GOOD => error
     f"{EDGES} => parms: 1, {EDGES}": "steps.edges.parms: unknown; did you mean 'params'?",
     "exports: => export:": "export: unknown; did you mean 'exports'?",
     "exports: => zzz:": (
-        "zzz: unknown; there are format, flow, group, listed, seed, runner, delivery, part, include, with, for, "
-        "repeat, sources, steps, params, exports"
+        "zzz: unknown; there are format, flow, group, listed, seed, runner, delivery, part, keep, include, with, "
+        "for, repeat, sources, steps, params, exports"
     ),
     'exports: => "a\\nb\\e[0m":': "a\\nb\\x1b[0m: unknown",
     # flow, seed, exports
