@@ -17,6 +17,7 @@ from texloom.pipelines.engine.chosen_steps import present
 from texloom.pipelines.engine.code_digest import code_digest
 from texloom.pipelines.engine.footprint import Footprint, expectation, footprint
 from texloom.pipelines.engine.keys import KeyParts, canonical_json, fixed_parts, key_parts
+from texloom.pipelines.engine.left_out import wanted_again
 from texloom.pipelines.engine.scope import Scope, used_sources
 from texloom.pipelines.engine.task_spec import Given, Output, TaskSpec, Upstream
 from texloom.pipelines.errors import closest, format_error, is_resource_error, one_line
@@ -215,37 +216,13 @@ class Run:
         for planned in self._for_each_item(of_item):
             plans += planned
         plans += self._plan_scope(self.shared, "final", earlier)
-        self.wanted = self._wanted_again()
+        self.wanted = wanted_again(self.flow, self.shared, self.known_scopes[1:], self.exports_of)
         return [
             dataclasses.replace(plan, state="run", reasons=(f"was left out, and {self.wanted[plan.key]} takes it",))
             if plan.key in self.wanted and plan.state == "cached"
             else plan
             for plan in plans
         ]
-
-    def _wanted_again(self) -> dict[str, str]:
-        """See `wanted`; the steps are gone through from the last one to the first."""
-        wanted: dict[str, str] = {}
-
-        def ask(name: str, taker: str, scope: Scope) -> None:
-            of_items = self.flow.steps[name].scope == "item" and scope.item is None
-            for place in self.known_scopes[1:] if of_items else [scope]:
-                artifact = place.artifact(name)
-                if artifact is not None and artifact.left_out:
-                    wanted.setdefault(artifact.key, taker)
-
-        for kind in ("final", "item", "shared"):
-            for scope in self.known_scopes[1:] if kind == "item" else [self.shared]:
-                for file, reference in self.exports_of(kind).items():
-                    if reference.output is not None:
-                        ask(reference.name, file, scope)
-                for name, step in reversed(list(self.flow.steps.items())):
-                    artifact = scope.artifacts.get(name)
-                    is_cached = artifact is not None and artifact.key not in wanted
-                    if step.scope == kind and not is_cached and scope.why_passed_over(name) is None:
-                        for needed in step.needs:
-                            ask(needed, name, scope)
-        return wanted
 
     def _for_each_item(self, plan: Callable[[Item], T]) -> Iterable[T]:
         """What a function returns for each item, for several at a time where each waits for the shared store."""
