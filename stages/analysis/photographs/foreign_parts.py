@@ -148,9 +148,8 @@ def foreign_parts(
     repeats = generators is not None and len(generators) > 0
     main = False
     if judged and not repeats and even < _HARDLY_EVEN:
-        rest, after = main_surface(image, before, params.unlike)
-        better = after >= max(_HARDLY_EVEN, even + _BETTER)
-        main = better and rest.sum() >= _MAIN_SHARE / _share(plane) * before.sum()
+        rest, after = main_surface(image, before, params.unlike, max(_HARDLY_EVEN, even + _BETTER))
+        main = bool(rest.any() and rest.sum() >= _MAIN_SHARE / _share(plane) * before.sum())
         if main:
             usable, even, by = rest, after, "looks"
     if judged and min(before.shape) >= _MIN_SIDE:
