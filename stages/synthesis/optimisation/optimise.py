@@ -29,6 +29,7 @@ from texloom.stages.synthesis.optimisation.features import FeaturesOfScale, Patc
 from texloom.stages.synthesis.optimisation.fixed import FixedPixels
 from texloom.stages.synthesis.optimisation.guides import Guides, expected_use, guides_of
 from texloom.stages.synthesis.optimisation.inputs import check_inputs, check_patches
+from texloom.stages.synthesis.optimisation.lattice_alignment import align_pieces
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase, min_spacing
 from texloom.stages.synthesis.optimisation.match_search import Search, occurrence_map
 from texloom.stages.synthesis.optimisation.optimise_params import OptimiseParams
@@ -239,7 +240,7 @@ class _Optimisation:
         return best_start(exemplar, [self.picture(match, scale) for match in matches], records)
 
 
-@stage(version=4, check=check_patches, in_bands=True, exemplar_bytes=90, seconds=(0.5, 9))
+@stage(version=5, check=check_patches, in_bands=True, exemplar_bytes=90, seconds=(0.5, 9))
 def optimise(
     image: Image,
     start: Correspondence,
@@ -283,8 +284,9 @@ def optimise(
     weight : factor on ``guidance``, whose energy is scaled by its square; see `guidance_weight`.
     generators : the exemplar's lattice, two rows of px, or one, at right angles to its courses; none or no rows
         where it has none. Patches are then also compared by their phase in the lattice; a tileable result contains
-        whole cells; and where nothing is kept or guided and contours show no cells, joints that cross a cell are
-        moved to its outline where that halves their cost. Not in the paper.
+        whole cells. At the end, pieces move onto the result's lattice where that makes their joints cheaper; and
+        where nothing is kept or guided and contours show no cells, joints that cross a cell are moved to its
+        outline where that halves their cost. Not in the paper.
     keep : true where the result is given: there it is bit-identical to the exemplar's pixels, masked or not, that
         ``start`` names, and the rest is synthesised to match. None keeps nothing.
     given : an image of the result's size with the exemplar's channels, whose pixels are kept instead of those that
@@ -377,15 +379,19 @@ def optimise(
     between_cells = of_several is not None and of_several.consists.any()  # borders of exemplars come to lie there
     if optimisation.halved is not None and not between_cells:
         relax_seams(match, optimisation.halved, params.patch_size, wrap, allowed, scales[-1].places)
-    if params.whole_cells and keep is None and (guides is None or rectangles is not None):
+    aligns = params.relaxed_seams and seams_may_move and phase is not None and rectangles is None
+    completes = params.whole_cells and keep is None and (guides is None or rectangles is not None)
+    if aligns or completes:
         lab = optimisation.lab
         del optimisation.compared
+        if phase is not None and aligns:
+            align_pieces(match, lab, params.patch_size, margin, wrap, generators, phase, allowed)
         found = None
-        if contours is not None:
+        if completes and contours is not None:
             found = completion_of(of_several or ContourCells(contours, border), lab, params.patch_size, allowed)
         if found is not None:
             found.complete(match, wrap)
-        elif phase is not None and len(phase.origin) == 2:
+        elif completes and phase is not None and len(phase.origin) == 2:
             complete_cells(match, lab, params.patch_size, margin, wrap, generators, phase, allowed)
         del lab, found, of_several  # large, as the exemplar may be
 

@@ -90,8 +90,9 @@ class OptimiseParams(CoarseToFineParams):
     where contours or a lattice show cells, and nothing is kept or guided, or guides tell which of several exemplars
     lies where"""
     relaxed_seams: bool = True
-    """at the end, seams between pieces of the exemplar move to where they are seen least; where no lattice is
-    enforced, there is one exemplar, and nothing is kept, or guided without `guided_seams`"""
+    """at the end, seams between pieces of the exemplar move to where they are seen least, or, where a lattice is
+    enforced, pieces move onto it if that makes seams cheaper; where there is one exemplar, and nothing is kept, or
+    guided without `guided_seams`"""
     even_joints: bool = True
     """at the end, steps of tone that are seen at seams are spread over the pieces beside them, see `EvenJoints`;
     where there is one exemplar, and nothing is kept, or guided without `guided_seams`"""
