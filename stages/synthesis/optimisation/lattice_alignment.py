@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, Int64
 
+from texloom.stages.kernels.core.elementary_functions import phase_of, phasor
 from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.numerics.matrices import matrix_product
 from texloom.stages.synthesis.optimisation.allowed import Allowed
@@ -17,7 +18,6 @@ _WINDOW = 1280  # px of the result that are in memory at once
 _OVERLAP = 256  # px; larger pieces at the border of a window stay
 _ROUNDED = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5))  # px: pieces lie between pixels of a fractional lattice
 _EVERY = 8  # px between those of which the result's lattice is taken
-_PARTS = 1 << 20  # of a cell; sums of whole numbers are exact in any order
 _STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1))
 # generators by which sources are moved that would lie beyond the exemplar's border
 _LARGEST = 1 << 28  # capacity; SciPy's are of 32 bits
@@ -89,7 +89,7 @@ def _mean_deviation(
     )
     source = np.moveaxis(match[:, ::_EVERY, ::_EVERY], 0, 2).reshape(-1, 2) + middle
     cells = _deviation(source.astype(np.float64), position.astype(np.float64), phase)
-    return np.asarray(np.rint(cells * _PARTS).astype(np.int64).sum(axis=0) / (_PARTS * len(cells)))
+    return np.asarray(phase_of(phasor(2 * np.pi * cells).sum(axis=0)) / (2 * np.pi))
 
 
 def _brought_inside(
