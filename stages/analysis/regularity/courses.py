@@ -4,7 +4,7 @@ import dataclasses
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Bool, Float32, Float64, Int64
+from jaxtyping import Bool, Float32, Float64
 from pydantic import Field
 
 from texloom.stages.analysis.regularity.lattice import detail, gradient_magnitude, valid_lightness
@@ -238,39 +238,28 @@ def _profiles(
     plane: ScalarMap, period: Float64[np.ndarray, "2"]
 ) -> tuple[Float64[np.ndarray, "courses segments bins"], Bool[np.ndarray, "courses segments"]]:
     """Profile across each segment of each course, with mean 0 and length 1, and whether most of it is known."""
+    from texloom.stages.kernels.lattice.course_sums import course_sums
+
     length = float(np.hypot(*period))
     bins = int(np.clip(round(length), 4, _MAX_BINS))
     rows, columns = (np.arange(side, dtype=np.float64) for side in plane.shape)
-    across = rows[:, None] * (period[0] / length**2) + columns[None, :] * (period[1] / length**2)
-    along = rows[:, None] * (-period[1] / length) + columns[None, :] * (period[0] / length)
-    across -= np.floor(across.min())
-    along -= along.min()
-    segment = np.minimum((along * (_SEGMENTS / (along.max() + 1e-9))).astype(np.int64), _SEGMENTS - 1)
-    place = across * bins
-    slot = place.astype(np.int64)
-    # Shared by the bin before and the one after, else those of a course with fewer pixels across would be empty.
-    share = place - slot
-    count = int(across.max()) + 2
-    index = (segment * (count * bins) + slot).ravel()
+    across = rows * (period[0] / length**2), columns * (period[1] / length**2)
+    along = rows * (-period[1] / length), columns * (period[0] / length)
+    # sums of the two are extreme where both are
+    lowest = float(np.floor(across[0].min() + across[1].min())), float(along[0].min() + along[1].min())
+    count = int((across[0].max() + across[1].max()) - lowest[0]) + 2
+    longest = float((along[0].max() + along[1].max()) - lowest[1])
+    sums = np.zeros((2, 2, _SEGMENTS, count * bins))
+    segments = _SEGMENTS, _SEGMENTS / (longest + 1e-9)
+    course_sums(np.ascontiguousarray(plane), across, along, lowest, bins, segments, sums)
     number, total = (
-        np.moveaxis(_shared(index, values, share * values, (_SEGMENTS, count, bins)), 0, 1)
-        for values in (np.ones_like(plane), plane)
+        # Shared by two bins, else those of a course with fewer pixels across would be empty.
+        np.moveaxis((whole - after + np.roll(after, 1)).reshape(_SEGMENTS, count, bins), 0, 1)
+        for whole, after in sums
     )
-    area = length * float(along.max()) / _SEGMENTS
+    area = length * longest / _SEGMENTS
     known = (number.sum(axis=2) >= _MIN_COVERAGE * area) & (number > _MIN_WEIGHT).all(axis=2)
     profiles = total / np.maximum(number, _MIN_WEIGHT)
     profiles -= profiles.mean(axis=2, keepdims=True)
     norm = np.linalg.norm(profiles, axis=2, keepdims=True)
     return np.divide(profiles, norm, out=np.zeros_like(profiles), where=norm > 1e-9), known
-
-
-def _shared(
-    index: Int64[np.ndarray, "pixels"],  # type: ignore[name-defined]
-    values: ScalarMap,
-    later: Float64[np.ndarray, "rows columns"],
-    shape: tuple[int, int, int],
-) -> Float64[np.ndarray, "segments courses bins"]:
-    """Sums over bins, where ``later`` of each value goes to the bin after; the last one is empty."""
-    size = shape[0] * shape[1] * shape[2]
-    whole, after = (np.bincount(index, part.ravel(), size) for part in (values, later))
-    return np.asarray(whole - after + np.roll(after, 1)).reshape(shape)

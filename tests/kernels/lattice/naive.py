@@ -91,3 +91,19 @@ def draw_displacements(
             chosen = int(np.searchsorted(weights, uniform(node, 4 * number + 2) * weights[-1], side="right"))
             moves[node] = places[chosen]
     return moves
+
+
+def course_sums(
+    plane: np.ndarray,
+    across: np.ndarray,
+    along: np.ndarray,
+    bins: int,
+    segments: tuple[int, float],
+    sums: np.ndarray,
+) -> None:
+    """Numbers and values of pixels by segment and bin; ``across`` and ``along``, (h, w), begin at 0."""
+    for place, value in np.ndenumerate(plane):
+        segment = min(int(along[place] * segments[1]), segments[0] - 1)
+        share, slot = math.modf(across[place] * bins)
+        for number, one in enumerate((1.0, float(value))):
+            sums[number, :, segment, int(slot)] += one, share * one
