@@ -2,6 +2,7 @@
 
 import dataclasses
 import heapq
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -12,7 +13,7 @@ from texloom.stages.numerics.matrices import inverse_of, least_squares, matrix_p
 REACH = 0.2
 """search radius around a point's predicted position, as a share of the shorter generator"""
 
-_INVALID = np.float32(-2)  # correlation where a cell is not whole
+_INVALID = -2.0  # correlation where a cell is not whole
 _STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 _SEEDS = 3  # a side: the best peak in each of 3x3 parts of the image is tried as the first point
 
@@ -118,17 +119,18 @@ def _disc(reach: float) -> np.ndarray:
 
 def _subpixel_peak(likeness: Float32[np.ndarray, "h w"], row: int, column: int) -> Float64[np.ndarray, "2"]:
     """The sub-pixel position of a peak, by parabolas through its neighbours."""
-    place = np.array([row, column], np.float64)
+    place = [float(row), float(column)]
+    middle = likeness.item(row, column)
     for axis, (before, after) in enumerate(
         (((row - 1, column), (row + 1, column)), ((row, column - 1), (row, column + 1)))
     ):
         if min(before) < 0 or after[axis] >= likeness.shape[axis]:
             continue
-        left, middle, right = (float(likeness[at]) for at in (before, (row, column), after))
+        left, right = likeness.item(before), likeness.item(after)
         curvature = left - 2 * middle + right
         if left > _INVALID and right > _INVALID and curvature < 0:
             place[axis] += max(-0.5, min(0.5 * (left - right) / curvature, 0.5))
-    return place
+    return np.array(place)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -152,15 +154,18 @@ class Peaks:
 
     def near(self, place: np.ndarray) -> tuple[int, int] | None:
         """The highest peak within reach of ``place``."""
-        low = np.maximum(np.ceil(place - self.reach).astype(int), 0)
-        high = np.floor(place + self.reach).astype(int) + 1
-        window = self.heights[low[0] : high[0], low[1] : high[1]]
+        down, right = place.tolist()
+        top, left = max(math.ceil(down - self.reach), 0), max(math.ceil(right - self.reach), 0)
+        bottom, end = math.floor(down + self.reach) + 1, math.floor(right + self.reach) + 1
+        window = self.heights[top:bottom, left:end]
         best: tuple[int, int] | None = None
         height = _INVALID
-        for row, column in zip(*np.nonzero(window > _INVALID), strict=True):
-            at = (int(row + low[0]), int(column + low[1]))
-            if window[row, column] > height and np.hypot(*(at - place)) <= self.reach:
-                best, height = at, window[row, column]
+        for number in (window > _INVALID).ravel().nonzero()[0].tolist():
+            row, column = divmod(number, window.shape[1])
+            value = window.item(row, column)
+            at = (row + top, column + left)
+            if value > height and np.hypot(at[0] - down, at[1] - right) <= self.reach:
+                best, height = at, value
         return best
 
     def elsewhere(self, places: Float64[np.ndarray, "n 2"]) -> np.ndarray:
@@ -177,7 +182,7 @@ def peaks(likeness: Float32[np.ndarray, "h w"], level: float, reach: float) -> P
     import cv2
 
     is_peak = (likeness >= cv2.dilate(likeness, _disc(reach))) & (likeness >= level) & (likeness > _INVALID)
-    return Peaks(likeness, np.where(is_peak, likeness, _INVALID), reach)
+    return Peaks(likeness, np.where(is_peak, likeness, np.float32(_INVALID)), reach)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -223,15 +228,17 @@ def _grow(seed: tuple[int, int], generators: np.ndarray, peaks: Peaks) -> Tracke
     taken = {seed}
     detected = {(0, 0)} if peaks.heights[seed] > _INVALID else set()
     queue = [(-float(likeness[seed]), 0, 0)]
+    height, width = likeness.shape
+    moves = [(di, dj, matrix_product(np.array((di, dj)), generators)) for di, dj in _STEPS]
     while queue:
         _, i, j = heapq.heappop(queue)
-        for di, dj in _STEPS:
+        for di, dj, move in moves:
             step = (i + di, j + dj)
             if step in detected or (step in places and (i, j) not in detected):
                 continue
-            predicted = places[i, j] + matrix_product(np.array((di, dj)), generators)
-            pixel = np.rint(predicted).astype(int)
-            if (pixel < 0).any() or (pixel >= likeness.shape).any() or likeness[tuple(pixel)] <= _INVALID:
+            predicted = places[i, j] + move
+            row, column = map(round, predicted.tolist())
+            if not (0 <= row < height and 0 <= column < width) or likeness.item(row, column) <= _INVALID:
                 continue
             peak = peaks.near(predicted)
             if peak is not None and peak not in taken:
