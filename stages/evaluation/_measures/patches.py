@@ -37,6 +37,7 @@ from texloom.stages.vocabulary.arrays import Correspondence, Mask
 _PATCHES = 8192  # of the sliced distance; their sampling noise is a fifth of the distance between two crops
 _PROJECTIONS = 64
 _MAX_INDEXED = 1 << 16  # patches
+_AT_ONCE = 2048  # patches that are described at once, about: few enough for the processor's cache
 
 Copies: TypeAlias = Iterator[tuple[np.ndarray, Places]]
 """numbers of patches, and the corners of others that may be alike"""
@@ -121,7 +122,10 @@ def index_patches(
     useful = np.arange(height) if whole is None else np.flatnonzero(whole.any(axis=1))
     rows = np.sort(np.random.default_rng(3).permutation(useful)[: max(1, most // width)])
     columns = np.arange(width)
-    components = np.stack([row_product(patches.at(np.full(width, row), columns), directions) for row in rows])
+    parts = np.array_split(rows, -(-rows.size // max(1, _AT_ONCE // width)))
+    components = np.concatenate(
+        [row_product(patches.at(part.repeat(width), np.tile(columns, part.size)), directions) for part in parts]
+    ).reshape(rows.size, width, -1)
     counted = components.reshape(-1, directions.shape[1]) if whole is None else components[whole[rows]]
     return PatchIndex(patches, rows, components, with_squares(counted), None if whole is None else whole[rows])
 
