@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64
 
 from texloom.stages.common.grids.pyramid import resize
+from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.numerics.filters import gaussian_blur, gradients
 from texloom.stages.numerics.matrices import eigenvectors, row_product, square_sums
 from texloom.stages.vocabulary.arrays import Mask, ScalarMap
@@ -19,7 +20,7 @@ _EXPLAINED_BY = 0.25  # share of places that look alike where a look belongs to 
 _APART = 3.0  # deviations of the blur; nearer places show the same
 _NOTICED = 1.5  # CIELAB, a deviation below which differences do not count
 _LEAST_USUAL = 0.25  # of a unit: what is less does not show, however even a surface is
-_ROWS = 16  # of distances, at a time
+_PIECES = 16  # of work that threads share
 _STEEP = 0.5  # weight of gradients against colours
 
 
@@ -137,12 +138,11 @@ def _in_units_of_core(
 
 
 def _squared_distances(rows: Float64[np.ndarray, "n k"]) -> Float64[np.ndarray, "n n"]:
-    total = np.zeros((len(rows), len(rows)))
-    for first in range(0, len(rows), _ROWS):  # these stay in the processor's cache
-        part = total[first : first + _ROWS]
-        for column in rows.T:
-            part += np.square(column[first : first + _ROWS, None] - column[None])
-    return total
+    from texloom.stages.kernels.core.squared_distances import squared_distances
+
+    out = np.empty((len(rows), len(rows)))
+    run_spans(squared_distances, (np.ascontiguousarray(rows.T), out), len(rows), _PIECES)
+    return out
 
 
 def _between(
