@@ -30,11 +30,13 @@ _MAX_PIXELS = 1 << 18  # of which quantiles are taken
 
 def quantiles(values: Float32[np.ndarray, "n k"], count: int = _QUANTILES) -> Float32[np.ndarray, "count k"]:
     """``count`` evenly spaced quantiles of each column."""
-    ordered = np.sort(values, axis=0)
+    ordered = values.T.copy()  # values that lie side by side are sorted in less time
+    ordered.sort(axis=1)
     ranks = (np.arange(count) + 0.5) / count * (len(values) - 1)
     low = ranks.astype(np.intp)
-    share = (ranks - low)[:, None].astype(np.float32)
-    return np.asarray(ordered[low] * (1 - share) + ordered[np.minimum(low + 1, len(values) - 1)] * share)
+    share = (ranks - low).astype(np.float32)
+    between = ordered[:, low] * (1 - share) + ordered[:, np.minimum(low + 1, len(values) - 1)] * share
+    return np.ascontiguousarray(between.T)
 
 
 def _colors(picture: MeasuredPicture) -> np.ndarray:
