@@ -153,13 +153,16 @@ def occurrence_penalty(counts, patch_size, penalty_per_use, penalty):
 
 
 @compiled
-def add_prices(prices, side, penalty):
-    """Add the price of the cell in which each exemplar patch lies to ``penalty``.
+def add_prices(prices, side, parts, least, lowest, penalty):
+    """Add the price of the cell in which each exemplar patch lies to ``penalty``, as far as it is above the least.
 
     Parameters
     ----------
     prices : (rows, columns) float32, whole numbers.
     side : height and width of a cell, px.
+    parts : (h, w) uint8, number of the part in which each patch lies, or None for one of all.
+    least : (number of parts,) float32, price of each that is not added.
+    lowest : float32, the lowest of these.
     penalty : (h, w) float32, changed in place.
     """
     height, width = penalty.shape
@@ -168,32 +171,25 @@ def add_prices(prices, side, penalty):
         of_cells = prices[y // down]
         for column in range(of_cells.size):
             price = of_cells[column]
+            if price <= lowest:
+                continue
             for x in range(column * across, min((column + 1) * across, width)):
-                penalty[y, x] += price
+                if parts is None:
+                    penalty[y, x] += price - lowest
+                else:
+                    penalty[y, x] += max(price - least[parts[y, x]], np.float32(0))
 
 
 @compiled
-def add_prices_in_parts(prices, side, parts, least, penalty):
-    """As `add_prices`, but only by how much a price is above the least in its part.
-
-    Parameters
-    ----------
-    parts : (h, w) int64, number of the part in which each patch lies.
-    least : (number of parts,) float32, filled with the least price in each.
-    """
-    height, width = penalty.shape
+def find_parts(parts, side, found):
+    """Set ``found``, (rows, columns, number of parts) bool, where a cell has patches of a part."""
+    height, width = parts.shape
     down, across = side
-    least[:] = np.float32(np.inf)
     for y in range(height):
-        for column in range(prices.shape[1]):
-            price = prices[y // down, column]
+        of_cells = found[y // down]
+        for column in range(found.shape[1]):
             for x in range(column * across, min((column + 1) * across, width)):
-                least[parts[y, x]] = min(least[parts[y, x]], price)
-    for y in range(height):
-        for column in range(prices.shape[1]):
-            price = prices[y // down, column]
-            for x in range(column * across, min((column + 1) * across, width)):
-                penalty[y, x] += max(price - least[parts[y, x]], np.float32(0))
+                of_cells[column, parts[y, x]] = True
 
 
 @compiled

@@ -3,7 +3,7 @@
 import itertools
 
 import numpy as np
-from jaxtyping import Bool, Complex64, Complex128, Float32, Float64, Int64, UInt32
+from jaxtyping import Bool, Complex64, Complex128, Float32, Float64, UInt8, UInt32
 
 from texloom.stages.common.regularity.lattice_cells import steps_along
 from texloom.stages.common.regularity.lattice_strain import lattice_strain, visibility
@@ -11,6 +11,7 @@ from texloom.stages.kernels.core.elementary_functions import cos, phase_of, phas
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product, rank
 from texloom.stages.vocabulary.arrays import Correspondence, Mask, Vectors
 from texloom.stages.vocabulary.facts import Wraps
+from texloom.stages.vocabulary.scratch import bands
 
 _MAX_STRETCH = 0.75  # cells along a window by which a given texture's lattice may differ from the exemplar's
 _STRETCHES = (0.125, 0.015625)  # cells: steps of the search
@@ -78,16 +79,18 @@ class LatticePhase:
         origin = np.zeros(self.exemplar.shape[1])
         return _circles(range(height)[rows], width, factor, (0, 0), self.exemplar, origin)
 
-    def parts(self, places: tuple[int, int], factor: float) -> Int64[np.ndarray, "p q"]:
+    def parts(self, places: tuple[int, int], factor: float) -> UInt8[np.ndarray, "p q"]:
         """Number of the part of a lattice cell, or of a course, in which each of an exemplar's patches lies.
 
         At the scale of ``factor``, for the patches' first pixels.
         """
         rows, columns = (np.arange(count) / factor for count in places)
-        number = np.zeros(places, np.int64)
-        for down, across in self.exemplar.T:
-            cells = rows[:, None] * down + columns * across
-            number = number * _PARTS + np.minimum((cells % 1 * _PARTS).astype(np.int64), _PARTS - 1)
+        number = np.zeros(places, np.uint8)
+        for band in bands(places[0]):
+            for down, across in self.exemplar.T:
+                cells = rows[band, None] * down + columns * across
+                cells -= np.floor(cells)
+                number[band] = number[band] * _PARTS + np.minimum((cells * _PARTS).astype(np.uint8), _PARTS - 1)
         return number
 
     def of_target(

@@ -1,7 +1,7 @@
 """A price on regions of an exemplar that a result shows more often than others."""
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int32, Int64
+from jaxtyping import Float32, Float64, Int32, Int64, UInt8
 
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 
@@ -29,7 +29,7 @@ class Overuse:
     most_use : that a region may have, relative to its fair share.
     allowed : the permitted patches; none for all.
     expected : use of each patch that is wanted, relative to even use; none for even use of all.
-    parts : numbers of the parts of lattice cells in which patches lie; none without a lattice.
+    parts : numbers of the parts of lattice cells in which patches lie, below 255; none without a lattice.
     """
 
     def __init__(
@@ -38,8 +38,10 @@ class Overuse:
         most_use: float,
         allowed: Allowed | None,
         expected: Float32[np.ndarray, "p q"] | None,
-        parts: Int64[np.ndarray, "p q"] | None = None,
+        parts: UInt8[np.ndarray, "p q"] | None = None,
     ):
+        from texloom.stages.kernels.patchmatch.search import find_parts
+
         self.side = -(-places[0] // _CELLS), -(-places[1] // _CELLS)
         """height and width of a cell of the grid, px"""
         self.cells = -(-places[0] // self.side[0]), -(-places[1] // self.side[1])
@@ -50,8 +52,12 @@ class Overuse:
         self.whole = float(fair.sum())
         self.fair, self.area = _of_regions(fair), _of_regions(self._of_cells(own))
         self.most_use = most_use
-        self.parts = None if parts is None else np.where(usable, parts, parts.max() + 1)
+        self.parts: UInt8[np.ndarray, "p q"] | None = None
         """with one more for patches that are not permitted"""
+        if parts is not None:
+            self.parts = np.where(usable, parts, parts.max() + np.uint8(1))
+            self.found = np.zeros((*self.cells, int(self.parts.max()) + 1), bool)
+            find_parts(self.parts, self.side, self.found)
         self.prices = np.zeros(self.fair.shape)
         """of each cell, relative to the mean distance"""
         self.distance = 0.0
@@ -71,14 +77,13 @@ class Overuse:
 
     def charge(self, penalty: Float32[np.ndarray, "p q"], unit: int) -> None:
         """Add the price of each patch to ``penalty``: whole numbers, ``unit`` parts of CIELAB units squared."""
-        from texloom.stages.kernels.patchmatch.search import add_prices, add_prices_in_parts
+        from texloom.stages.kernels.patchmatch.search import add_prices
 
         prices = np.rint(self.prices * (self.distance * unit)).astype(np.float32)
-        if self.parts is None:
-            add_prices(prices, self.side, penalty)
-        else:
-            least = np.empty(int(self.parts.max()) + 1, np.float32)
-            add_prices_in_parts(prices, self.side, self.parts, least, penalty)
+        least = np.zeros(1, np.float32)
+        if self.parts is not None:
+            least = np.where(self.found, prices[..., None], np.float32(np.inf)).min(axis=(0, 1))
+        add_prices(prices, self.side, self.parts, least, least.min(), penalty)
 
     def _of_cells(self, values: Int32[np.ndarray, "p q"]) -> Int64[np.ndarray, "rows columns"]:
         """Sums over each cell of the grid."""
