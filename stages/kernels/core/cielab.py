@@ -23,17 +23,18 @@ def fill_lab(color, matrix, lab):
     kind = lab.dtype.type
     scaled, offset, limit = kind(_SLOPE), kind(_OFFSET), kind(_LINEAR_LIMIT)
     steps = 2 if lab.itemsize == 4 else 3  # two leave 6e-15, with which all float32 are as with more steps
-    relative = np.empty((3, _BLOCK), lab.dtype)
+    light, relative = np.empty((3, _BLOCK), lab.dtype), np.empty((3, _BLOCK), lab.dtype)
     value, root = np.empty(_BLOCK), np.empty(_BLOCK)
     for first in range(0, len(color), _BLOCK):
         count = min(_BLOCK, len(color) - first)
+        for i in range(count):
+            for j in range(3):
+                given = color[first + i, j]
+                light[j, i] = kind(0) if given <= 0 else given  # what is not finite stays
         for k in range(3):
-            own = relative[k]
+            own, red, green, blue = relative[k], matrix[0, k], matrix[1, k], matrix[2, k]
             for i in range(count):
-                total = kind(0)
-                for j in range(3):
-                    light = color[first + i, j]
-                    total += (kind(0) if light <= 0 else light) * matrix[j, k]  # what is not finite stays
+                total = light[0, i] * red + light[1, i] * green + light[2, i] * blue
                 own[i] = total
                 value[i] = np.float64(total) if total > 0 else 1.0
             for i in range(count):
