@@ -24,9 +24,9 @@ _LOG = (
     (1.0, 1.12873587189167450590e1, 4.52279145837532221105e1, 8.29875266912776603211e1, 7.11544750618563894466e1,
      2.31251620126765340583e1),
 )  # fmt: skip
-_SIN = (1.58962301576546568060e-10, -2.50507477628578072866e-8, 2.75573136213857245213e-6,
+SIN = (1.58962301576546568060e-10, -2.50507477628578072866e-8, 2.75573136213857245213e-6,
         -1.98412698295895385996e-4, 8.33333333332211858878e-3, -1.66666666666666307295e-1)  # fmt: skip
-_COS = (-1.13585365213876817300e-11, 2.08757008419747316778e-9, -2.75573141792967388112e-7,
+COS = (-1.13585365213876817300e-11, 2.08757008419747316778e-9, -2.75573141792967388112e-7,
         2.48015872888517045348e-5, -1.38888888888730564116e-3, 4.16666666666665929218e-2)  # fmt: skip
 _ATAN = (
     (-8.750608600031904122785e-1, -1.615753718733365076637e1, -7.500855792314704667340e1,
@@ -38,7 +38,7 @@ THIRD_OF_BITS = 0x2A9F7893782DA1CE
 """added to a third of the bits of a positive number, its cubic root to some per cent"""
 _LN2 = (6.93145751953125e-1, 1.42860682030941723212e-6)  # ln 2 in two parts
 _STRIP = 2**18  # values of a large array that are computed at once, as each step needs memory of their size
-_QUARTER_PI = (7.85398125648498535156e-1, 3.77489470793079817668e-8, 2.69515142907905952645e-15)
+QUARTER_PI = (7.85398125648498535156e-1, 3.77489470793079817668e-8, 2.69515142907905952645e-15)
 
 
 def _polynomial(x: np.ndarray, factors: tuple[float, ...]) -> np.ndarray:
@@ -137,10 +137,10 @@ def cbrt(x: ArrayLike) -> Any:
 def _sin_cos(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     eighths = np.floor(np.abs(x) * 1.2732395447351628)
     eighths += eighths % 2
-    rest = ((np.abs(x) - eighths * _QUARTER_PI[0]) - eighths * _QUARTER_PI[1]) - eighths * _QUARTER_PI[2]
+    rest = ((np.abs(x) - eighths * QUARTER_PI[0]) - eighths * QUARTER_PI[1]) - eighths * QUARTER_PI[2]
     square = rest * rest
-    sine = rest + rest * (square * _polynomial(square, _SIN))
-    cosine = 1 - 0.5 * square + square * square * _polynomial(square, _COS)
+    sine = rest + rest * (square * _polynomial(square, SIN))
+    cosine = 1 - 0.5 * square + square * square * _polynomial(square, COS)
     quarter = (eighths / 2) % 4
     swapped = quarter % 2 == 1
     first, second = np.where(swapped, cosine, sine), np.where(swapped, sine, cosine)

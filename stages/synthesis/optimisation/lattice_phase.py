@@ -7,7 +7,7 @@ from jaxtyping import Bool, Complex64, Complex128, Float32, Float64, UInt8, UInt
 
 from texloom.stages.common.regularity.lattice_cells import steps_along
 from texloom.stages.common.regularity.lattice_strain import lattice_strain, visibility
-from texloom.stages.kernels.core.elementary_functions import cos, phase_of, phasor, sin, squared_size
+from texloom.stages.kernels.core.elementary_functions import phase_of, phasor, squared_size
 from texloom.stages.numerics.matrices import determinant, inverse_of, matrix_product, rank
 from texloom.stages.vocabulary.arrays import Correspondence, Mask, Vectors
 from texloom.stages.vocabulary.facts import Wraps
@@ -164,9 +164,12 @@ def min_spacing(generators: Vectors) -> float:
 def _circles(
     lines: range, width: int, factor: float, margin: tuple[int, int], cells: np.ndarray, origin: np.ndarray
 ) -> Float32[np.ndarray, "h w k"]:
+    from texloom.stages.kernels.lattice.phase_circles import fill_circles
+
     rows, columns = (
         (np.asarray(side) + 0.5) / factor - 0.5 - before
         for side, before in zip((lines, range(width)), margin, strict=True)
     )
-    angle = 2 * np.pi * (rows[:, None, None] * cells[0] + columns[None, :, None] * cells[1] + origin)
-    return np.concatenate([cos(angle), sin(angle)], axis=2).astype(np.float32)
+    points = np.empty((rows.size, columns.size, 2 * origin.size), np.float32)
+    fill_circles(rows, columns, np.ascontiguousarray(cells), origin, points)
+    return points
