@@ -1,5 +1,7 @@
 """The cells of an exemplar between closed contours: bricks, stones, fruits, whatever their order."""
 
+import functools
+
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
@@ -33,10 +35,6 @@ class ContourCells:
     [Vincent1991]_ for watersheds by flooding; basins merge by depth.
     """
 
-    label: Int64[np.ndarray, "h w"]
-    """cell of each pixel, in the exemplar with its border"""
-    core: Bool[np.ndarray, "h w"]
-    """inside of cells, apart from the contours around it"""
     whole: Bool[np.ndarray, "n"]
     """cells that no side of the exemplar cuts"""
     area: Int64[np.ndarray, "n"]
@@ -54,46 +52,59 @@ class ContourCells:
         height, width = strength.shape
         values = border.around(strength).astype(np.float32)
         order = np.argsort(values, axis=None, kind="stable")
-        self.label = _basins(values, order, depth)
-        count = int(self.label.max()) + 1
-        line = np.zeros(self.label.shape, bool)
+        label = _basins(values, order, depth)
+        count = int(label.max()) + 1
+        line = np.zeros(label.shape, bool)
         for axis in (0, 1):
             ends = [np.s_[:-1], np.s_[1:]] if axis == 0 else [np.s_[:, :-1], np.s_[:, 1:]]
-            differs = self.label[ends[0]] != self.label[ends[1]]
+            differs = label[ends[0]] != label[ends[1]]
             line[ends[0]] |= differs
             line[ends[1]] |= differs
         element = np.ones((2 * _RIM - 1,) * 2, np.uint8)
-        core = cv2.erode((~line).astype(np.uint8), element) > 0
-        size = np.bincount(self.label.ravel(), minlength=count)
+        apart = cv2.erode((~line).astype(np.uint8), element) > 0
+        size = np.bincount(label.ravel(), minlength=count)
         small = size < _MAX_AREA * height * width
-        self.core = core & small[self.label]
-        inside = np.zeros(self.label.shape, bool)
+        core = apart & small[label]
+        inside = np.zeros(label.shape, bool)
         first = border.before
         inside[first + 1 : first + height - 1, first + 1 : first + width - 1] = True
-        cut = np.bincount(self.label[~inside], minlength=count) > 0
-        self.area = np.bincount(self.label[self.core], minlength=count)
+        cut = np.bincount(label[~inside], minlength=count) > 0
+        self.area = np.bincount(label[core], minlength=count)
         self.whole = small & ~cut & (self.area > 0)
-        strong = _quantiles(self.label, values, order, line, _WEAK, count)
-        weak = _quantiles(self.label, values, order, core, 0.5, count)
+        strong = _quantiles(label, values, order, line, _WEAK, count)
+        weak = _quantiles(label, values, order, apart, 0.5, count)
         closed = self.whole & (strong - weak > depth)
         total = int(size[self.whole].sum())
         self.closed_share = float(size[closed].sum()) / total if total else 0.0
         self.cover = float(size[closed].sum()) / (height * width)
-        self.boxes = boxes_of(self.label, self.core, count)
+        self.boxes = boxes_of(label, core, count)
         if step > 1:
             self.area, self.boxes = self.area * step**2, self.boxes * step + around.before
-            self.label, self.core = (around.around(_enlarged(one, step, shape)) for one in (self.label, self.core))
+        self._label, self._core, self._step, self._shape, self._border = label, core, step, shape, around
+
+    @functools.cached_property
+    def label(self) -> Int64[np.ndarray, "h w"]:
+        """Cell of each pixel, in the exemplar with its border."""
+        return self._in_full(self._label)
+
+    @functools.cached_property
+    def core(self) -> Bool[np.ndarray, "h w"]:
+        """Inside of cells, apart from the contours around it."""
+        return self._in_full(self._core)
 
     @property
     def clear(self) -> bool:
         """Whether the exemplar consists of cells."""
         return bool(self.whole.sum() >= MIN_CELLS and self.closed_share >= _MIN_SHARE and self.cover >= _MIN_COVER)
 
-
-def _enlarged(plane: np.ndarray, step: int, shape: tuple[int, ...]) -> np.ndarray:
-    """A plane of which each pixel becomes a square, with rows and columns that are missing like those beside."""
-    whole = np.repeat(np.repeat(plane, step, axis=0), step, axis=1)[: shape[0], : shape[1]]
-    return np.pad(whole, [(0, side - own) for side, own in zip(shape, whole.shape, strict=True)], mode="edge")
+    def _in_full(self, plane: np.ndarray) -> np.ndarray:
+        """A plane of which each pixel becomes a square; rows and columns that are missing are like those beside."""
+        if self._step == 1:
+            return plane
+        whole = np.repeat(np.repeat(plane, self._step, axis=0), self._step, axis=1)
+        whole = whole[: self._shape[0], : self._shape[1]]
+        missing = [(0, side - own) for side, own in zip(self._shape, whole.shape, strict=True)]
+        return self._border.around(np.pad(whole, missing, mode="edge"))
 
 
 def boxes_of(label: np.ndarray, present: np.ndarray, count: int) -> Int64[np.ndarray, "n 4"]:

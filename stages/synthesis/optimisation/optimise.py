@@ -379,21 +379,22 @@ def optimise(
     between_cells = of_several is not None and of_several.consists.any()  # borders of exemplars come to lie there
     if optimisation.halved is not None and not between_cells:
         relax_seams(match, optimisation.halved, params.patch_size, wrap, allowed, scales[-1].places)
-    aligns = params.relaxed_seams and seams_may_move and phase is not None and rectangles is None
-    completes = params.whole_cells and keep is None and (guides is None or rectangles is not None)
-    if aligns or completes:
-        lab = optimisation.lab
-        del optimisation.compared
-        if phase is not None and aligns:
-            align_pieces(match, lab, params.patch_size, margin, wrap, generators, phase, allowed)
-        found = None
-        if completes and contours is not None:
-            found = completion_of(of_several or ContourCells(contours, border), lab, params.patch_size, allowed)
+    aligned = phase if params.relaxed_seams and seams_may_move and rectangles is None else None
+    found, lattice = None, None
+    if params.whole_cells and keep is None and (guides is None or rectangles is not None):
+        found = None if contours is None else of_several or ContourCells(contours, border)
+        found = found if found is not None and found.clear else None
+        lattice = phase if found is None and phase is not None and len(phase.origin) == 2 else None
+    lab = None if (aligned, found, lattice) == (None, None, None) else optimisation.lab
+    del optimisation.compared
+    if lab is not None:
+        if aligned is not None:
+            align_pieces(match, lab, params.patch_size, margin, wrap, generators, aligned, allowed)
         if found is not None:
-            found.complete(match, wrap)
-        elif completes and phase is not None and len(phase.origin) == 2:
-            complete_cells(match, lab, params.patch_size, margin, wrap, generators, phase, allowed)
-        del lab, found, of_several  # large, as the exemplar may be
+            completion_of(found, lab, params.patch_size, allowed).complete(match, wrap)
+        elif lattice is not None:
+            complete_cells(match, lab, params.patch_size, margin, wrap, generators, lattice, allowed)
+    del lab, found, of_several  # large, as the exemplar may be
 
     made = optimisation.picture(match, scales[-1], margin)
     source = correspondence.to_pixels(match, params.patch_size, wrap, margin)

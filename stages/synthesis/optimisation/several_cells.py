@@ -160,10 +160,8 @@ def _mode(values: Int64[np.ndarray, "n"]) -> tuple[int, int]:  # type: ignore[na
 
 def completion_of(
     cells: ContourCells, lab: Float32[np.ndarray, "h w 3"], patch_size: int, allowed: Allowed | None
-) -> CellCompletion | None:
-    """That of the cells of one exemplar or of several; none where no contours surround cells."""
-    if not cells.clear:
-        return None
+) -> CellCompletion:
+    """That of the cells of one exemplar or of several, which contours surround."""
     if isinstance(cells, SeveralCells):
         return SeveralCellCompletion(lab, cells, patch_size, allowed)
     return CellCompletion(lab, cells, patch_size, allowed)
