@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 from jaxtyping import Float32
 
@@ -26,11 +24,12 @@ def reduction(height: int, width: int) -> int:
 
 def square_means(planes: Float32[np.ndarray, "h w *c"], step: int) -> Float32[np.ndarray, "p q *c"]:
     """Means over squares of ``step`` px; rows and columns that fill none are dropped."""
+    from texloom.stages.kernels.core.square_means import fill_means
+
     height, width = (side // step for side in planes.shape[:2])
-    total = np.zeros((height, width, *planes.shape[2:]), np.float32)
-    for row, column in itertools.product(range(step), repeat=2):
-        total += planes[row : height * step : step, column : width * step : step]
-    return total / np.float32(step**2)
+    means = np.empty((height, width, *planes.shape[2:]), np.float32)
+    fill_means(planes.reshape(*planes.shape[:2], -1), step, means.reshape(height, width, -1))
+    return means
 
 
 def working_image(image: Image) -> tuple[Image, int]:
