@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import skimage.data
 
+from texloom.stages.kernels.patchmatch.search import add_prices, find_parts
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.initialise import InitialiseParams, initialise
 from texloom.stages.synthesis.optimisation.lattice_phase import LatticePhase
@@ -117,3 +118,21 @@ def test_parts_of_a_lattice_are_those_of_its_cells() -> None:
     assert (parts == doubled[::2, ::2]).all()
     assert (doubled[:-3, :-24] == doubled[3:, 24:]).mean() > 0.95
     assert len(np.unique(doubled)) == 36
+
+
+def test_prices_are_added_as_far_as_they_are_above_the_least_of_their_part() -> None:
+    random = np.random.default_rng(3)
+    prices = random.integers(0, 4, (3, 4)).astype(np.float32)
+    parts = random.integers(0, 5, (28, 37)).astype(np.uint8)
+    cell = np.indices(parts.shape) // np.array([10, 10])[:, None, None]
+    own = prices[cell[0], cell[1]]
+    found = np.zeros((3, 4, 6), bool)
+    find_parts(parts, (10, 10), found)
+    expected = np.zeros(found.shape, bool)
+    expected[cell[0], cell[1], parts] = True
+    np.testing.assert_array_equal(found, expected)
+    least = np.array([own[parts == part].min(initial=9) for part in range(6)], np.float32)
+    for given, limit in ((None, np.zeros(1, np.float32)), (parts, least)):
+        made = np.full(parts.shape, 7, np.float32)
+        add_prices(prices, (10, 10), given, limit, limit.min(), made)
+        np.testing.assert_array_equal(made, 7 + own - (0 if given is None else least[parts]))
