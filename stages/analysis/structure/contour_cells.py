@@ -101,10 +101,11 @@ class ContourCells:
         """A plane of which each pixel becomes a square; rows and columns that are missing are like those beside."""
         if self._step == 1:
             return plane
-        whole = np.repeat(np.repeat(plane, self._step, axis=0), self._step, axis=1)
-        whole = whole[: self._shape[0], : self._shape[1]]
-        missing = [(0, side - own) for side, own in zip(self._shape, whole.shape, strict=True)]
-        return self._border.around(np.pad(whole, missing, mode="edge"))
+        rows, columns = (
+            np.minimum(self._border.lines(side) // self._step, own - 1)
+            for side, own in zip(self._shape, plane.shape, strict=True)
+        )
+        return np.asarray(np.take(plane, columns, axis=1)[rows])
 
 
 def boxes_of(label: np.ndarray, present: np.ndarray, count: int) -> Int64[np.ndarray, "n 4"]:

@@ -24,10 +24,13 @@ class Border:
         """Width above and to the left, px."""
         return self.patch_size // 2
 
+    def lines(self, side: int) -> np.ndarray:
+        """Of each row or column with the border, the one of the exemplar, of ``side`` px, that it shows."""
+        return np.pad(np.arange(side), (self.before, self.patch_size - 1 - self.before), mode="symmetric")
+
     def around(self, planes: np.ndarray) -> np.ndarray:
         """One or more planes of the exemplar, with the border."""
-        widths = (self.before, self.patch_size - 1 - self.before)
-        rows, columns = (np.pad(np.arange(side), widths, mode="symmetric") for side in planes.shape[:2])
+        rows, columns = (self.lines(side) for side in planes.shape[:2])
         inner = slice(self.before, self.before + planes.shape[1])
         result = empty((rows.size, columns.size, *planes.shape[2:]), planes.dtype)
         for band in bands(len(planes), result, planes):

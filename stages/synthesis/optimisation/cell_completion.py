@@ -72,7 +72,6 @@ class CellCompletion:
         numbers: Int16[np.ndarray, "h w"] | None = None,
     ):
         self.lab, self.cells, self.middle = np.ascontiguousarray(lab), cells, patch_size // 2
-        self.costs = SeamCosts(self.lab, gradients=True, squared=True, offset=_OFFSET)
         self.places = np.zeros(lab.shape[:2], bool)
         inside = tuple(slice(self.middle, self.middle + side - patch_size + 1) for side in lab.shape[:2])
         self.places[inside] = True if allowed is None else allowed.places
@@ -86,6 +85,7 @@ class CellCompletion:
         self.owner = np.ones(len(cells.area), np.int16)
         """exemplar of each cell"""
         self.owner[cells.label[cells.core]] = self.inside[cells.core]
+        self.costs = SeamCosts(self.lab, gradients=True, squared=True, offset=_OFFSET)
 
     def complete(self, match: Patches, wrap: Wraps) -> int:
         """Complete cells of a result in place, and tell how many.
