@@ -113,7 +113,7 @@ LIMITS = (
 _OF_SOURCE_MAP = ("continuity", "copies", "contents", "copying", "joints", "steps")
 
 
-@stage(version=5, in_bands=True, exemplar_bytes=140, seconds=(1.3, 1.5), role="scores")
+@stage(version=6, in_bands=True, exemplar_bytes=140, seconds=(1.3, 1.5), role="scores")
 def metrics(
     exemplar: Image,
     image: Image,

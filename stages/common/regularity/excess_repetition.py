@@ -54,13 +54,15 @@ def repetition(
     exemplar: Float32[np.ndarray, "h w"],
     result: Float32[np.ndarray, "H W"],
     valid: tuple[Mask | None, Bool[np.ndarray, "H W"] | None] = (None, None),
+    cells: bool = True,
 ) -> tuple[float, tuple[int, int]]:
     """Excess of the result's long-range autocorrelation over the exemplar's.
 
     The largest excess over the exemplar's autocorrelation near the same offset. Where the exemplar is too small, it
-    is that over its 99.5 percentile, or over what holds in the outer half of the offsets of the same row or column,
-    as along straight lines; as a share of the largest excess possible, 1 minus the exemplar's. ``valid``: pixels
-    of either that count; None is all.
+    is that over its 99.5 percentile; with ``cells`` over the most in the outer half of its offsets, as from a cell
+    of a lattice to others; or over what holds in that half of the same row or column, as along straight lines. It
+    is a share of the largest excess possible, 1 minus the exemplar's. ``valid``: pixels of either that count; None
+    is all.
 
     Returns
     -------
@@ -80,7 +82,10 @@ def repetition(
     known = (min(exemplar.shape[0] // 2, reach[0]), min(exemplar.shape[1] // 2, reach[1]))
     correlation = autocorrelation(exemplar, known, valid[0])
     far = _far(known, _MIN_OFFSET / step)
-    expected = np.full((2 * reach[0] + 1, 2 * reach[1] + 1), max(float(np.quantile(correlation[far], 0.995)), 0.0))
+    usual = max(float(np.quantile(correlation[far], 0.995)), 0.0)
+    if cells:
+        usual = max(usual, float(correlation[_far(known, min(known) / 2)].max()))
+    expected = np.full((2 * reach[0] + 1, 2 * reach[1] + 1), usual)
     correlation = np.maximum(cv2.dilate(correlation, np.ones((5, 5), np.uint8)), 0)
     rows, columns = (slice(most - own, most + own + 1) for most, own in zip(reach, known, strict=True))
     # What straight lines correlate along themselves does not end where the exemplar does.

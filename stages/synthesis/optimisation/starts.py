@@ -31,7 +31,7 @@ def best_start(exemplar: Image, results: Sequence[Image], records: Sequence[Mapp
     for result, record in zip(results, records, strict=True):
         lab = lab_from_linear(result.color)
         apart = np.abs(_quantiles(lab) - _quantiles(own)).mean() / spread
-        repeated, _ = repetition(own[..., 0], lab[..., 0])
+        repeated, _ = repetition(own[..., 0], lab[..., 0], cells=False)  # with them, results were no better
         penalised = (record["energy"] + _LEAST_ENERGY) * (record["price"] + _LEAST_ENERGY)
         costs.append(round((repeated + _LEAST_REPETITION) * float(apart + _LEAST_DISTANCE) * penalised, 6))
     return int(np.argmin(costs))
