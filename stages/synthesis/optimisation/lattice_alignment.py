@@ -4,7 +4,6 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, Int64
 
 from texloom.stages.kernels.core.elementary_functions import phase_of, phasor
-from texloom.stages.kernels.core.loading import loaded
 from texloom.stages.numerics.matrices import matrix_product
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.correspondence import Patches
@@ -20,7 +19,6 @@ _ROUNDED = ((0.0, 0.0), (0.5, 0.0), (0.0, 0.5), (0.5, 0.5))  # px: pieces lie be
 _EVERY = 8  # px between those of which the result's lattice is taken
 _STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1))
 # generators by which sources are moved that would lie beyond the exemplar's border
-_LARGEST = 1 << 28  # capacity; SciPy's are of 32 bits
 
 
 def align_pieces(
@@ -56,7 +54,7 @@ def align_pieces(
             line + (middle - before) for line, before in zip((window.rows, window.columns), margin, strict=True)
         )
         source = np.moveaxis(match[:, *window.place], 0, 2).astype(np.int32) + np.int32(middle)
-        pieces = _Pieces(source, rows, columns, costs.shape[1])
+        pieces = _AlignedPieces(source, rows, columns, costs.shape[1])
         for rounded in _ROUNDED:
             own = pieces.mean_of(source[..., 0], source[..., 1])
             cells = _deviation(own, pieces.position, phase) - mean + matrix_product(rounded, phase.exemplar)
@@ -115,18 +113,19 @@ def _brought_inside(
     return inside
 
 
-class _Pieces:
+class _AlignedPieces:
     """Parts of a result that have one displacement to the exemplar each, of ``width`` px."""
 
     def __init__(
         self, source: Sources, rows: Int64[np.ndarray, "*p"], columns: Int64[np.ndarray, "*q"], width: int
     ):
+        from texloom.stages.kernels.seams.piece_graph import number_pieces
+
         line = width + len(columns)  # so wide that no displacement is ambiguous
         displacement = (source[..., 0] - rows[:, None]) * line + source[..., 1] - columns
-        background = int(displacement.min()) - 1  # none
-        number = loaded("skimage.measure").label(displacement, connectivity=1, background=background)
-        self.number: Int64[np.ndarray, "p q"] = number.astype(np.int64) - 1
+        self.number: Int64[np.ndarray, "p q"] = np.empty(displacement.shape, np.int64)
         """of the piece of each pixel"""
+        number_pieces(displacement, self.number)
         self.size = np.bincount(self.number.ravel())
         self.position = self.mean_of(*np.broadcast_arrays(rows[:, None], columns))
         """mean row and column of each piece"""
@@ -170,7 +169,8 @@ def cheapest_moves(
     ----------
     [Kolmogorov2004]_ section 4.1.
     """
-    sparse, graph = loaded("scipy.sparse"), loaded("scipy.sparse.csgraph")
+    from texloom.stages.kernels.seams.piece_graph import cut_graph
+
     count, price = len(free), np.zeros(len(free), np.int64)  # of moving
     within = piece[0] == piece[1]
     np.add.at(price, piece[0][within], (cost[3] - cost[0])[within])
@@ -182,19 +182,7 @@ def cheapest_moves(
     np.add.at(price, first, earlier - stay)
     np.add.at(price, second, move - earlier)
     apart = np.maximum(later + earlier - stay - move, 0)  # where the second moves alone
-    unit = 1 + max(int(np.abs(price[free]).max(initial=0)), int(apart.max(initial=0))) // _LARGEST
-    price = np.where(free, price // unit, _LARGEST)
-    dearer, cheaper = np.flatnonzero(price > 0), np.flatnonzero(price < 0)
-    source, sink = count, count + 1
-    arcs = (
-        np.concatenate([np.full(len(dearer), source), cheaper, first]),
-        np.concatenate([dearer, np.full(len(cheaper), sink), second]),
-    )
-    capacity = np.concatenate([price[dearer], -price[cheaper], apart // unit]).astype(np.int32)
-    network = sparse.csr_array((capacity, arcs), shape=(count + 2, count + 2))
-    left = network - graph.maximum_flow(network, source, sink).flow
-    left.data = (left.data > 0).astype(np.int8)
-    left.eliminate_zeros()
-    taken = np.zeros(count + 2, bool)
-    taken[graph.breadth_first_order(left.T.tocsr(), sink, return_predecessors=False)] = True
-    return np.asarray(taken[:count] & free)
+    price[~free] = 1 + np.abs(price).sum() + apart.sum()
+    taken = np.empty(count, np.bool_)
+    cut_graph(price, first, second, apart, taken)
+    return taken

@@ -132,7 +132,6 @@ def test_moves_cost_as_little_as_any(rng: np.random.Generator) -> None:
 
 
 def test_large_costs_are_no_problem() -> None:
-    """SciPy's capacities are of 32 bits."""
     joints = np.array([[0, 0], [1, 0]])
     cost = np.array([[10, 1 << 40], [1 << 40, 0], [1 << 40, 0], [10, 0]])
     assert cheapest_moves(joints, cost, np.ones(2, bool)).tolist() == [True, True]
