@@ -11,10 +11,10 @@ import multiprocessing
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
@@ -31,6 +31,7 @@ from prefect.settings import PREFECT_API_URL, PREFECT_HOME, temporary_settings
 from tests.conftest import ROOT
 from tests.pipelines.engine.prefect.server import Server, wait_for
 from tests.pipelines.flows import ANALYSIS, SYNTHESIS, Events, files, open_run, run_local, write_flow
+from texloom.pipelines.engine.events import Event, StepStarted
 from texloom.pipelines.engine.executors import dask_cluster
 from texloom.pipelines.engine.prefect import flow_run, task_runs
 from texloom.pipelines.engine.run import Run, StepFailedError
@@ -287,20 +288,26 @@ def test_a_server_that_does_not_hear_the_end_changes_nothing(
 @pytest.mark.usefixtures("server")
 @pytest.mark.filterwarnings("ignore")
 def test_a_task_run_whose_worker_is_killed_has_crashed(tmp_path: Path) -> None:
-    run = open_run(write_flow(tmp_path, f"runner: {{name: processes, workers: 1}}\n{ANALYSIS}", side=900))
+    run = open_run(write_flow(tmp_path, f"runner: {{name: processes, workers: 1}}\n{ANALYSIS}", side=1200))
 
     def kill() -> None:
-        states: list[tuple[str, str]] = []
-        while states != [("edges", "Running")]:
-            with contextlib.suppress(ValueError):  # no flow run so far
-                states = shown()[1]
-            time.sleep(0.02)
-        for child in multiprocessing.active_children():
-            child.kill()
+        """What is shown comes later than what happens: a worker that is not stopped may end the step before."""
+        try:
+            wait_for(lambda: shown()[1] == [("edges", "Running")])
+        finally:
+            for child in multiprocessing.active_children():
+                child.kill()
+
+    class Stopping(Events):
+        def __call__(self, event: Event) -> None:
+            super().__call__(event)
+            if event == StepStarted("edges") and not killer.ident:
+                for child in multiprocessing.active_children():
+                    os.kill(child.pid or 0, signal.SIGSTOP)
+                killer.start()
 
     killer = threading.Thread(target=contextvars.copy_context().run, args=(kill,))
-    killer.start()
-    flow_run.execute_as_flow_run(run, Events(), tmp_path / "out")
+    flow_run.execute_as_flow_run(run, Stopping(), tmp_path / "out")
     killer.join()
     completed = [(step, "Completed") for step in ("distance", "edges", "structure")]
     assert shown()[1] == sorted([("edges", "Crashed"), *completed])
