@@ -180,7 +180,7 @@ class Watched:
         page.on("pageerror", lambda error: self.problems.append(str(error)))
         page.on("request", lambda request: self.requests.append(request.url))
         page.on("websocket", lambda socket: self.requests.append(socket.url))
-        page.set_default_timeout(300_000)  # kernels compile at first use
+        page.set_default_timeout(180_000)  # kernels compile at first use
         served.let_in(page.context)
         served.json("/api/project/view", {"view": "make", "material": ""})  # not where an earlier page was
         page.goto(served.base)

@@ -44,7 +44,7 @@ def test_outside_of_steps_logging_is_as_it_was(caplog: pytest.LogCaptureFixture)
 
 def test_each_thread_tells_its_own_step() -> None:
     told: dict[str, list[str]] = {"a": [], "b": []}
-    both = threading.Barrier(2)
+    both = threading.Barrier(2, timeout=60)
 
     def step(name: str) -> None:
         with logging_to("texloom.stages", told[name].append):
