@@ -23,6 +23,7 @@ import time
 from pathlib import Path
 
 from benchmarks.many_items import make_crops
+from texloom.stages.kernels.core.threads import processors
 
 TARGET = 0.9  # of the speed-up that the cores allow
 
@@ -51,10 +52,9 @@ def main() -> None:
     parser.add_argument("--items", type=int, default=16, help="textures")
     parser.add_argument("--size", type=int, default=256, help="px of a texture's side")
     options = parser.parse_args()
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    print(
-        f"{cores} cores; {options.items} textures of {options.size}x{options.size} px; target {100 * TARGET:.0f} %"
-    )
+    cores = processors()
+    textures = f"{options.items} textures of {options.size}x{options.size} px"
+    print(f"{cores} cores; {textures}; target {100 * TARGET:.0f} %")
     with tempfile.TemporaryDirectory() as name:
         whole = Path(name) / "crops"
         make_crops(whole, options.items)

@@ -128,10 +128,9 @@ def _opencv() -> dict[str, Any]:
 
 
 def _processors() -> dict[str, Any]:
-    from texloom.stages.kernels.core.threads import thread_count
+    from texloom.stages.kernels.core.threads import processors, thread_count
 
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return {"usable": usable, "all": os.cpu_count(), "threads": thread_count()}
+    return {"usable": processors(), "all": os.cpu_count(), "threads": thread_count()}
 
 
 def _kernels() -> dict[str, Any]:

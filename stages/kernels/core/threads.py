@@ -34,6 +34,11 @@ def thread_count() -> int:
     chosen = os.environ.get("TEXLOOM_THREADS")
     if chosen:  # empty is not set, as with TEXLOOM_DEVICE
         return _number(chosen)
+    return processors()
+
+
+def processors() -> int:
+    """The processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
