@@ -8,9 +8,9 @@ that differ and exits with 1 if there are any. Measures and their pictures decid
 
 from __future__ import annotations
 
-import os
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from benchmarks import record
@@ -34,9 +34,10 @@ def main() -> None:
     record.RUNS.update(runs)
     with tempfile.TemporaryDirectory() as folder:
         record.make_sources(Path(folder))
-        here = record.digests(sys.executable, Path(folder))
-        os.environ.update(OTHER, NUMBA_CACHE_DIR=f"{folder}/kernels")
-        there = record.digests(sys.executable, Path(folder))
+        other = OTHER | {"NUMBA_CACHE_DIR": f"{folder}/kernels"}
+        with ThreadPoolExecutor() as pool:  # each runs in processes of its own
+            ways = [pool.submit(record.digests, sys.executable, Path(folder), **way) for way in ({}, other)]
+        here, there = (way.result() for way in ways)
     names = [name for name in {**here, **there} if not name.split(": ")[1].startswith(MEASURES)]
     differing = [name for name in names if here.get(name) != there.get(name)]
     print("\n".join([*differing, f"{len(differing)} of {len(names)} arrays differ"]))

@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -65,14 +66,16 @@ def make_sources(folder: Path) -> None:
     write("maps/wall_normal.png", normal.astype(np.uint8))
 
 
-def digests(interpreter: str, sources: Path) -> dict[str, str]:
-    """Digest by run, step, output and layer, as the texloom of an interpreter computes them."""
+def digests(interpreter: str, sources: Path, **environment: str) -> dict[str, str]:
+    """Digest by run, step, output and layer, as the texloom of an interpreter computes them in an environment."""
     found: dict[str, str] = {}
     with tempfile.TemporaryDirectory() as folder:
         for label, words in RUNS.items():
             command = [interpreter, "-P", "-m", "texloom", "run", *words.split(), "--json"]
             command += ["--store", f"{folder}/store", "--out", f"{folder}/{label}"]
-            done = subprocess.run(command, cwd=sources, check=False, capture_output=True, text=True)
+            done = subprocess.run(
+                command, cwd=sources, check=False, capture_output=True, text=True, env=os.environ | environment
+            )
             if done.returncode:
                 raise SystemExit(f"{label}: exit code {done.returncode}\n{done.stderr}")
             for step in json.loads(done.stdout)["steps"]:
