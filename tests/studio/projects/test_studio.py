@@ -164,6 +164,7 @@ def test_a_name_that_is_typed_outlives_news(tab: Watched) -> None:
 
 def test_rename_tag_duplicate_delete_and_undo_on_the_wall(tab: Watched) -> None:
     page, served = tab.page, tab.served
+    served.json("/api/materials", RECIPE | {"seed": 4})  # which the search does not find
     made = served.json("/api/materials", RECIPE)
     wall = page.locator("materials-view")
     page.get_by_role("tab", name="Materials").click()
