@@ -24,7 +24,7 @@ def perceptual_hash(picture: Path) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "example", [pytest.param(name, marks=[pytest.mark.hosts] if name[:2] in _LONG else []) for name in PICTURES]
+    "example", [pytest.param(name, marks=[pytest.mark.long] if name[:2] in _LONG else []) for name in PICTURES]
 )
 def test_an_example_makes_its_picture(example: str, tmp_path: Path) -> None:
     made, shown = perceptual_hash(run(example, tmp_path)), perceptual_hash(golden(example))

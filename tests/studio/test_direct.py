@@ -121,7 +121,7 @@ def test_a_lattice(watched: Watched, tmp_path: Path) -> None:
     assert "vertices:" in repeated(shown, tmp_path)
 
 
-@pytest.mark.hosts
+@pytest.mark.long
 def test_make_goes_on_with_what_is_drawn(watched: Watched, tmp_path: Path) -> None:
     """Its lines lead the results of Make too, also when the page was loaded again, until they are taken away."""
     page = watched.page

@@ -34,7 +34,7 @@ def photograph(path: Path) -> None:
     PIL.Image.fromarray(skimage.data.brick()[:288, :288]).convert("RGB").save(path, quality=95, exif=exif)
 
 
-@pytest.mark.hosts
+@pytest.mark.long
 def test_a_photograph_to_unreal_in_six_choices_and_a_correction_in_three(watched: Watched, tmp_path: Path) -> None:
     page = watched.page
     settings = page.get_by_label("Settings")

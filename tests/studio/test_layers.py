@@ -112,7 +112,7 @@ def tab_of(folder: Path, chromium: Any, material: str = "") -> Iterator[tuple[An
         yield watched.page, served
 
 
-@pytest.mark.hosts
+@pytest.mark.long
 @pytest.mark.parametrize("draw", [drawn, placed])
 def test_what_is_drawn_comes_back_editable(
     page: None, tmp_path: Path, chromium: Any, draw: Callable[..., Any]

@@ -98,7 +98,7 @@ def test_maps_of_a_material_are_made_to_tile(watched: Watched) -> None:
     assert page.get_by_label("Tileable").input_value() == "both"
 
 
-@pytest.mark.hosts
+@pytest.mark.long
 def test_one_picture_becomes_a_material_with_all_maps(watched: Watched, tmp_path: Path) -> None:
     """Photograph to the maps of a program: picture, maps, size, finish, program."""
     page = watched.page
@@ -132,7 +132,7 @@ def test_one_picture_becomes_a_material_with_all_maps(watched: Watched, tmp_path
     assert settings.get_by_label("Method").input_value() == "self_tuning"
 
 
-@pytest.mark.hosts
+@pytest.mark.long
 def test_a_material_is_looked_at_on_a_mesh_of_ones_own_under_a_sky(watched: Watched, tmp_path: Path) -> None:
     page = watched.page
     (tmp_path / "roof.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 1\nf 1 2 3\n")

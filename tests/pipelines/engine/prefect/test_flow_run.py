@@ -335,7 +335,7 @@ exports:
 """
 
 
-@pytest.mark.hosts
+@pytest.mark.long
 def test_two_workers_run_the_deployments(server: Server, tmp_path: Path, rng: np.random.Generator) -> None:
     place = tmp_path / "deployed"
     (place / "library").mkdir(parents=True)
