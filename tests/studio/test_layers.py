@@ -53,7 +53,8 @@ def state(page: Any, layer: str) -> Any:
 
 def unfolded(page: Any) -> None:
     """Wait for the mesh."""
-    page.wait_for_function("() => (({corners, waits}) => corners && !waits)(document.querySelector('mesh-view'))")
+    shown = "(document.querySelector('mesh-view') ?? {})"  # which is loaded when its layer is opened
+    page.wait_for_function(f"() => (({{corners, waits}}) => corners && !waits){shown}")
 
 
 def drawn(page: Any) -> dict[str, Any]:
