@@ -124,7 +124,8 @@ def lattice_selection(
     gradient repeats clearly better is selected, if there is one: squares of a checkerboard repeat nearly, pairs of
     them exactly. Where all fail, courses may have an even spacing and a free phase along them, or lines an uneven
     one (see ``lines``). Courses are also preferred to a lattice that is barely confident and barely significant.
-    Where elements of courses are equally long and line up in every second or third one, they are a lattice.
+    Where elements of courses are equally long and line up in every second or third one, by the joints between
+    them, they are a lattice; see `lattice_in_phase`.
     Where nothing repeats, a lattice is searched once more in means over squares, of exemplars of 320 px or more:
     grains, as of granite, differ from slab to slab and outweigh the joints.
 
@@ -195,16 +196,14 @@ def _selected(image: Image, density: ScalarMap, params: LatticeSelectionParams) 
     report(Progress(0.45))
     if params.courses and _is_weak(selected):
         gradients = gradient_magnitude(lightness, valid)
-        selected = _courses((fine, detail(gradients)), params) or selected
+        selected = _courses(lightness, (fine, detail(gradients)), params) or selected
     shown = 0.0
     if not len(selected.generators):
         gradients = gradient_magnitude(lightness, valid)
         planes = fine, detail(gradients)
         further = _further_lattice(lightness, gradients, planes[1], correlation, params)
-        selected = further or _rows(planes, params) or selected
+        selected = further or _rows(lightness, planes, params) or selected
         shown = elements(gradients)
-    if selected.chosen == "courses":
-        selected = _in_phase(selected, correlation, params) or selected
     report(Progress(0.8))
     if len(selected.generators) == 2:
         gradients = gradient_magnitude(lightness, valid)
@@ -315,28 +314,30 @@ def _is_weak(selected: LatticeSelection) -> bool:
     return weak and len(selected.generators) == 2
 
 
-def _rows(planes: tuple[ScalarMap, ScalarMap], params: LatticeSelectionParams) -> LatticeSelection | None:
+def _rows(
+    lightness: ScalarMap, planes: tuple[ScalarMap, ScalarMap], params: LatticeSelectionParams
+) -> LatticeSelection | None:
     """The courses, or else the lines, if there are any and they are wanted."""
-    rows = _courses(planes, params) if params.courses else None
+    rows = _courses(lightness, planes, params) if params.courses else None
     if rows is not None:
         return rows
     lines = line_period(planes) if params.lines else None
     return None if lines is None else LatticeSelection(lines[0], lines[0], lines[1], 0.0, "lines")
 
 
-def _courses(planes: tuple[ScalarMap, ScalarMap], params: LatticeSelectionParams) -> LatticeSelection | None:
-    rows = detected_courses(planes, CoursesParams().model_copy(update={"min_length": params.min_length}))
+def _courses(
+    lightness: ScalarMap, planes: tuple[ScalarMap, ScalarMap], params: LatticeSelectionParams
+) -> LatticeSelection | None:
+    """The courses, if there are any, or the lattice of those whose elements line up."""
+    limits = CoursesParams().model_copy(update={"min_length": params.min_length})
+    rows = detected_courses(planes, limits)
+    if rows.confidence >= limits.confidence and rows.worst >= limits.worst:
+        found = lattice_in_phase(lightness, rows.best[0].astype(np.float64), params.min_length)
+        if found is not None:
+            return _selection(found, self_correlation(planes[0]), "phase")
     if not len(rows.generators):
         return None
     return LatticeSelection(rows.generators, rows.best, rows.confidence, 0.0, "courses")
-
-
-def _in_phase(
-    courses: LatticeSelection, correlation: ScalarMap, params: LatticeSelectionParams
-) -> LatticeSelection | None:
-    """The lattice of courses whose elements line up, if they do."""
-    found = lattice_in_phase(correlation, courses.generators[0].astype(np.float64), params.min_length)
-    return None if found is None else _selection(found, correlation, "phase")
 
 
 def _lattice_params(params: LatticeSelectionParams, **others: float) -> LatticeParams:

@@ -7,7 +7,7 @@ import pytest
 
 from tests.synthetic import picture, smooth_noise, wall
 from texloom.stages.analysis.regularity.course_phase import lattice_in_phase
-from texloom.stages.analysis.regularity.lattice import detail, self_correlation, valid_lightness
+from texloom.stages.analysis.regularity.lattice import valid_lightness
 from texloom.stages.common.regularity.lattice_cells import reduced
 from texloom.stages.vocabulary.arrays import Image, Vectors
 
@@ -32,9 +32,20 @@ def bricks(shift: float, rng: np.random.Generator, turned: bool = False) -> Imag
     return picture(tone.T if turned else tone)
 
 
+def slabs(rng: np.random.Generator) -> Image:
+    """Long stained slabs in running bond, two to three a course, with joints of a single px."""
+    tone = np.empty((8 * STEP, 5 * LENGTH))
+    for course in range(8):
+        rows = slice(course * STEP, (course + 1) * STEP)
+        for left in range(-2 * LENGTH + course % 2 * LENGTH, tone.shape[1], 2 * LENGTH):
+            tone[rows, max(0, left) : max(0, left + 2 * LENGTH)] = rng.uniform(0.3, 0.6)
+            tone[rows, max(0, left) : max(0, left + 1)] = 0.2
+        tone[rows.start] = 0.2
+    return picture(np.clip(tone + 0.15 * smooth_noise(tone.shape, 8, rng), 0, 1))
+
+
 def found(image: Image, step: tuple[float, float]) -> Vectors | None:
-    correlation = self_correlation(detail(valid_lightness(image)))
-    return lattice_in_phase(correlation, np.array(step, np.float64), 10.0)
+    return lattice_in_phase(valid_lightness(image), np.array(step, np.float64), 10.0)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -49,6 +60,20 @@ def test_bonds_are_lattices(shift: float, turned: bool, seed: int) -> None:
     assert abs(np.linalg.det(reduced(generators))) == pytest.approx(STEP * LENGTH, rel=0.05)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_slabs_whose_tones_differ_are_a_lattice_by_their_joints(seed: int) -> None:
+    generators = found(slabs(np.random.default_rng(seed)), (STEP, 0.0))
+    assert generators is not None
+    assert abs(generators[0, 1]) == pytest.approx(LENGTH, abs=2)
+    assert abs(generators[1, 1]) == pytest.approx(2 * LENGTH, abs=2)
+
+
+@pytest.mark.parametrize("image", [np.full((60, 80), 0.3), np.full((30, 40), 0.3)])
+def test_an_even_picture_has_none(image: np.ndarray) -> None:
+    assert found(picture(image), (20.0, 0.0)) is None
+
+
+@pytest.mark.parametrize("shape", [(240, 270), (100, 250), (120, 400)])
 @pytest.mark.parametrize("seed", range(6))
-def test_a_free_phase_has_none(seed: int) -> None:
-    assert found(wall((240, 270), STEP, 0, np.random.default_rng(seed)), (STEP, 0.0)) is None
+def test_a_free_phase_has_none(seed: int, shape: tuple[int, int]) -> None:
+    assert found(wall(shape, STEP, 0, np.random.default_rng(seed)), (STEP, 0.0)) is None
