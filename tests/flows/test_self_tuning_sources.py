@@ -10,7 +10,19 @@ from texloom.stages.vocabulary.declare import InputError
 
 ALL = ("mask", "exemplar_structure", "exemplar_guide", "target_guide", "strokes", "control")
 PLAIN = (
-    *("tone", "offsets", "lattice", "parts", "edges", "structure", "distance", "guidance", "start", "texture"),
+    *(
+        "margins",
+        "tone",
+        "offsets",
+        "lattice",
+        "parts",
+        "edges",
+        "structure",
+        "distance",
+        "guidance",
+        "start",
+        "texture",
+    ),
     "scores",
 )
 
@@ -29,7 +41,7 @@ def test_alone_it_has_the_steps_that_it_always_had() -> None:
     assert set(flow.steps) == set(PLAIN)
     assert all(step.draws_as == name for name, step in flow.steps.items())
     assert {name: taken(flow, name) for name in ("tone", "distance", "start", "texture")} == {
-        "tone": {"image": "exemplar"},
+        "tone": {"image": "exemplar", "foreign": "margins.foreign"},
         "distance": {"structure": "structure.structure"},
         "start": {"image": "parts.image", "structure": "structure.structure", "generators": "lattice.generators"},
         "texture": {
@@ -71,7 +83,7 @@ def test_with_a_mask_or_guides_nothing_is_searched_that_is_shown_once(
     given: tuple[str, ...], steps: set[str], exports: set[str]
 ) -> None:
     alone, flow = opened(), opened("self_tuning", *given)
-    assert set(flow.steps) == {*alone.steps, *steps} - {"parts"}
+    assert set(flow.steps) == {*alone.steps, *steps} - {"margins", "parts"}
     assert set(flow.exports) == {*alone.exports, *exports} - {"one_off.png"}
     assert taken(flow, "texture")["image"] == "tone.image"
     assert "parts" in opened("self_tuning", *given, params={"one_off": "leave_out"}).steps
@@ -83,7 +95,7 @@ def test_with_a_mask_or_guides_nothing_is_searched_that_is_shown_once(
         ("auto", set(PLAIN), "texture.image"),
         ("leave_out", set(PLAIN), "texture.image"),
         ("keep_whole", {*PLAIN, "laid"}, "laid.image"),
-        ("use", set(PLAIN) - {"parts"}, "texture.image"),
+        ("use", set(PLAIN) - {"margins", "parts"}, "texture.image"),
     ],
 )
 def test_what_happens_to_what_is_shown_once_decides_on_steps(one_off: str, steps: set[str], image: str) -> None:

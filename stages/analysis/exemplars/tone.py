@@ -70,7 +70,7 @@ class Tone:
 
     image: Image
     """all maps of the exemplar, with even colour; bit-identical to the exemplar if nothing was evened; with a
-    channel `usable`, 0 on margins and labels, where there are any"""
+    channel `usable`, 0 on margins, labels and another material, where there are any"""
     tone: ToneField
     """the slow tone that was removed, relative to its mean; 0 if nothing was evened"""
     lightness: float
@@ -103,7 +103,7 @@ def outlines(params: ToneParams, known: Mapping[str, Any]) -> dict[str, Outline]
 
 
 @stage(version=3, check=check_image, outlines=outlines, seconds=(0.3, 0))
-def tone(image: Image, params: ToneParams) -> Tone:
+def tone(image: Image, params: ToneParams, foreign: Mask | None = None) -> Tone:
     """Separate the drift of an exemplar's tone from its detail, so that distant parts fit together.
 
     The logarithm of lightness, and chroma relative to lightness, are each compared between 8x8 blocks, and only
@@ -131,6 +131,7 @@ def tone(image: Image, params: ToneParams) -> Tone:
     Parameters
     ----------
     image : the exemplar; its masked pixels have no influence.
+    foreign : what of it is another material, as of `foreign_margins`, which is excluded.
 
     Raises
     ------
@@ -143,6 +144,9 @@ def tone(image: Image, params: ToneParams) -> Tone:
     """
     if params.margins == "leave_out" and not image.wraps:
         image = _without_margins(image, params)
+    if foreign is not None and foreign.any():
+        known = valid_pixels(image)
+        image = with_usable(image, ~foreign if known is None else known & ~foreign)
     if params.warn:
         for flaw in flaws_of(image):
             _LOG.warning("%s", flaw)

@@ -11,6 +11,8 @@ import numpy as np
 
 from texloom.stages.analysis.one_off.crossing_lines import crossing_line
 from texloom.stages.analysis.one_off.foreign_search import foreign_search, looks_foreign
+from texloom.stages.analysis.one_off.margin_search import is_another_texture
+from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.vocabulary.arrays import Image, Mask, Vectors
 from texloom.stages.vocabulary.declare import Outline, Params, stage
 from texloom.stages.vocabulary.masks import valid_pixels, with_usable
@@ -66,6 +68,7 @@ class _Detection:
     sure: bool
     unlike: float = 0.0
     lines: tuple[float, ...] = ()
+    margins: bool = False
 
 
 def outlines(params: OneOffPartsParams, known: Mapping[str, Any]) -> dict[str, Outline]:  # noqa: ARG001
@@ -75,18 +78,23 @@ def outlines(params: OneOffPartsParams, known: Mapping[str, Any]) -> dict[str, O
 
 
 @stage(version=1, outlines=outlines, seconds=(0.4, 0))
-def one_off_parts(image: Image, params: OneOffPartsParams, generators: Vectors | None = None) -> OneOffParts:
+def one_off_parts(
+    image: Image, params: OneOffPartsParams, generators: Vectors | None = None, margins: Mask | None = None
+) -> OneOffParts:
     """Find what an exemplar shows once, and leave it out where that is sure.
 
     Two searches: parts that no quarter of the exemplar looks like, as `foreign_parts` of photographs are, which the
     mean cell of a lattice does not explain either: signs, stains, cornices; and lines from border to border that
     stand out more than any other, see `crossing_line`: pipes and cracks. Together they are at most an eighth of the
-    exemplar; more is told as doubtful where it is in few pieces, since then it has several materials.
+    exemplar; more is left out at its borders, up to a third of it, where it surely is another texture, see
+    `is_another_texture`, and else told as doubtful where it is in few pieces, since then it has several materials.
 
     Parameters
     ----------
     image : the exemplar; what is excluded in it is not looked at.
     generators : of its lattice, as from `lattice_selection`; less than two count as none.
+    margins : strips of another material, as of `foreign_margins`, that are excluded in it already; maybe of another
+        size than the image, which was scaled.
 
     References
     ----------
@@ -105,13 +113,15 @@ def one_off_parts(image: Image, params: OneOffPartsParams, generators: Vectors |
     found = _Detection(np.zeros(valid.shape, np.bool_), False)
     if params.one_off != "use" and min(valid.shape) >= _MIN_SIDE:
         found = _found(image, valid, generators)
+    if margins is not None and margins.any() and params.one_off != "use":
+        found = _with_margins(found, margins, doubtful=params.one_off != "auto")
     left_out = params.one_off == "leave_out" or (params.one_off == "auto" and found.sure)
     done = "none"
     if found.mask.any():
         done = "kept whole" if params.one_off == "keep_whole" else "left out" if left_out else "told"
     elif params.one_off in ("leave_out", "keep_whole"):
         _LOG.warning("nothing in the exemplar is shown once, so that one_off=%s changes nothing", params.one_off)
-    share = float(found.mask.sum()) / float(valid.sum())
+    share = float(found.mask.sum()) / float((valid | found.mask).sum())
     why = _why(done, share, found)
     if why:
         _LOG.warning("%s%s", why, _OTHERWISE.get(done, ""))
@@ -154,7 +164,8 @@ def _found(image: Image, valid: Mask, generators: Vectors | None) -> _Detection:
         if foreign.sum() > _MOST * valid.sum():
             if _pieces(foreign) > _FEW:  # as flowers and their ground are
                 foreign[:] = False
-            return _Detection(foreign, False, unlike)
+            sure = threshold == _SURE and bool(foreign.any()) and is_another_texture(image, valid, foreign)
+            return _Detection(foreign, sure, unlike, margins=sure)
         if foreign.any():
             if threshold == _SURE:
                 parts = foreign
@@ -177,6 +188,16 @@ def _found(image: Image, valid: Mask, generators: Vectors | None) -> _Detection:
     return _Detection(parts if parts.any() else doubtful, sure, unlike, tuple(lines))
 
 
+def _with_margins(found: _Detection, margins: Mask, doubtful: bool) -> _Detection:
+    """With strips along the borders, which are sure; and with doubtful parts only where these are asked for."""
+    height, width = found.mask.shape
+    strips = margins
+    if margins.shape != (height, width):
+        strips = resize(margins.astype(np.float32)[..., None], height, width, bilinear=True)[..., 0] > 0.5
+    kept = found if found.sure or doubtful else _Detection(np.zeros_like(strips), True, found.unlike)
+    return dataclasses.replace(kept, mask=kept.mask | strips, sure=True, margins=True)
+
+
 def _pieces(parts: Mask) -> int:
     import cv2
 
@@ -187,6 +208,8 @@ def _why(done: str, share: float, found: _Detection) -> str:
     if done == "none":
         return ""
     what = "unlike all the rest" if not found.lines else "unlike all the rest, or in a line that crosses it once"
+    if found.margins:
+        what += ", along a border"
     if done == "told" and share > _MOST:
         return f"{share:.0%} of the exemplar are unlike all the rest, as another material is; all is used alike"
     if done == "told":

@@ -9,7 +9,7 @@ from benchmarks.foreign_parts import PARTS, WALLS
 from texloom.stages.analysis.one_off.crossing_lines import crossing_line
 from texloom.stages.analysis.one_off.one_off_parts import OneOffParts, OneOffPartsParams, one_off_parts
 from texloom.stages.vocabulary.arrays import Image
-from texloom.stages.vocabulary.masks import valid_pixels
+from texloom.stages.vocabulary.masks import valid_pixels, with_usable
 
 SIDE = 160
 
@@ -87,9 +87,51 @@ def test_several_cracks_are_how_the_surface_is() -> None:
     assert searched(pixels).table["lines"] == []
 
 
-def test_two_halves_are_told_but_used(caplog: pytest.LogCaptureFixture) -> None:
+def with_pebbles(share: float) -> np.ndarray:
+    """Plaster, the left of which is of green pebbles."""
     pixels = wall("plaster").copy()
-    pixels[:, : SIDE // 3] = wall("pebbles")[:, : SIDE // 3] * (0.1, 0.6, 0.1)
+    pixels[:, : int(share * SIDE)] = wall("pebbles")[:, : int(share * SIDE)] * (0.1, 0.6, 0.1)
+    return pixels
+
+
+def test_a_strip_of_up_to_a_third_is_left_out() -> None:
+    made = searched(with_pebbles(0.25))
+    usable = valid_pixels(made.image)
+    assert made.table["done"] == "left out"
+    assert usable is not None
+    assert not usable[:, :38].any()
+    assert usable[:, 46:].all()
+
+
+@pytest.mark.parametrize(("one_off", "done"), [("auto", "left out"), ("keep_whole", "kept whole"), ("use", "none")])
+def test_margins_that_were_found_before_are_told_here(one_off: str, done: str) -> None:
+    """They are excluded in the image already, and may be of the size that it had before it was scaled."""
+    image = Image.of(wall("plaster"))
+    margins = np.arange(SIDE // 2)[:, None] < np.full(SIDE // 2, 10)
+    strip = np.repeat(np.repeat(margins, 2, axis=0), 2, axis=1)
+    made = one_off_parts(with_usable(image, ~strip), OneOffPartsParams(one_off=one_off), margins=margins)
+    assert made.table["done"] == done
+    assert made.table["share"] == (0 if one_off == "use" else pytest.approx(0.125, abs=0.01))
+    assert made.kept.any() == (one_off == "keep_whole")
+    assert (made.mask is None) == (one_off == "use")
+    if made.mask is not None:
+        np.testing.assert_array_equal(made.mask.pixels[..., 0] < 0.5, strip)
+        assert "along a border" in made.table["why"]
+
+
+def test_doubtful_parts_beside_margins_are_left_out_on_request() -> None:
+    pixels, line = cracked(wall("pebbles"))
+    strip = np.zeros(line.shape, np.bool_)
+    strip[:20] = True
+    image = with_usable(Image(pixels, ("R", "G", "B")), ~strip)
+    for one_off, some in (("auto", False), ("leave_out", True)):
+        made = one_off_parts(image, OneOffPartsParams(one_off=one_off), margins=strip)
+        assert made.mask is not None
+        assert (made.mask.pixels[..., 0][line] < 0.5).any() == some
+
+
+def test_two_halves_are_told_but_used(caplog: pytest.LogCaptureFixture) -> None:
+    pixels = with_pebbles(0.4)
     with caplog.at_level(logging.WARNING):
         made = searched(pixels)
     assert made.table["done"] == "told"

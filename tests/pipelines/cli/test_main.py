@@ -41,7 +41,7 @@ from texloom.stages.vocabulary.declare import InputError
 from texloom.stages.vocabulary.progress import Progress, report
 
 STEPS = [
-    *("tone", "offsets", "lattice", "parts", "edges", "structure"),
+    *("margins", "tone", "offsets", "lattice", "parts", "edges", "structure"),
     *("distance", "guidance", "start", "texture", "scores"),
 ]
 SMALL = ["--set", "start.size=64", "--set", "texture.preset=fast"]
@@ -248,7 +248,7 @@ WRONG_COMMANDS = {
     "run self_tuning --set sise=1": ("--set sise: self_tuning has no such param; did you mean 'size'?"),
     "run self_tuning --set occurrence=3": "self_tuning has no such param; did you mean 'texture.occurrence'?",
     "run contour_report --size 64": (
-        "--size: contour_report has no such param; it has those of its steps, as STEP.PARAM"
+        "--size: contour_report has no such param; it has one_off and those of its steps, as STEP.PARAM"
     ),
     "run quilting --preset fast": (
         "--preset: quilting has no such param; it has size, tileable and those of its steps, as STEP.PARAM"
@@ -982,7 +982,7 @@ def test_plan_of_what_has_never_run(folder: Path) -> None:
     before = tree(folder)
     plan = planned()
     assert list(plan) == STEPS
-    assert plan["tone"] == ("run", ["never run before"])
+    assert plan["margins"] == ("run", ["never run before"])
     assert plan["structure"] == ("wait", ["waits for edges, tone"])
     assert plan["texture"] == ("wait", ["waits for distance, edges, guidance, lattice, parts, start"])
     assert tree(folder) == before
@@ -1010,7 +1010,7 @@ def test_plan_says_why(again: Path) -> None:
 def test_plan_after_another_picture(again: Path) -> None:
     save(again / "wall.png", blobs(52, 52))
     plan = planned()
-    assert plan["tone"] == ("run", ["input image changed"])
+    assert plan["margins"] == ("run", ["input image changed"])
     assert plan["start"] == ("wait", ["waits for lattice, parts, structure"])
 
 
@@ -1045,7 +1045,7 @@ def test_plan_of_a_broken_result(again: Path) -> None:
 
 def test_plan_for_people(again: Path) -> None:
     lines = texloom(*with_values(PLAN, "texture.occurrence=20")[:-1]).out.splitlines()
-    assert lines[0] == "tone         cached"
+    assert lines[0] == "margins      cached"
     lines = [line for line in lines if " skipped " not in line]
     assert lines[-3:-1] == [
         "texture      run      param occurrence: 10.0 -> 20.0",
@@ -1538,7 +1538,7 @@ def test_the_list_is_by_run(again: Path) -> None:
         os.utime(record)  # or its age depends on when the fixture was made
     rows = [line.split() for line in texloom("store", "ls").out.splitlines()]
     assert rows[0] == ["FLOW", "PICTURE", "STEP", "SIZE", "LAST", "USED"]
-    assert rows[1][:3] == ["self_tuning", "wall.png", "tone"]
+    assert rows[1][:3] == ["self_tuning", "wall.png", "margins"]
     assert [row[0] for row in rows[2 : 1 + len(STEPS)]] == STEPS[1:]
     assert rows[1 + len(STEPS)][:3] == ["self_tuning", "wall.png", "texture"], "only what the later run did not use"
     assert all(row[-2:] == ["just", "now"] and row[-3] in ("B", "kB", "MB") for row in rows[2:-1])
@@ -1678,7 +1678,7 @@ def test_prune(again: Path) -> None:
     assert tree(again) == before
     assert len(json.loads(texloom("store", "prune", "--days", "0", "--json").out)) == len(STEPS)
     assert json.loads(texloom("store", "ls", "--json").out) == []
-    assert planned()["tone"] == ("run", ["its result is no longer in the store"])
+    assert planned()["margins"] == ("run", ["its result is no longer in the store"])
     assert (again / "out" / "texture.png").exists(), "exports are not the store's to remove"
 
 

@@ -94,7 +94,7 @@ def test_there_are_flows() -> None:
 
 def test_names_that_must_stay() -> None:
     flow = load_flow(ROOT / "configs" / "self_tuning.yaml")
-    names = "tone offsets lattice parts edges structure distance guidance start texture scores"
+    names = "margins tone offsets lattice parts edges structure distance guidance start texture scores"
     assert list(flow.steps) == names.split()
     assert {"exemplar"} == set(flow.sources)
     assert {"texture.exr", "texture.png", "scores.json", "one_off.png", "maps/"} == set(flow.exports)
