@@ -16,7 +16,7 @@ _WEAK = 0.2  # quantile of a cell's contour that has to be that much stronger th
 _MIN_SHARE = 0.6  # of the area of whole cells, in closed contours, of an exemplar that consists of cells
 _MIN_COVER = 0.25  # of the exemplar's area, in such cells
 MIN_CELLS = 8  # whole ones
-_MAX_AREA = 0.125  # of the exemplar's, of a cell
+MAX_AREA = 0.125  # of the exemplar's, of a cell
 _RIM = 2  # px beside a contour that are not the inside of a cell
 
 
@@ -37,14 +37,18 @@ class ContourCells:
 
     whole: Bool[np.ndarray, "n"]
     """cells that no side of the exemplar cuts"""
+    closed: Bool[np.ndarray, "n"]
+    """of those, the ones in closed contours"""
+    large: Bool[np.ndarray, "n"]
+    """cells that have no inside as they are too large"""
+    ground: float
+    """share of the exemplar's area in them"""
     area: Int64[np.ndarray, "n"]
     """of the inside"""
     boxes: Int64[np.ndarray, "n 4"]
     """first row and column of the inside, last ones + 1"""
 
     def __init__(self, strength: ScalarMap, border: Border):
-        import cv2
-
         step, shape, around = reduction(*strength.shape), strength.shape, border
         if step > 1:
             strength, border = strength[step // 2 :: step, step // 2 :: step], Border(1)
@@ -54,16 +58,12 @@ class ContourCells:
         order = np.argsort(values, axis=None, kind="stable")
         label = _basins(values, order, depth)
         count = int(label.max()) + 1
-        line = np.zeros(label.shape, bool)
-        for axis in (0, 1):
-            ends = [np.s_[:-1], np.s_[1:]] if axis == 0 else [np.s_[:, :-1], np.s_[:, 1:]]
-            differs = label[ends[0]] != label[ends[1]]
-            line[ends[0]] |= differs
-            line[ends[1]] |= differs
-        element = np.ones((2 * _RIM - 1,) * 2, np.uint8)
-        apart = cv2.erode((~line).astype(np.uint8), element) > 0
+        line = _line_between(label)
+        apart = _apart(line)
         size = np.bincount(label.ravel(), minlength=count)
-        small = size < _MAX_AREA * height * width
+        small = size < MAX_AREA * height * width
+        self.large = ~small
+        self.ground = float(size[self.large].sum()) / label.size
         core = apart & small[label]
         inside = np.zeros(label.shape, bool)
         first = border.before
@@ -73,7 +73,7 @@ class ContourCells:
         self.whole = small & ~cut & (self.area > 0)
         strong = _quantiles(label, values, order, line, _WEAK, count)
         weak = _quantiles(label, values, order, apart, 0.5, count)
-        closed = self.whole & (strong - weak > depth)
+        self.closed = closed = self.whole & (strong - weak > depth)
         total = int(size[self.whole].sum())
         self.closed_share = float(size[closed].sum()) / total if total else 0.0
         self.cover = float(size[closed].sum()) / (height * width)
@@ -106,6 +106,30 @@ class ContourCells:
             for side, own in zip(self._shape, plane.shape, strict=True)
         )
         return np.asarray(np.take(plane, columns, axis=1)[rows])
+
+
+def inside_of(label: Int64[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """Pixels that lie apart from the contours between cells."""
+    return _apart(_line_between(label))
+
+
+def _line_between(label: Int64[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """Pixels beside one of another cell."""
+    line = np.zeros(label.shape, bool)
+    for axis in (0, 1):
+        ends = [np.s_[:-1], np.s_[1:]] if axis == 0 else [np.s_[:, :-1], np.s_[:, 1:]]
+        differs = label[ends[0]] != label[ends[1]]
+        line[ends[0]] |= differs
+        line[ends[1]] |= differs
+    return line
+
+
+def _apart(line: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+    """Pixels that are not near such a line."""
+    import cv2
+
+    element = np.ones((2 * _RIM - 1,) * 2, np.uint8)
+    return np.asarray(cv2.erode((~line).astype(np.uint8), element) > 0)
 
 
 def boxes_of(label: np.ndarray, present: np.ndarray, count: int) -> Int64[np.ndarray, "n 4"]:

@@ -62,6 +62,8 @@ class CellCompletion:
     """
 
     rounds: ClassVar = 2
+    reach: ClassVar = 0
+    """px around what a round changes in which the next one looks too"""
 
     def __init__(
         self,
@@ -99,7 +101,7 @@ class CellCompletion:
         recent = np.ones(match.shape[1:], bool)  # what the round before changed
         for _ in range(self.rounds):
             changed = 0
-            waiting, recent = recent, np.zeros(match.shape[1:], bool)
+            waiting, recent = wider(recent, self.reach), np.zeros(match.shape[1:], bool)
             for window in target_windows(match.shape[1:], wrap, _WINDOW, _WIDEST + 2 * int(_pad(_WIDEST)) + 2):
                 own = waiting[window.place]
                 if not own.any():
@@ -232,7 +234,7 @@ class CellCompletion:
             first = outer[cell, :2]
             region = whole[top - first[0] : bottom - first[0], left - first[1] : right - first[1]]
             shifts[index] = top + shift[0], left + shift[1], right - left
-            usable = _window(self.places, shifts[index, :2], own.shape)
+            usable = window_of(self.places, shifts[index, :2], own.shape)
             near = cv2.dilate((own | region).astype(np.uint8), element) > 0
             state[view] = np.where(region, FILLED, np.where(near & usable, FREE, KEPT))
             possible[index] = not (region & ~usable).any()
@@ -271,7 +273,7 @@ class CellCompletion:
         before = self.cells.core[source[0, top:bottom, left:right], source[1, top:bottom, left:right]]
         after = before.copy()
         cut = after[box[0] - top : box[2] - top, box[1] - left : box[3] - left]
-        np.copyto(cut, _window(self.cells.core, corner, cut.shape), where=taken)
+        np.copyto(cut, window_of(self.cells.core, corner, cut.shape), where=taken)
         counts = []
         for inside in (before, after):
             boxes = cv2.connectedComponentsWithStats(inside.view(np.uint8), connectivity=4)[2][1:]
@@ -337,8 +339,8 @@ class CellCompletion:
                 limit = outer[cell] + np.array([1, 1, -1, -1]) * (_BAND + 1)
                 if (box[:2] >= limit[:2]).all() and (box[2:] <= limit[2:]).all():
                     first = outer[cell][:2] + moved
-                    here = _window(self.cells.core, first, inside.shape)
-                    here &= _window(self.cells.label, first, inside.shape) == label
+                    here = window_of(self.cells.core, first, inside.shape)
+                    here &= window_of(self.cells.label, first, inside.shape) == label
                     chosen.append((len(chosen) == count, moved, here, 1.0))
             if (other := removed[index]) is not None:
                 chosen.append((len(chosen) == count, *other, 1.0))
@@ -394,6 +396,16 @@ class CellCompletion:
         return np.ascontiguousarray(every[:, :2]), every[:, 2]
 
 
+def wider(mask: Bool[np.ndarray, "p q"], by: int) -> Bool[np.ndarray, "p q"]:
+    """A mask with the pixels up to ``by`` px around it."""
+    import cv2
+
+    if by == 0:
+        return mask
+    element = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * by + 1,) * 2)
+    return np.asarray(cv2.dilate(mask.view(np.uint8), element) > 0)
+
+
 def _connected(core: np.ndarray) -> tuple[Int64[np.ndarray, "p q"], int]:
     """Numbers of connected pixels of equal value above 0, from 1; and how many numbers there are, with 0."""
     import cv2
@@ -435,7 +447,7 @@ def _template(
     return np.stack(np.divmod(chosen, inside.shape[1]), axis=1), weight.ravel()[chosen]
 
 
-def _window(plane: np.ndarray, corner: Int64[np.ndarray, "2"], shape: tuple[int, int]) -> np.ndarray:
+def window_of(plane: np.ndarray, corner: Int64[np.ndarray, "2"], shape: tuple[int, int]) -> np.ndarray:
     """The part of a plane from ``corner`` on, which may lie beyond it, where it is 0."""
     result = np.zeros(shape, plane.dtype)
     first, last = np.maximum(0, -corner), np.minimum(shape, plane.shape - corner)

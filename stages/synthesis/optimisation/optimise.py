@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt32
 
 from texloom.stages.analysis.structure.contour_cells import ContourCells
+from texloom.stages.analysis.structure.ground_objects import MIN_GROUND, GroundObjects
 from texloom.stages.common.grids.border import Border
 from texloom.stages.common.grids.pyramid import resize
 from texloom.stages.common.grids.working_size import Halvings
@@ -298,7 +299,8 @@ def optimise(
     contours : strength of the exemplar's contours, see `edges`. Where they surround cells, such as bricks, and
         nothing is kept or guided, those of the result that show parts of several are replaced by whole ones at the
         end; with ``rectangles`` also under a guide, and where borders between exemplars cut them; see
-        `CellCompletion`. Not in the paper.
+        `CellCompletion`. Objects apart on a plain ground become whole, or are removed; see `ObjectCompletion`. Not
+        in the paper.
     share : use of each exemplar pixel that is wanted, relative to even use, above 0; none for even use.
     rectangles : of several exemplars in one picture, see `exemplar_sheet`; without a guide each gives its share of
         the result, by a penalty on all patches of those that give more.
@@ -380,12 +382,17 @@ def optimise(
     if optimisation.halved is not None and not between_cells:
         relax_seams(match, optimisation.halved, params.patch_size, wrap, allowed, scales[-1].places)
     aligned = phase if params.relaxed_seams and seams_may_move and rectangles is None else None
-    found, lattice = None, None
+    found, lattice, objects = None, None, None
     if params.whole_cells and keep is None and (guides is None or rectangles is not None):
         found = None if contours is None else of_several or ContourCells(contours, border)
+        objects = found if of_several is None and found is not None and found.ground >= MIN_GROUND else None
         found = found if found is not None and found.clear else None
         lattice = phase if found is None and phase is not None and len(phase.origin) == 2 else None
-    lab = None if (aligned, found, lattice) == (None, None, None) else optimisation.lab
+        objects = objects if lattice is None else None
+    lab = None if (aligned, found, lattice, objects) == (None, None, None, None) else optimisation.lab
+    if lab is not None and objects is not None:
+        objects = GroundObjects(objects, lab)
+        found = objects if objects.clear else found
     del optimisation.compared
     if lab is not None:
         if aligned is not None:
@@ -394,7 +401,7 @@ def optimise(
             completion_of(found, lab, params.patch_size, allowed).complete(match, wrap)
         elif lattice is not None:
             complete_cells(match, lab, params.patch_size, margin, wrap, generators, lattice, allowed)
-    del lab, found, of_several  # large, as the exemplar may be
+    del lab, found, objects, of_several  # large, as the exemplar may be
 
     made = optimisation.picture(match, scales[-1], margin)
     source = correspondence.to_pixels(match, params.patch_size, wrap, margin)

@@ -88,7 +88,7 @@ class OptimiseParams(CoarseToFineParams):
     whole_cells: bool = True
     """at the end, whole cells of the exemplar, such as bricks or stones, replace those that show parts of several;
     where contours or a lattice show cells, and nothing is kept or guided, or guides tell which of several exemplars
-    lies where"""
+    lies where; also objects apart on a plain ground, such as flowers on paper, for fused, cut or mixed ones"""
     relaxed_seams: bool = True
     """at the end, seams between pieces of the exemplar move to where they are seen least, or, where a lattice is
     enforced, pieces move onto it if that makes seams cheaper; where there is one exemplar, and nothing is kept, or

@@ -7,11 +7,13 @@ import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int64
 
 from texloom.stages.analysis.structure.contour_cells import MIN_CELLS, ContourCells
+from texloom.stages.analysis.structure.ground_objects import GroundObjects
 from texloom.stages.common.grids.border import Border
 from texloom.stages.common.similarity.neighbourhoods import Rectangles, numbers_in
 from texloom.stages.synthesis.optimisation.allowed import Allowed
 from texloom.stages.synthesis.optimisation.cell_completion import MIN_SEAM, CellCompletion, Shown
 from texloom.stages.synthesis.optimisation.cells import most_frequent
+from texloom.stages.synthesis.optimisation.object_completion import ObjectCompletion
 from texloom.stages.synthesis.stitching.seams import UNIT, pairs
 from texloom.stages.vocabulary.arrays import ScalarMap
 
@@ -161,7 +163,8 @@ def _mode(values: Int64[np.ndarray, "n"]) -> tuple[int, int]:  # type: ignore[na
 def completion_of(
     cells: ContourCells, lab: Float32[np.ndarray, "h w 3"], patch_size: int, allowed: Allowed | None
 ) -> CellCompletion:
-    """That of the cells of one exemplar or of several, which contours surround."""
+    """That of the cells of one exemplar or of several, which contours surround, or of objects on a ground."""
     if isinstance(cells, SeveralCells):
         return SeveralCellCompletion(lab, cells, patch_size, allowed)
-    return CellCompletion(lab, cells, patch_size, allowed)
+    kind = ObjectCompletion if isinstance(cells, GroundObjects) else CellCompletion
+    return kind(lab, cells, patch_size, allowed)
