@@ -1,5 +1,7 @@
 """The lattice of courses whose elements are equally long and whose phase changes alike from course to course."""
 
+from typing import NamedTuple
+
 import numpy as np
 from jaxtyping import Float64, Int64
 
@@ -18,16 +20,54 @@ _MOST_SHIFT = 0.55  # of a course, relative to the period: half of it and what t
 _LAGS = 4  # courses that are compared with a course
 _PEAKS = 8  # of the correlation along the courses
 _NEAR = 1.5  # periods along a course within which lattice points count: errors of a period add up
+_COURSES = 2  # of a cell, at most
+_MIN_DIFFERENCE = 0.15  # of the likeness, by which joints are clearly more alike
+_MIN_FALL = 1 / 3  # share of the error that larger cells have to save, as fewer of them are shown
+_LEVEL = 0.06  # sine of the angle to an axis, of courses of a lattice
+_NEAR_LENGTH = 0.1  # of a lattice's period along them, by which that of joints may differ
+_EXPLAINED = 0.5  # likeness from which on a lattice explains its joints
+_STACKED = 0.15  # of a period: where courses are shifted less, their joints are lines
 _LIKENESS = 0.28  # least mean correlation at these points: patterns that are no courses reach .23, bonds .31
 _SIGNIFICANCE = 2.0  # least, in standard errors: free phases reach 1.4, bonds 2.4
+
+
+class _Bond(NamedTuple):
+    """How elements lie in courses."""
+
+    courses: int
+    """of a cell"""
+    shift: int
+    """along the courses, from those of a cell to the next ones, px"""
+    period: int
+    """of the elements along a course, px"""
+    likeness: float
+    """see `_likeness`"""
+    cells: float
+    """number of cells that are shown"""
+
+    def generators(self, step: Float64[np.ndarray, "2"], along: Float64[np.ndarray, "2"]) -> Vectors:
+        """From a cell to the next ones, px."""
+        return np.stack([self.courses * step + self.shift * along, self.period * along]).astype(np.float32)
+
+    @property
+    def significance(self) -> float:
+        """In standard errors."""
+        return self.likeness * float(np.sqrt(self.cells))
+
+    @property
+    def error(self) -> float:
+        """Of the mean of all other cells as a prediction of one, relative to the variance."""
+        return (1 - self.likeness) * self.cells / (self.cells - 1)
 
 
 def lattice_in_phase(lightness: ScalarMap, step: Float64[np.ndarray, "2"], min_length: float) -> Vectors | None:
     """Both generators of a running bond and the like, of which only courses were found; none where phases are free.
 
     Elements differ in tone, so only the joints between them are compared: where lightness bends sharply along the
-    course, over most of its height. The period of the elements along a course, and the shift of the next course,
-    are peaks of the correlation of the courses' joints. The most significant pair is taken.
+    course, over most of its height. The period of the elements along a course, and the shift of the next course or
+    the next but one, as courses of headers and of stretchers may alternate, are peaks of the correlation of the
+    courses' joints. The most significant pair is taken, or one of larger cells by which joints are clearly more
+    alike.
 
     Parameters
     ----------
@@ -40,25 +80,82 @@ def lattice_in_phase(lightness: ScalarMap, step: Float64[np.ndarray, "2"], min_l
     Ours.
     """
     along = np.array([-step[1], step[0]]) / np.hypot(*step)
+    bonds, shape = _bonds(lightness, step, along, min_length)
+    bonds = [bond for bond in bonds if bond.likeness >= _LIKENESS and bond.significance >= _SIGNIFICANCE]
+    if not bonds:
+        return None
+    best = max(bonds, key=lambda bond: bond.significance)
+    return _larger(best, bonds, shape).generators(step, along)
+
+
+def larger_bond(lightness: ScalarMap, generators: Vectors, min_length: float) -> Vectors | None:
+    """The bond of larger cells by which joints are clearly more alike than by a lattice; none where there is none.
+
+    A lattice may be that of headers alone, which stretchers of every second course repeat by half of their length,
+    or of joints that bricks of a course and the half courses between them share.
+
+    Parameters
+    ----------
+    lightness : of the exemplar.
+    generators : of its lattice, px; rows of elements lie along an axis.
+    min_length : of the elements, px.
+
+    References
+    ----------
+    Ours; see `lattice_in_phase`.
+    """
+    one, other = generators.astype(np.float64)
+    area = abs(float(one[0] * other[1] - one[1] * other[0]))
+    for row in (one, other, one + other, one - other):
+        length = float(np.hypot(*row))
+        if np.abs(row).min() > _LEVEL * length or min(length, area / length) < min_length:
+            continue
+        along = row / length
+        step = np.array([-along[1], along[0]]) * (area / length)
+        step *= np.sign(step[np.abs(step).argmax()])
+        along = np.array([-step[1], step[0]]) / np.hypot(*step)
+        bonds, shape = _bonds(lightness, step, along, min_length)
+        known = [bond for bond in bonds if bond.courses == 1 and abs(bond.period - length) < _NEAR_LENGTH * length]
+        best = max(known, key=lambda bond: bond.likeness, default=None)
+        if best is not None and best.likeness < _EXPLAINED and abs(best.shift) > _STACKED * best.period:
+            larger = _larger(best, bonds, shape)
+            if larger is not best:
+                return larger.generators(step, along)
+    return None
+
+
+def _bonds(
+    lightness: ScalarMap, step: Float64[np.ndarray, "2"], along: Float64[np.ndarray, "2"], min_length: float
+) -> tuple[list[_Bond], tuple[int, int]]:
+    """The ways in which joints of courses may repeat, and the numbers of courses and of places along them."""
     joints = _joints(lightness, step, along)
+    shape = len(joints), joints.shape[1]
     if len(joints) < 2 or not joints.any():
-        return None
-    reach = int(_REACH * joints.shape[1])
+        return [], shape
+    reach, least = int(_REACH * shape[1]), int(np.ceil(min_length))
     correlation = _correlation(joints, reach)
-    least = int(np.ceil(min_length))
-    periods = (_peaks(correlation[0, reach + least :]) + least).tolist()
-    shifts = (_peaks(correlation[1]) - reach).tolist()
-    pairs = [(shift, period) for period in periods for shift in shifts if abs(shift) <= _MOST_SHIFT * period]
-    if not pairs:
-        return None
-    likeness = np.array([_likeness(correlation, reach, *pair) for pair in pairs])
-    elements = joints.size / np.array([period for _, period in pairs])
-    significance = likeness * np.sqrt(elements)
-    best = int(np.argmax(significance))
-    if significance[best] < _SIGNIFICANCE or likeness[best] < _LIKENESS:
-        return None
-    shift, period = pairs[best]
-    return np.stack([step + shift * along, period * along]).astype(np.float32)
+    found = []
+    for period in (_peaks(correlation[0, reach + least :]) + least).tolist():
+        most = min(reach, int(_MOST_SHIFT * period) + 1)
+        for courses in range(1, min(_COURSES, len(correlation) - 1) + 1):
+            for shift in (_peaks(correlation[courses, reach - most : reach + most + 1]) - most).tolist():
+                likeness = _likeness(correlation[::courses], reach, shift, period)
+                found.append(_Bond(courses, shift, period, likeness, joints.size / (courses * period)))
+    return found, shape
+
+
+def _larger(bond: _Bond, bonds: list[_Bond], shape: tuple[int, int]) -> _Bond:
+    """The most significant bond that explains clearly more and is shown twice in both directions, or the same."""
+    shown = [other for other in bonds if 2 * other.courses <= shape[0] and 2 * other.period <= shape[1]]
+    better = [other for other in shown if other.significance >= _SIGNIFICANCE and _explains_more(other, bond)]
+    return max(better, key=lambda other: other.significance, default=bond)
+
+
+def _explains_more(larger: _Bond, bond: _Bond) -> bool:
+    """Whether joints are clearly more alike by a bond of larger cells."""
+    is_larger = larger.courses * larger.period > bond.courses * bond.period
+    clearly = larger.likeness >= bond.likeness + _MIN_DIFFERENCE
+    return is_larger and clearly and larger.error <= (1 - _MIN_FALL) * bond.error
 
 
 def _joints(

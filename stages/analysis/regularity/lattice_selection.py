@@ -9,7 +9,7 @@ from jaxtyping import Float32
 from pydantic import Field
 
 from texloom.stages.analysis.regularity.autocorrelation import AutocorrelationParams, dominant_peaks
-from texloom.stages.analysis.regularity.course_phase import lattice_in_phase
+from texloom.stages.analysis.regularity.course_phase import larger_bond, lattice_in_phase
 from texloom.stages.analysis.regularity.courses import CoursesParams, detected_courses
 from texloom.stages.analysis.regularity.fanning_lines import fan_of_lines
 from texloom.stages.analysis.regularity.full_resolution import refined_in_full
@@ -125,7 +125,8 @@ def lattice_selection(
     them exactly. Where all fail, courses may have an even spacing and a free phase along them, or lines an uneven
     one (see ``lines``). Courses are also preferred to a lattice that is barely confident and barely significant.
     Where elements of courses are equally long and line up in every second or third one, by the joints between
-    them, they are a lattice; see `lattice_in_phase`.
+    them, they are a lattice; see `lattice_in_phase`. One that the joints repeat only half is made larger, as by
+    English bond; see `larger_bond`.
     Where nothing repeats, a lattice is searched once more in means over squares, of exemplars of 320 px or more:
     grains, as of granite, differ from slab to slab and outweigh the joints.
 
@@ -208,7 +209,9 @@ def _selected(image: Image, density: ScalarMap, params: LatticeSelectionParams) 
     if len(selected.generators) == 2:
         gradients = gradient_magnitude(lightness, valid)
         plane = gradients if selected.chosen == "gradients" else lightness
-        best = _refined(_whole(selected.generators, correlation, gradients), plane, valid)
+        whole = _whole(selected.generators, correlation, gradients)
+        bond = larger_bond(lightness, whole, params.min_length) if params.courses else None
+        best = _refined(whole if bond is None else bond, plane, valid)
         selected = dataclasses.replace(selected, generators=best, best=best)
     cells = shown
     if len(selected.generators) and selected.chosen != "lines":

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.synthetic import picture, smooth_noise, wall
-from texloom.stages.analysis.regularity.course_phase import lattice_in_phase
+from texloom.stages.analysis.regularity.course_phase import larger_bond, lattice_in_phase
 from texloom.stages.analysis.regularity.lattice import valid_lightness
 from texloom.stages.common.regularity.lattice_cells import reduced
 from texloom.stages.vocabulary.arrays import Image, Vectors
@@ -44,6 +44,20 @@ def slabs(rng: np.random.Generator) -> Image:
     return picture(np.clip(tone + 0.15 * smooth_noise(tone.shape, 8, rng), 0, 1))
 
 
+def english_bond(rng: np.random.Generator) -> Image:
+    """Courses of stretchers, and of headers half as long, by turns."""
+    tone = np.empty((12 * STEP, 4 * LENGTH + 30))
+    for course in range(12):
+        rows = slice(course * STEP, (course + 1) * STEP)
+        length = LENGTH // (1 + course % 2)
+        for left in range(-LENGTH + course % 2 * (length // 2), tone.shape[1], length):
+            first = max(0, left + int(rng.integers(-1, 2)))
+            tone[rows, first : left + length + 2] = rng.uniform(0.3, 0.6)
+            tone[rows, first : max(0, left + 4)] = 0.75
+        tone[rows.start : rows.start + 4] = 0.75
+    return picture(tone + 0.05 * smooth_noise(tone.shape, 1.5, rng))
+
+
 def found(image: Image, step: tuple[float, float]) -> Vectors | None:
     return lattice_in_phase(valid_lightness(image), np.array(step, np.float64), 10.0)
 
@@ -77,3 +91,26 @@ def test_an_even_picture_has_none(image: np.ndarray) -> None:
 @pytest.mark.parametrize("seed", range(6))
 def test_a_free_phase_has_none(seed: int, shape: tuple[int, int]) -> None:
     assert found(wall(shape, STEP, 0, np.random.default_rng(seed)), (STEP, 0.0)) is None
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_headers_and_stretchers_by_turns_are_a_lattice_of_two_courses(seed: int) -> None:
+    image = english_bond(np.random.default_rng(seed))
+    headers = np.array([[STEP, LENGTH / 4], [0, LENGTH / 2]], np.float32)
+    for generators in (
+        larger_bond(valid_lightness(image), headers, 10.0),
+        found(image, (STEP, 0.0)),
+    ):
+        assert generators is not None
+        assert reduced(generators) == pytest.approx(np.array([[2 * STEP, 0], [0, LENGTH]]), abs=2) or (
+            abs(np.linalg.det(generators)) == pytest.approx(2 * STEP * LENGTH, rel=0.05)
+        )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_lattice_that_explains_all_joints_stays(seed: int) -> None:
+    wall = bricks(0.5, np.random.default_rng(seed))
+    whole = np.array([[STEP, LENGTH / 2], [0, LENGTH]], np.float32)
+    assert larger_bond(valid_lightness(wall), whole, 10.0) is None
+    stacked = np.array([[STEP, 0], [0, LENGTH]], np.float32)
+    assert larger_bond(valid_lightness(bricks(0.0, np.random.default_rng(seed))), stacked, 10.0) is None
