@@ -26,6 +26,7 @@ _SURE, _DOUBTFUL = 4.0, 3.5  # times as unlike the rest as is usual: none, and o
 _SURE_LINE, _DOUBTFUL_LINE = 1.6, 1.42  # times as visible as the next line; the exemplars had at most 1.38
 _LINES, _FEW = 3, 3  # at most, of lines and doubtful parts; what is there more often is how the exemplar is
 _MOST = 0.125  # of what is usable; more is no part but what the exemplar is of
+_THIN = 0.05  # of the exemplar, of a line among several materials: broader ones are where these meet
 _OTHERWISE = {
     "told": f": --set {OWN_STEP}.one_off=leave_out leaves it out, one_off=keep_whole lays it once",
     "left out": f": --set {OWN_STEP}.one_off=use uses all alike, one_off=keep_whole lays them once",
@@ -157,14 +158,16 @@ def _found(image: Image, valid: Mask, generators: Vectors | None) -> _Detection:
     thresholds = (_SURE,) if repeats else (_SURE, _DOUBTFUL)
     unlike, looks = 0.0, looks_foreign(image, valid, generators, thresholds[-1])
     parts, doubtful = (np.zeros(valid.shape, np.bool_) for _ in range(2))
+    several = False  # materials
     for threshold in thresholds if looks else ():
         far, foreign, _ = foreign_search(image, valid, generators, threshold, less=1.0)
         unlike = max(unlike, float(far.max()))
         foreign &= valid
         if foreign.sum() > _MOST * valid.sum():
-            if _pieces(foreign) > _FEW:  # as flowers and their ground are
-                foreign[:] = False
-            sure = threshold == _SURE and bool(foreign.any()) and is_another_texture(image, valid, foreign)
+            several = _pieces(foreign) > _FEW  # as flowers and their ground are: none is foreign
+            if several:
+                break
+            sure = threshold == _SURE and is_another_texture(image, valid, foreign)
             return _Detection(foreign, sure, unlike, margins=sure)
         if foreign.any():
             if threshold == _SURE:
@@ -177,7 +180,7 @@ def _found(image: Image, valid: Mask, generators: Vectors | None) -> _Detection:
     for _ in range(_LINES):
         rest = valid & ~parts & ~doubtful
         line = crossing_line(image if rest.all() else with_usable(image, rest), rest)
-        if line is None or line.stands_out < _DOUBTFUL_LINE:
+        if line is None or line.stands_out < _DOUBTFUL_LINE or (several and line.mask.mean() > _THIN):
             break
         if line.stands_out < _SURE_LINE:
             if not parts.any():

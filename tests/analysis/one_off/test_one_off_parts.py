@@ -161,3 +161,21 @@ def test_another_material_is_in_few_pieces(count: int, radius: int, done: str) -
         row, column = (80, 80) if count == 1 else (28 + number // 4 * 52, 20 + number % 4 * 40)
         pixels[np.hypot(rows - row, columns - column) < radius] = 0.9
     assert searched(np.clip(pixels, 0, 1)).table["done"] == done
+
+
+def test_a_joint_across_several_materials_is_left_out() -> None:
+    """Paint that has come off in places shows wood, and the joint of two planks once."""
+    rng = np.random.default_rng(3)
+    pixels = (0.8 + rng.normal(0, 0.02, (250, SIDE, 3))).astype(np.float32)
+    rows, columns = np.indices(pixels.shape[:2])
+    for row in (28, 80, 172, 224):
+        for column in (20, 60, 100, 140):
+            pixels[np.hypot(rows - row, columns - column) < 14] = (0.3, 0.25, 0.2)
+    assert searched(pixels).table["done"] == "none"
+    pixels[125:127] = 0.01
+    made = searched(pixels)
+    usable = valid_pixels(made.image)
+    assert made.table["done"] == "left out"
+    assert usable is not None
+    assert not usable[125:127].any()
+    assert usable.mean() > 0.9
