@@ -7,12 +7,10 @@ import dataclasses
 import numpy as np
 
 from texloom.stages.analysis.exemplars.plain_margins import inside_margins
-from texloom.stages.analysis.one_off.margin_search import margin_search
+from texloom.stages.analysis.one_off.margin_search import MIN_SIDE, margin_search
 from texloom.stages.vocabulary.arrays import Image, Mask
 from texloom.stages.vocabulary.declare import stage
 from texloom.stages.vocabulary.masks import valid_pixels
-
-_MIN_SIDE = 48  # px of the shorter side; less shows too little of all else
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,7 +48,7 @@ def foreign_margins(image: Image) -> ForeignMargins:
     foreign = np.zeros((image.height, image.width), np.bool_)
     inside = inside_margins(image.color)
     part = image.elsewhere(np.ascontiguousarray(image.pixels[inside]))
-    if not image.wraps and min(part.height, part.width) >= _MIN_SIDE:
+    if not image.wraps and min(part.height, part.width) >= MIN_SIDE:
         known = valid_pixels(part)
         foreign[inside] = margin_search(part, np.ones_like(foreign[inside]) if known is None else known)
     return ForeignMargins(foreign)

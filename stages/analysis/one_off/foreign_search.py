@@ -14,7 +14,7 @@ from texloom.stages.analysis.one_off.foreign_outlines import likewise, outlined
 from texloom.stages.analysis.one_off.unlikeness import unlikeness
 from texloom.stages.analysis.regularity.mean_cell import mean_cell
 from texloom.stages.common.grids.growing import convex_hull
-from texloom.stages.common.grids.pyramid import reduced, resize
+from texloom.stages.common.grids.pyramid import reduced, resize, resized_mask
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.numerics.matrices import determinant
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap, Vectors
@@ -135,8 +135,7 @@ def foreign_search(
 
 def with_margin(found: Mask, shape: tuple[int, int]) -> Bool[np.ndarray, "H W"]:
     """Parts at the size at which is searched, a little wider, at full size."""
-    wide = _grown(found, _MARGIN).astype(np.float32)[..., None]
-    return np.asarray(resize(wide, *shape, bilinear=True)[..., 0] > 0.5)
+    return resized_mask(_grown(found, _MARGIN), *shape)
 
 
 def _unlike_cell_of(

@@ -9,12 +9,13 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int32, Int64
 
-from texloom.stages.common.grids.pyramid import reduced, resize
+from texloom.stages.common.grids.pyramid import reduced, resized_mask
 from texloom.stages.kernels.core.threads import run_spans
 from texloom.stages.vocabulary.arrays import Image, Mask, ScalarMap
 from texloom.stages.vocabulary.color import lab_from_linear
 from texloom.stages.vocabulary.masks import fill_excluded
 
+MIN_SIDE = 48  # px of the shorter side of a picture that is searched; less shows too little of all else
 _SIDE = 256  # px of the longer side, at which they are searched
 _BOXES = 20, 10  # of the shorter side, in which textures are compared
 _LEAST_BOX = 6  # px
@@ -96,9 +97,7 @@ def margin_search(image: Image, valid: Mask) -> Mask:
     found = np.zeros(known.shape, np.bool_)
     for cut in chosen:
         found |= _bent(texture, cut, chosen)
-    height, width = valid.shape
-    wide = resize(found.astype(np.float32)[..., None], height, width, bilinear=True)[..., 0]
-    return np.asarray((wide > 0.5) & valid)
+    return np.asarray(resized_mask(found, *valid.shape) & valid)
 
 
 def is_another_texture(image: Image, valid: Mask, parts: Mask) -> bool:

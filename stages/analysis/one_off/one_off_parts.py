@@ -11,8 +11,8 @@ import numpy as np
 
 from texloom.stages.analysis.one_off.crossing_lines import crossing_line
 from texloom.stages.analysis.one_off.foreign_search import foreign_search, looks_foreign
-from texloom.stages.analysis.one_off.margin_search import is_another_texture
-from texloom.stages.common.grids.pyramid import resize
+from texloom.stages.analysis.one_off.margin_search import MIN_SIDE, is_another_texture
+from texloom.stages.common.grids.pyramid import resized_mask
 from texloom.stages.vocabulary.arrays import Image, Mask, Vectors
 from texloom.stages.vocabulary.declare import Outline, Params, stage
 from texloom.stages.vocabulary.masks import valid_pixels, with_usable
@@ -21,7 +21,6 @@ from texloom.stages.vocabulary.progress import Progress, report
 
 _LOG = logging.getLogger(__name__)
 
-_MIN_SIDE = 48  # px of the shorter side; less shows too little of all else
 _SURE, _DOUBTFUL = 4.0, 3.5  # times as unlike the rest as is usual: none, and one, of 38 shared exemplars had more
 _SURE_LINE, _DOUBTFUL_LINE = 1.6, 1.42  # times as visible as the next line; the exemplars had at most 1.38
 _LINES, _FEW = 3, 3  # at most, of lines and doubtful parts; what is there more often is how the exemplar is
@@ -112,7 +111,7 @@ def one_off_parts(
     known = valid_pixels(image)
     valid = np.ones((image.height, image.width), np.bool_) if known is None else known
     found = _Detection(np.zeros(valid.shape, np.bool_), False)
-    if params.one_off != "use" and min(valid.shape) >= _MIN_SIDE:
+    if params.one_off != "use" and min(valid.shape) >= MIN_SIDE:
         found = _found(image, valid, generators)
     if margins is not None and margins.any() and params.one_off != "use":
         found = _with_margins(found, margins, doubtful=params.one_off != "auto")
@@ -193,10 +192,7 @@ def _found(image: Image, valid: Mask, generators: Vectors | None) -> _Detection:
 
 def _with_margins(found: _Detection, margins: Mask, doubtful: bool) -> _Detection:
     """With strips along the borders, which are sure; and with doubtful parts only where these are asked for."""
-    height, width = found.mask.shape
-    strips = margins
-    if margins.shape != (height, width):
-        strips = resize(margins.astype(np.float32)[..., None], height, width, bilinear=True)[..., 0] > 0.5
+    strips = resized_mask(margins, *found.mask.shape)
     kept = found if found.sure or doubtful else _Detection(np.zeros_like(strips), True, found.unlike)
     return dataclasses.replace(kept, mask=kept.mask | strips, sure=True, margins=True)
 

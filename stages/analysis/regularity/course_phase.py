@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from texloom.stages.analysis.regularity.superlattice import prediction_error
 from texloom.stages.kernels.core.elementary_functions import squared_size
 from texloom.stages.numerics.filters import gaussian_blur
 from texloom.stages.vocabulary.arrays import ScalarMap, Vectors
@@ -45,8 +46,9 @@ class _Bond(NamedTuple):
     cells: float
     """number of cells that are shown"""
 
-    def generators(self, step: Float64[np.ndarray, "2"], along: Float64[np.ndarray, "2"]) -> Vectors:
-        """From a cell to the next ones, px."""
+    def generators(self, step: Float64[np.ndarray, "2"]) -> Vectors:
+        """From a cell to the next ones, px, where courses are ``step`` apart."""
+        along = _along(step)
         return np.stack([self.courses * step + self.shift * along, self.period * along]).astype(np.float32)
 
     @property
@@ -56,8 +58,8 @@ class _Bond(NamedTuple):
 
     @property
     def error(self) -> float:
-        """Of the mean of all other cells as a prediction of one, relative to the variance."""
-        return (1 - self.likeness) * self.cells / (self.cells - 1)
+        """See `prediction_error`."""
+        return prediction_error(self.likeness, self.cells)
 
 
 def lattice_in_phase(lightness: ScalarMap, step: Float64[np.ndarray, "2"], min_length: float) -> Vectors | None:
@@ -79,13 +81,12 @@ def lattice_in_phase(lightness: ScalarMap, step: Float64[np.ndarray, "2"], min_l
     ----------
     Ours.
     """
-    along = np.array([-step[1], step[0]]) / np.hypot(*step)
-    bonds, shape = _bonds(lightness, step, along, min_length)
+    bonds, shape = _bonds(lightness, step, min_length)
     bonds = [bond for bond in bonds if bond.likeness >= _LIKENESS and bond.significance >= _SIGNIFICANCE]
     if not bonds:
         return None
     best = max(bonds, key=lambda bond: bond.significance)
-    return _larger(best, bonds, shape).generators(step, along)
+    return _larger(best, bonds, shape).generators(step)
 
 
 def larger_bond(lightness: ScalarMap, generators: Vectors, min_length: float) -> Vectors | None:
@@ -110,36 +111,40 @@ def larger_bond(lightness: ScalarMap, generators: Vectors, min_length: float) ->
         length = float(np.hypot(*row))
         if np.abs(row).min() > _LEVEL * length or min(length, area / length) < min_length:
             continue
-        along = row / length
-        step = np.array([-along[1], along[0]]) * (area / length)
+        step = np.array([-row[1], row[0]]) * (area / length**2)
         step *= np.sign(step[np.abs(step).argmax()])
-        along = np.array([-step[1], step[0]]) / np.hypot(*step)
-        bonds, shape = _bonds(lightness, step, along, min_length)
+        bonds, shape = _bonds(lightness, step, min_length)
         known = [bond for bond in bonds if bond.courses == 1 and abs(bond.period - length) < _NEAR_LENGTH * length]
         best = max(known, key=lambda bond: bond.likeness, default=None)
         if best is not None and best.likeness < _EXPLAINED and abs(best.shift) > _STACKED * best.period:
             larger = _larger(best, bonds, shape)
             if larger is not best:
-                return larger.generators(step, along)
+                return larger.generators(step)
     return None
 
 
+def _along(step: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "2"]:
+    """The direction of courses that are ``step`` apart."""
+    return np.array([-step[1], step[0]]) / np.hypot(*step)
+
+
 def _bonds(
-    lightness: ScalarMap, step: Float64[np.ndarray, "2"], along: Float64[np.ndarray, "2"], min_length: float
+    lightness: ScalarMap, step: Float64[np.ndarray, "2"], min_length: float
 ) -> tuple[list[_Bond], tuple[int, int]]:
     """The ways in which joints of courses may repeat, and the numbers of courses and of places along them."""
-    joints = _joints(lightness, step, along)
+    joints = _joints(lightness, step)
     shape = len(joints), joints.shape[1]
     if len(joints) < 2 or not joints.any():
         return [], shape
     reach, least = int(_REACH * shape[1]), int(np.ceil(min_length))
     correlation = _correlation(joints, reach)
+    near = np.max([np.roll(correlation, by, axis=1) for by in (-1, 0, 1)], axis=0)
     found = []
     for period in (_peaks(correlation[0, reach + least :]) + least).tolist():
         most = min(reach, int(_MOST_SHIFT * period) + 1)
         for courses in range(1, min(_COURSES, len(correlation) - 1) + 1):
             for shift in (_peaks(correlation[courses, reach - most : reach + most + 1]) - most).tolist():
-                likeness = _likeness(correlation[::courses], reach, shift, period)
+                likeness = _likeness(near[::courses], reach, shift, period)
                 found.append(_Bond(courses, shift, period, likeness, joints.size / (courses * period)))
     return found, shape
 
@@ -158,12 +163,10 @@ def _explains_more(larger: _Bond, bond: _Bond) -> bool:
     return is_larger and clearly and larger.error <= (1 - _MIN_FALL) * bond.error
 
 
-def _joints(
-    lightness: ScalarMap, step: Float64[np.ndarray, "2"], along: Float64[np.ndarray, "2"]
-) -> Float64[np.ndarray, "courses places"]:
+def _joints(lightness: ScalarMap, step: Float64[np.ndarray, "2"]) -> Float64[np.ndarray, "courses places"]:
     """How much of a joint there is at every px along every course, 0 for none."""
     length = float(np.hypot(*step))
-    bend, inside = _bend(lightness, step / length, along, max(_MIN_JOINT, round(_JOINT * length)))
+    bend, inside = _bend(lightness, step / length, _along(step), max(_MIN_JOINT, round(_JOINT * length)))
     bend[~inside] = 0
     height = max(3, round(_HEIGHT * length))
     sums = np.concatenate([np.zeros((1, bend.shape[1])), np.cumsum(bend, axis=0)])
@@ -220,12 +223,16 @@ def _peaks(values: Float64[np.ndarray, "n"]) -> Int64[np.ndarray, "m"]:  # type:
     return np.sort(inner[np.argsort(-values[inner], kind="stable")[:_PEAKS]])
 
 
-def _likeness(correlation: Float64[np.ndarray, "lags offsets"], reach: int, shift: int, period: int) -> float:
-    """Mean correlation at the nearest points of a lattice in the same course, or in others if that is less."""
-    lags, steps = np.arange(len(correlation)), np.arange(-2 * reach // period, 2 * reach // period + 1)
+def _likeness(near: Float64[np.ndarray, "lags offsets"], reach: int, shift: int, period: int) -> float:
+    """Mean correlation at the nearest points of a lattice in the same course, or in others if that is less.
+
+    Parameters
+    ----------
+    near : the greatest correlation within a px.
+    """
+    lags, steps = np.arange(len(near)), np.arange(-2 * reach // period, 2 * reach // period + 1)
     offsets = lags[:, None] * shift + steps * period
     known = (np.abs(offsets) <= min(reach, _NEAR * period)) & ((lags[:, None] > 0) | (offsets > 0))
-    near = np.max([np.roll(correlation, by, axis=1) for by in (-1, 0, 1)], axis=0)
     lag, step = np.nonzero(known)
     values = near[lag, offsets[lag, step] + reach]
     return float(min(values[lag == 0].mean(), values[lag > 0].mean()))

@@ -197,13 +197,13 @@ def _selected(image: Image, density: ScalarMap, params: LatticeSelectionParams) 
     report(Progress(0.45))
     if params.courses and _is_weak(selected):
         gradients = gradient_magnitude(lightness, valid)
-        selected = _courses(lightness, (fine, detail(gradients)), params) or selected
+        selected = _courses(lightness, correlation, (fine, detail(gradients)), params) or selected
     shown = 0.0
     if not len(selected.generators):
         gradients = gradient_magnitude(lightness, valid)
         planes = fine, detail(gradients)
         further = _further_lattice(lightness, gradients, planes[1], correlation, params)
-        selected = further or _rows(lightness, planes, params) or selected
+        selected = further or _rows(lightness, correlation, planes, params) or selected
         shown = elements(gradients)
     report(Progress(0.8))
     if len(selected.generators) == 2:
@@ -318,10 +318,13 @@ def _is_weak(selected: LatticeSelection) -> bool:
 
 
 def _rows(
-    lightness: ScalarMap, planes: tuple[ScalarMap, ScalarMap], params: LatticeSelectionParams
+    lightness: ScalarMap,
+    correlation: ScalarMap,
+    planes: tuple[ScalarMap, ScalarMap],
+    params: LatticeSelectionParams,
 ) -> LatticeSelection | None:
     """The courses, or else the lines, if there are any and they are wanted."""
-    rows = _courses(lightness, planes, params) if params.courses else None
+    rows = _courses(lightness, correlation, planes, params) if params.courses else None
     if rows is not None:
         return rows
     lines = line_period(planes) if params.lines else None
@@ -329,7 +332,10 @@ def _rows(
 
 
 def _courses(
-    lightness: ScalarMap, planes: tuple[ScalarMap, ScalarMap], params: LatticeSelectionParams
+    lightness: ScalarMap,
+    correlation: ScalarMap,
+    planes: tuple[ScalarMap, ScalarMap],
+    params: LatticeSelectionParams,
 ) -> LatticeSelection | None:
     """The courses, if there are any, or the lattice of those whose elements line up."""
     limits = CoursesParams().model_copy(update={"min_length": params.min_length})
@@ -337,7 +343,7 @@ def _courses(
     if rows.confidence >= limits.confidence and rows.worst >= limits.worst:
         found = lattice_in_phase(lightness, rows.best[0].astype(np.float64), params.min_length)
         if found is not None:
-            return _selection(found, self_correlation(planes[0]), "phase")
+            return _selection(found, correlation, "phase")
     if not len(rows.generators):
         return None
     return LatticeSelection(rows.generators, rows.best, rows.confidence, 0.0, "courses")

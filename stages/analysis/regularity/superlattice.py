@@ -53,14 +53,17 @@ def superlattice(
     values = near[row, column].astype(np.float64)
     cells = correlation.size / abs(float(determinant(frame)))
     best, highest = frame, _MIN_STATISTIC
-    most = (1 - _MIN_FALL) * _error(values, cells)
+    most = (1 - _MIN_FALL) * prediction_error(float(values.mean()), cells)
     for first, shear, second in _changes():
         on = _on(steps, first, shear, second)
         inside, others = values[on], values[~on]
         if min(len(inside), len(others)) < MIN_POINTS - 1 or inside.mean() - others.mean() < _MIN_DIFFERENCE:
             continue
         statistic, separation = _contrast(inside, others)
-        clear = separation >= _MIN_SEPARATION and _error(inside, cells / (first * second)) <= most
+        clear = (
+            separation >= _MIN_SEPARATION
+            and prediction_error(float(inside.mean()), cells / (first * second)) <= most
+        )
         if clear and statistic > highest and rank(steps[on]) == 2:
             best, highest = matrix_product(np.array([[first, shear], [0, second]]), frame), statistic
     return reduced(best)
@@ -91,6 +94,12 @@ def _contrast(
     return separation / float(np.sqrt(1 / n + 1 / m)), separation
 
 
-def _error(correlations: Float64[np.ndarray, "n"], cells: float) -> float:  # type: ignore[name-defined]
-    """Of the mean of all other cells as a prediction of one, relative to the variance."""
-    return max(0.0, 1 - float(correlations.mean())) * cells / max(cells - 1, 1e-3)
+def prediction_error(correlation: float, cells: float) -> float:
+    """Of the mean of all other cells as a prediction of one, relative to the variance.
+
+    Parameters
+    ----------
+    correlation : mean at the lattice's points.
+    cells : that are shown.
+    """
+    return max(0.0, 1 - correlation) * cells / max(cells - 1, 1e-3)

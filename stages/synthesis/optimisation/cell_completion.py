@@ -87,7 +87,10 @@ class CellCompletion:
         self.owner = np.ones(len(cells.area), np.int16)
         """exemplar of each cell"""
         self.owner[cells.label[cells.core]] = self.inside[cells.core]
-        self.costs = SeamCosts(self.lab, gradients=True, squared=True, offset=_OFFSET)
+        self.costs = self._costs()
+
+    def _costs(self) -> SeamCosts:
+        return SeamCosts(self.lab, gradients=True, squared=True, offset=_OFFSET)
 
     def complete(self, match: Patches, wrap: Wraps) -> int:
         """Complete cells of a result in place, and tell how many.

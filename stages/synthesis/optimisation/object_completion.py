@@ -66,22 +66,16 @@ class ObjectCompletion(CellCompletion):
     """Searches whole objects, and ground, in an exemplar and lays them over faulty objects of a result.
 
     Objects are cells whose contours lie in a ground. So cuts follow the ground alone, and an object for which none
-    fits can be removed. Parameters are those of `CellCompletion`.
+    fits can be removed. Parameters are those of `CellCompletion`, of one exemplar.
     """
 
     rounds: ClassVar = 6
     reach: ClassVar = 8
 
     def __init__(
-        self,
-        lab: Float32[np.ndarray, "h w 3"],
-        cells: ContourCells,
-        patch_size: int,
-        allowed: Allowed | None,
-        numbers: Int16[np.ndarray, "h w"] | None = None,
+        self, lab: Float32[np.ndarray, "h w 3"], cells: ContourCells, patch_size: int, allowed: Allowed | None
     ):
-        super().__init__(lab, cells, patch_size, allowed, numbers)
-        self.costs = SeamCosts(self.lab / np.float32(_VISIBLE), gradients=False, squared=True)
+        super().__init__(lab, cells, patch_size, allowed)
         self.tone = np.rint(self.lab * _STEPS).astype(np.int16)
         wide = np.pad(self.tone, ((1, 1), (1, 1), (0, 0)), mode="edge")
         height, width = self.tone.shape[:2]
@@ -103,6 +97,9 @@ class ObjectCompletion(CellCompletion):
         self.forms: dict[int, _Form] = {}
         self.side_cost = UNIT * float(np.sqrt(self.typical))
         """of a just visible seam as long as an object's side"""
+
+    def _costs(self) -> SeamCosts:
+        return SeamCosts(self.lab / np.float32(_VISIBLE), gradients=False, squared=True)
 
     def _shown(self, source: Int64[np.ndarray, "2 p q"]) -> Shown:
         import cv2
